@@ -1,0 +1,47 @@
+# The two commands of the README: `make demo` and `make test`.
+# Both make their own virtual environment in .venv and may be repeated at will.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMPS := .make
+
+.PHONY: demo test benchmark clean help
+
+help: ## Say what there is to make
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
+
+demo: $(STAMPS)/installed ## Build the demo set, run the baselines, print tables, draw figures
+	@$(BIN)/python scripts/demo.py
+
+test: $(STAMPS)/tested-with ## ruff, mypy --strict, pytest with doctests
+	@echo "== ruff: style and imports"
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@echo "== mypy --strict: types"
+	@$(BIN)/mypy
+	@echo "== pytest: tests, doctests, the README's examples"
+	@$(BIN)/python -m pytest --benchmark-skip
+
+benchmark: $(STAMPS)/tested-with ## Time our code against named peers, as ratios
+	@$(BIN)/python -m pytest tests/benchmarks --benchmark-only -s
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "dfdbench needs Python 3.11 or newer; $(PYTHON) is $$($(PYTHON) --version 2>&1)."; \
+	  echo "Name another with: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
+	@echo "== making a virtual environment in $(VENV) with $$($(PYTHON) --version)"
+	@$(PYTHON) -m venv $(VENV)
+
+$(STAMPS)/installed: $(BIN)/python pyproject.toml constraints.txt
+	@echo "== installing dfdbench and what it needs (versions: constraints.txt)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@mkdir -p $(STAMPS) && touch $@
+
+$(STAMPS)/tested-with: $(STAMPS)/installed
+	@echo "== installing what the tests need"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@touch $@
+
+clean: ## Remove the virtual environment and the results
+	rm -rf $(VENV) $(STAMPS) results build dist *.egg-info

@@ -1,0 +1,1 @@
+"""Dataset builder and benchmark suite for depth from defocus."""

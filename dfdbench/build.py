@@ -1,0 +1,157 @@
+"""Build a data set: source images and blur recipe in, store out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray
+
+from dfdbench.blur import BlurRecipe, find_recipe, synthesize
+from dfdbench.errors import DfdbenchError, Problem, SourceError
+from dfdbench.manifest import Manifest, Pair
+from dfdbench.parallel import for_each
+from dfdbench.sources import SceneImages, Source
+from dfdbench.store import StoreWriter
+
+
+@dataclass(frozen=True)
+class BuildReport:
+    """What a build did.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+    fingerprint : str
+        SHA-256 over what it holds.
+    scenes_built, scenes_kept : tuple of str
+        Scenes written now, and those found whole from before.
+    pairs : int
+        Pairs in the store.
+    missing : tuple of Pair
+        Pairs of the manifest that the source does not have.
+    """
+
+    path: Path
+    fingerprint: str
+    scenes_built: tuple[str, ...]
+    scenes_kept: tuple[str, ...]
+    pairs: int
+    missing: tuple[Pair, ...]
+
+
+def build_store(
+    manifest: Manifest,
+    source: Source,
+    path: Path,
+    recipe: str | None = None,
+    workers: int = 1,
+    on_scene: Callable[[int, int], None] | None = None,
+) -> BuildReport:
+    """Build a data set and put it into place whole.
+
+    Scenes that an earlier, interrupted call finished from the same files are kept. Missing
+    pairs are left out and reported; damaged files stop the build after all were looked at.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        What belongs to the data set.
+    source : Source
+        Where its images come from.
+    path : Path
+        The store to write.
+    recipe : str, optional
+        A blur recipe's name; by default the manifest's.
+    workers : int
+        Scenes made at once; the store does not depend on it.
+    on_scene : callable, optional
+        Called with (scenes done, scenes in all).
+
+    Raises
+    ------
+    SourceError
+        Where files are damaged (all of them are named) or nothing is there at all.
+    StoreError
+        Where the store cannot be written, or another build is writing it.
+    """
+    recipe_name = recipe or manifest.recipe
+    if recipe_name is None:
+        raise SourceError(Problem(f"{manifest.short} names no blur recipe", fix="--recipe NAME"))
+    blur = find_recipe(recipe_name)
+    available = set(source.available_pairs())
+    missing = tuple(pair for pair in manifest.pairs() if pair not in available)
+    scenes = [name for name in manifest.scene_names if any(p.scene == name for p in available)]
+    if not scenes:
+        raise SourceError(Problem("nothing to build", fix=source.missing_help(missing)))
+    done = 0
+
+    def progress() -> None:
+        nonlocal done
+        done += 1
+        if on_scene:
+            on_scene(done, len(scenes))
+
+    attributes = {
+        "recipe": {"name": recipe_name, "parameters": blur.as_dict()},
+        "degradation": manifest.degradation,
+        "depth_unit": manifest.depth.unit,
+        "options": dict(source.options),
+    }
+    with StoreWriter(path, manifest, attributes) as writer:
+
+        def build_scene(scene: str) -> tuple[str, str | None, bool, DfdbenchError | None]:
+            try:
+                signature = source.signature(scene)
+                digest = writer.digest_of_finished(scene, signature)
+                if digest:
+                    return scene, digest, True, None
+                dataset = scene_dataset(manifest, source.read(scene), blur)
+                return scene, writer.write(scene, dataset, signature), False, None
+            except SourceError as error:
+                return scene, None, False, error
+
+        outcomes = for_each(build_scene, scenes, workers, progress)
+        problems = [problem for *_, error in outcomes if error for problem in error.problems]
+        if problems:
+            raise SourceError(problems)
+        digests = {scene: digest for scene, digest, _, _ in outcomes if digest}
+        fingerprint = writer.finish(digests, [pair.id for pair in missing])
+    return BuildReport(
+        path,
+        fingerprint,
+        tuple(scene for scene, _, kept, _ in outcomes if not kept),
+        tuple(scene for scene, _, kept, _ in outcomes if kept),
+        len(available),
+        missing,
+    )
+
+
+def scene_dataset(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> xarray.Dataset:
+    """Return a scene's arrays with the defocus images made from them.
+
+    Where the depth grows with distance it is inverted before the blur (Eq. 7.1 of the thesis).
+    """
+    axes = manifest.axes
+    defocus = np.zeros_like(images.infocus)
+    for place in np.ndindex(images.available.shape):
+        if images.available[place]:
+            at = dict(zip(axes, place, strict=True))
+            depth = images.depth[tuple(at[axis] for axis in manifest.depth.axes)]
+            if manifest.depth.grows_with == "distance":
+                depth = 255 - depth
+            defocus[place] = synthesize(images.infocus[place], depth, blur)
+    pair_axes, depth_axes = tuple(axes), tuple(manifest.depth.axes)
+    variables: dict[str, tuple[tuple[str, ...], Any]] = {
+        "infocus": ((*pair_axes, "y", "x", "channel"), images.infocus),
+        "defocus": ((*pair_axes, "y", "x", "channel"), defocus),
+        "depth": ((*depth_axes, "y", "x"), images.depth),
+        "valid": ((*depth_axes, "y", "x"), images.valid),
+        "available": (pair_axes, images.available),
+    }
+    coordinates = {axis: np.asarray(values, np.int64) for axis, values in axes.items()}
+    return xarray.Dataset(variables, coords=coordinates)

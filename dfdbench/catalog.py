@@ -1,0 +1,56 @@
+"""Find a manifest by the name that a user types."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from dfdbench.errors import unknown_name
+from dfdbench.manifest import Manifest, parse_manifest, read_manifest
+
+
+def released_manifests() -> tuple[Manifest, ...]:
+    """Return every manifest that travels with the package, sorted by name and version.
+
+    Examples
+    --------
+    >>> [manifest.stem for manifest in released_manifests()]
+    ['demo-1', 'middlebury-third-1', 'realworld-1']
+    """
+    folder = resources.files("dfdbench.manifests")
+    files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]
+    manifests = [parse_manifest(entry.read_bytes(), entry.name) for entry in files]
+    return tuple(sorted(manifests, key=lambda manifest: (manifest.name, manifest.version)))
+
+
+def find_manifest(name: str) -> Manifest:
+    """Return the manifest with this name, the newest version where none is said.
+
+    Parameters
+    ----------
+    name : str
+        A short name (``"middlebury"``), a full one (``"middlebury-third"``), one with its
+        version (``"middlebury-third-1"``), or the path of a TOML file of one's own.
+
+    Raises
+    ------
+    UnknownNameError
+        Where there is no such manifest; near misses are named.
+    ManifestError
+        Where the file named is not a right manifest.
+
+    Examples
+    --------
+    >>> find_manifest("middlebury").stem
+    'middlebury-third-1'
+    """
+    if name.endswith(".toml"):
+        return read_manifest(Path(name))
+    manifests = released_manifests()
+    by_name: dict[str, Manifest] = {}
+    for manifest in manifests:
+        for key in (manifest.short, manifest.name, manifest.stem):
+            by_name[key] = manifest
+    if name not in by_name:
+        raise unknown_name("data set", name, by_name, "`dfdbench list` shows them all.")
+    return by_name[name]

@@ -1,0 +1,148 @@
+"""What may go wrong, told so that a user can mend it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is off: what, where, expected, got, and what to do next.
+
+    Parameters
+    ----------
+    what : str
+        The problem in a few words.
+    where : str
+        File, field or pair that it is about.
+    expected, got : str
+        What was wanted and what was found; empty where that says nothing.
+    fix : str
+        What the user can do about it.
+
+    Examples
+    --------
+    >>> print(Problem("unknown scene", "splits.test", "one of: Art, Books", "Boks"))
+    unknown scene
+      where     splits.test
+      expected  one of: Art, Books
+      got       Boks
+    """
+
+    what: str
+    where: str = ""
+    expected: str = ""
+    got: str = ""
+    fix: str = ""
+
+    def __str__(self) -> str:
+        lines = [self.what]
+        for label, text in (
+            ("where", self.where),
+            ("expected", self.expected),
+            ("got", self.got),
+            ("fix", self.fix),
+        ):
+            if text:
+                lines.append(f"  {label:<9} {text}")
+        return "\n".join(lines)
+
+
+class DfdbenchError(Exception):
+    """A mistake that a user can mend; carries every problem that was found.
+
+    Parameters
+    ----------
+    problems : Problem or iterable of Problem
+        All that was found wrong, shown together.
+
+    Examples
+    --------
+    >>> error = DfdbenchError([Problem("no folder"), Problem("no image")])
+    >>> print(error)
+    2 problems:
+    1. no folder
+    2. no image
+    """
+
+    def __init__(self, problems: Problem | Iterable[Problem]) -> None:
+        self.problems = (problems,) if isinstance(problems, Problem) else tuple(problems)
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        if len(self.problems) == 1:
+            return str(self.problems[0])
+        numbered = (f"{number}. {problem}" for number, problem in enumerate(self.problems, 1))
+        return "\n".join([f"{len(self.problems)} problems:", *numbered])
+
+    def __reduce__(self) -> tuple[type[DfdbenchError], tuple[tuple[Problem, ...]]]:
+        # Exceptions travel between processes by their arguments: send the problems, not the text.
+        return type(self), (self.problems,)
+
+
+class InputError(DfdbenchError, ValueError):
+    """An array or a number handed to a function is not what it takes."""
+
+
+class UnknownNameError(DfdbenchError, LookupError):
+    """A name of a data set, scene, split, protocol or method that is not known."""
+
+
+class ManifestError(DfdbenchError):
+    """A manifest that cannot be read or contradicts itself."""
+
+
+class SourceError(DfdbenchError):
+    """Images or depth maps that are missing, damaged or of the wrong kind."""
+
+
+class StoreError(DfdbenchError):
+    """A built data set that is absent, incomplete or damaged."""
+
+
+class MethodError(DfdbenchError):
+    """A method that cannot be loaded, or whose output cannot be scored."""
+
+
+class ResultError(DfdbenchError):
+    """A result file that is damaged, of another version or contradicts itself."""
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> UnknownNameError:
+    """Return the error for an unknown name, with the near misses named.
+
+    Parameters
+    ----------
+    kind : str
+        What the name stands for, e.g. ``"scene"``.
+    name : str
+        The name that was given.
+    known : iterable of str
+        Every name that would have been right.
+    fix : str, optional
+        What to do, where it is more than to choose another name.
+
+    Examples
+    --------
+    >>> print(unknown_name("scene", "Reinder", ["Art", "Books", "Reindeer"]))
+    unknown scene
+      expected  one of: Art, Books, Reindeer
+      got       Reinder
+      fix       did you mean Reindeer?
+    """
+    choices = sorted(known)
+    near = difflib.get_close_matches(name, choices, n=3, cutoff=0.5)
+    folded = {choice.casefold(): choice for choice in choices}
+    if not near and name.casefold() in folded:
+        near = [folded[name.casefold()]]
+    hint = f"did you mean {' or '.join(near)}?" if near else ""
+    return UnknownNameError(
+        Problem(
+            what=f"unknown {kind}",
+            expected="one of: " + ", ".join(choices),
+            got=name,
+            fix=" ".join(part for part in (hint, fix) if part),
+        )
+    )

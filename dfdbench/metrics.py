@@ -1,0 +1,244 @@
+"""The three scores of a depth map: NRMSE, NMAE and SSIM."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from dfdbench.errors import InputError, Problem
+
+_SSIM_SIGMA = 1.5
+_SSIM_RADIUS = 5
+_SSIM_WEIGHTS = np.exp(-(np.arange(_SSIM_RADIUS + 1) ** 2) / (2 * _SSIM_SIGMA**2))
+_SSIM_WEIGHTS /= _SSIM_WEIGHTS[0] + 2 * _SSIM_WEIGHTS[1:].sum()
+_SSIM_K1, _SSIM_K2 = 0.01, 0.03
+
+
+def nrmse(
+    image_true: ArrayLike,
+    image_test: ArrayLike,
+    *,
+    data_range: float | None = None,
+    mask: ArrayLike | None = None,
+) -> float:
+    """Return the normalised root mean square error; smaller is better.
+
+    Parameters
+    ----------
+    image_true, image_test : array_like of real numbers, shape (y, x)
+        Ground truth and estimate, in depth levels.
+    data_range : float, optional
+        What the error is divided by. By default the range of the ground truth,
+        ``max - min`` over the pixels that count, as the thesis does.
+    mask : array_like of bool, shape (y, x), optional
+        True where a pixel counts. By default all do.
+
+    Returns
+    -------
+    float
+        NaN where it is undefined: a flat ground truth without `data_range`, or no pixel counts.
+
+    Raises
+    ------
+    InputError
+        For shapes that differ, complex or non-finite values, or a range that is not positive.
+
+    Notes
+    -----
+    Eq. 3.10 and 3.11 of the thesis. Not symmetric, since the ground truth's range divides.
+
+    Examples
+    --------
+    >>> truth = np.array([[0, 100], [200, 100]])
+    >>> round(nrmse(truth, truth + 10), 6)
+    0.05
+    >>> nrmse(np.full((2, 2), 7), np.zeros((2, 2)))
+    nan
+    """
+    truth, test, counts = _checked(image_true, image_test, mask)
+    error = (truth - test)[counts]
+    divisor = _divisor(truth[counts], data_range)
+    if math.isnan(divisor):
+        return math.nan
+    return float(np.sqrt(np.mean(error**2)) / divisor)
+
+
+def nmae(
+    image_true: ArrayLike,
+    image_test: ArrayLike,
+    *,
+    data_range: float | None = None,
+    mask: ArrayLike | None = None,
+) -> float:
+    """Return the normalised mean absolute error; smaller is better.
+
+    Parameters, errors and the undefined case are those of `nrmse`, which it never exceeds.
+
+    Notes
+    -----
+    Eq. 3.12 and 3.13 of the thesis.
+
+    Examples
+    --------
+    >>> truth = np.array([[0, 100], [200, 100]])
+    >>> nmae(truth, [[0, 100], [200, 140]], data_range=200)
+    0.05
+    """
+    truth, test, counts = _checked(image_true, image_test, mask)
+    error = (truth - test)[counts]
+    divisor = _divisor(truth[counts], data_range)
+    if math.isnan(divisor):
+        return math.nan
+    return float(np.mean(np.abs(error)) / divisor)
+
+
+def ssim(
+    image_true: ArrayLike,
+    image_test: ArrayLike,
+    *,
+    data_range: float = 255.0,
+    mask: ArrayLike | None = None,
+) -> float:
+    """Return the mean structural similarity; larger is better, 1 is identity.
+
+    Parameters
+    ----------
+    image_true, image_test : array_like of real numbers, shape (y, x)
+        Ground truth and estimate, in depth levels.
+    data_range : float
+        L of the constants ``(0.01 L)^2`` and ``(0.03 L)^2``.
+    mask : array_like of bool, shape (y, x), optional
+        True where a pixel counts. Others neither are averaged nor enter any window: a window's
+        weights are those of its known pixels, scaled to sum 1.
+
+    Returns
+    -------
+    float
+        NaN where it is undefined: no pixel counts, or the image is smaller than the window.
+
+    Raises
+    ------
+    InputError
+        As `nrmse`.
+
+    Notes
+    -----
+    Eq. 3.14 of the thesis, after Wang et al. 2004: 11 x 11 Gaussian window, sigma 1.5, biased
+    covariance, averaged over the pixels whose window lies inside the image. Equal to
+    scikit-image's with ``gaussian_weights=True, sigma=1.5, use_sample_covariance=False``.
+
+    Examples
+    --------
+    >>> truth = np.arange(400.0).reshape(20, 20) % 256
+    >>> ssim(truth, truth)
+    1.0
+    >>> ssim(truth, 255 - truth) < 0
+    True
+    """
+    truth, test, counts = _checked(image_true, image_test, mask)
+    _divisor(truth[counts], data_range)
+    if min(truth.shape) <= 2 * _SSIM_RADIUS:
+        return math.nan
+    inner = counts[_SSIM_RADIUS:-_SSIM_RADIUS, _SSIM_RADIUS:-_SSIM_RADIUS]
+    if not inner.any():
+        return math.nan
+    planes = np.stack([truth, test, truth * truth + test * test, truth * test])
+    if mask is not None:
+        planes = np.concatenate([planes * counts, counts[np.newaxis].astype(np.float64)])
+    means = _window_means(planes, _SSIM_WEIGHTS)
+    c1, c2 = (_SSIM_K1 * data_range) ** 2, (_SSIM_K2 * data_range) ** 2
+    return float(_mean_similarity(means, np.ascontiguousarray(inner), c1, c2))
+
+
+@njit(cache=True, nogil=True)
+def _window_means(planes: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    # Only windows inside the image; each row is folded vertically, then horizontally.
+    count, height, width = planes.shape
+    radius = weights.shape[0] - 1
+    out = np.empty((count, height - 2 * radius, width - 2 * radius), np.float64)
+    row = np.empty(width, np.float64)
+    for plane in range(count):
+        for y in range(height - 2 * radius):
+            window = planes[plane, y : y + 2 * radius + 1]
+            for x in range(width):
+                row[x] = weights[0] * window[radius, x]
+            for offset in range(1, radius + 1):
+                weight = weights[offset]
+                above, below = window[radius - offset], window[radius + offset]
+                for x in range(width):
+                    row[x] += weight * (above[x] + below[x])
+            target = out[plane, y]
+            for x in range(target.size):
+                target[x] = weights[0] * row[x + radius]
+            for offset in range(1, radius + 1):
+                weight = weights[offset]
+                left, right = row[radius - offset :], row[radius + offset :]
+                for x in range(target.size):
+                    target[x] += weight * (left[x] + right[x])
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _mean_similarity(
+    means: NDArray[np.float64], counts: NDArray[np.bool_], c1: float, c2: float
+) -> float:
+    masked = means.shape[0] == 5
+    total, pixels = 0.0, 0
+    for y in range(counts.shape[0]):
+        for x in range(counts.shape[1]):
+            if not counts[y, x]:
+                continue
+            # A window's weights are scaled to sum 1 over its known pixels.
+            scale = 1.0 / means[4, y, x] if masked else 1.0
+            mu_true, mu_test = means[0, y, x] * scale, means[1, y, x] * scale
+            squares, product = mu_true * mu_true + mu_test * mu_test, mu_true * mu_test
+            variances = means[2, y, x] * scale - squares
+            covariance = means[3, y, x] * scale - product
+            total += ((2 * product + c1) * (2 * covariance + c2)) / (
+                (squares + c1) * (variances + c2)
+            )
+            pixels += 1
+    return total / pixels
+
+
+def _checked(
+    image_true: ArrayLike, image_test: ArrayLike, mask: ArrayLike | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    problems: list[Problem] = []
+    arrays = []
+    for name, image in (("image_true", image_true), ("image_test", image_test)):
+        array = np.asarray(image)
+        if array.dtype.kind not in "uif":
+            problems.append(Problem("wrong type", name, "real numbers", str(array.dtype)))
+        elif array.ndim != 2 or array.size == 0:
+            problems.append(Problem("wrong shape", name, "(y, x)", str(array.shape)))
+        elif not np.isfinite(array).all():
+            problems.append(Problem("not finite", name, "finite levels", "NaN or infinity"))
+        arrays.append(array)
+    truth, test = arrays
+    if not problems and truth.shape != test.shape:
+        problems.append(
+            Problem("sizes differ", "image_test", f"{truth.shape}, as image_true", str(test.shape))
+        )
+    if problems:
+        raise InputError(problems)
+    counts = np.ones(truth.shape, bool) if mask is None else np.asarray(mask)
+    if counts.shape != truth.shape or counts.dtype != np.bool_:
+        got = f"{counts.dtype} {counts.shape}"
+        raise InputError(Problem("wrong mask", "mask", f"bool {truth.shape}", got))
+    return truth.astype(np.float64), test.astype(np.float64), counts
+
+
+def _divisor(truth: NDArray[np.float64], data_range: Any) -> float:
+    if data_range is not None:
+        if not (math.isfinite(data_range) and data_range > 0):
+            raise InputError(
+                Problem("wrong range", "data_range", "a positive number", str(data_range))
+            )
+        return float(data_range) if truth.size else math.nan
+    own = float(np.ptp(truth)) if truth.size else 0.0
+    return own if own > 0 else math.nan

@@ -1,0 +1,1 @@
+"""The released manifests: one TOML file a data set and version."""
