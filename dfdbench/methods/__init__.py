@@ -1,1 +1,384 @@
 """Find a method by name, and call it so that one bad pair cannot spoil a run."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import io
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur import find_recipe
+from dfdbench.errors import MethodError, Problem, unknown_name
+
+Image = NDArray[np.uint8]
+Predict = Callable[[Image, Image], Any]
+
+ENTRY_POINT_GROUP = "dfdbench.methods"
+_BUILT_IN = {
+    "constant": "dfdbench.methods.baselines:Constant",
+    "local": "dfdbench.methods.baselines:Local",
+}
+# A level this far out of 0..255 is rounding, not a mistake.
+_ROUNDING = 1e-3
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method ready to be run.
+
+    Parameters
+    ----------
+    name : str
+        As the user gave it.
+    entry : str
+        ``module:attribute`` or ``file.py:attribute``.
+    predict : callable
+        ``predict(infocus, defocus) -> depth``.
+    parameters : dict
+        What the user set, as given.
+    uses : tuple of str
+        Which facts of the data set it was handed, of those offered to `load_method`.
+    source_sha256 : str or None
+        Of the file it is defined in.
+    """
+
+    name: str
+    entry: str
+    predict: Predict
+    parameters: dict[str, Any] = field(default_factory=dict)
+    uses: tuple[str, ...] = ()
+    source_sha256: str | None = None
+
+    @property
+    def warm_up(self) -> Predict | None:
+        """What to call once, untimed, before the first pair."""
+        return getattr(self.predict, "warm_up", None)
+
+    @property
+    def trained_on(self) -> str | None:
+        """The data it was trained on, where it says so."""
+        trained_on = getattr(self.predict, "trained_on", None)
+        return str(trained_on) if trained_on else None
+
+    @property
+    def paper(self) -> str | None:
+        """The publication it comes from, where it says so."""
+        paper = getattr(self.predict, "paper", None)
+        return str(paper) if paper else None
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What one call gave: a depth map, or the reason why there is none.
+
+    Parameters
+    ----------
+    depth : ndarray of float32, shape (y, x), or None
+        Depth levels.
+    seconds : float
+        Wall-clock time of the call.
+    error : str
+        Why there is no depth; empty where there is one.
+    printed : str
+        What the method wrote to standard output.
+    """
+
+    depth: NDArray[np.float32] | None
+    seconds: float
+    error: str = ""
+    printed: str = ""
+
+
+def registered_methods() -> dict[str, str]:
+    """Return the registered methods: the built-in ones and those that packages offer.
+
+    Returns
+    -------
+    dict of str to str
+        Entry (``module:attribute``) by name. A built-in name cannot be taken by a package.
+
+    Examples
+    --------
+    >>> registered_methods()["local"]
+    'dfdbench.methods.baselines:Local'
+    """
+    offered = {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
+    return {**offered, **_BUILT_IN}
+
+
+def load(name: str, **params: Any) -> Predict:
+    """Return a method's callable.
+
+    Parameters
+    ----------
+    name : str
+        A registered name, ``module:attribute`` or ``path/to/file.py:attribute``.
+    **params
+        Handed to a class when it is constructed, or to a function at each call.
+
+    Raises
+    ------
+    MethodError
+        Where it cannot be imported or does not take these parameters.
+    UnknownNameError
+        Where no method of that name is registered.
+
+    Examples
+    --------
+    >>> predict = load("constant", training_mean=80.0)
+    >>> image = np.zeros((2, 3, 3), np.uint8)
+    >>> predict(image, image).tolist()
+    [[80.0, 80.0, 80.0], [80.0, 80.0, 80.0]]
+    """
+    return load_method(name, params, {}).predict
+
+
+def load_method(
+    name: str, parameters: Mapping[str, Any], offers: Mapping[str, Callable[[], Any]]
+) -> Method:
+    """Find a method, construct it where it is a class, and say where it came from.
+
+    Parameters
+    ----------
+    name : str
+        As for `load`.
+    parameters : mapping
+        What the user set.
+    offers : mapping of str to callable
+        Facts of the data set by parameter name (``recipe``, ``training_mean``), worked out only
+        for a class that has such a parameter which the user left open.
+
+    Raises
+    ------
+    MethodError, UnknownNameError
+        As for `load`.
+    """
+    entry = name
+    if ":" not in name:
+        registered = registered_methods()
+        if name not in registered:
+            raise unknown_name(
+                "method", name, registered, "A method of your own: module:attribute or file.py:name"
+            )
+        entry = registered[name]
+    target, source = _import(entry)
+    given = dict(parameters)
+    if isinstance(given.get("recipe"), str):
+        given["recipe"] = find_recipe(given["recipe"])
+    if inspect.isclass(target):
+        accepted = _parameters(target)
+        uses = tuple(key for key in offers if key in accepted and key not in given)
+        arguments = given | {key: offers[key]() for key in uses}
+        _check_parameters(entry, target, arguments)
+        try:
+            predict = target(**arguments)
+        except MethodError:
+            raise
+        except Exception as error:
+            raise MethodError(
+                Problem("the method cannot be constructed", entry, got=_describe(error))
+            ) from error
+    else:
+        uses = ()
+        predict = target
+        if given:
+            _check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
+            predict = functools.partial(target, **given)
+    if not callable(predict):
+        raise MethodError(
+            Problem(
+                "not a method", entry, "something to call as predict(infocus, defocus)",
+                type(predict).__name__,
+            )
+        )  # fmt: skip
+    return Method(name, entry, predict, dict(parameters), uses, source)
+
+
+def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
+    """Call a method on one pair and check what it returns; nothing it does raises.
+
+    Parameters
+    ----------
+    predict : callable
+        The method.
+    infocus, defocus : ndarray of uint8, shape (y, x, 3)
+        RGB; the method gets copies.
+
+    Examples
+    --------
+    >>> image = np.zeros((2, 2, 3), np.uint8)
+    >>> call(lambda infocus, defocus: [[1, 2], [3, 4]], image, image).depth.tolist()
+    [[1.0, 2.0], [3.0, 4.0]]
+    >>> call(lambda infocus, defocus: infocus, image, image).error
+    'returned shape (2, 2, 3); expected (2, 2), one depth level a pixel'
+    """
+    copies = infocus.copy(), defocus.copy()
+    printed = io.StringIO()
+    depth, error = None, ""
+    begin = time.perf_counter()
+    try:
+        with contextlib.redirect_stdout(printed):
+            returned = predict(*copies)
+    except Exception as raised:
+        error = f"raised {_describe(raised)}"
+        seconds = time.perf_counter() - begin
+    else:
+        seconds = time.perf_counter() - begin
+        depth, error = check_depth(returned, infocus.shape[:2])
+    return Prediction(depth, seconds, error, printed.getvalue())
+
+
+def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float32] | None, str]:
+    """Return a method's answer as float32 levels, or None and what is wrong with it.
+
+    Examples
+    --------
+    >>> check_depth(np.full((2, 2), 300), (2, 2))
+    (None, 'returned levels from 300 to 300; expected 0 to 255')
+    """
+    try:
+        array = np.asarray(returned)
+    except Exception as error:
+        return None, f"returned a {type(returned).__name__} that is no array: {_describe(error)}"
+    if array.dtype.kind not in "uif":
+        return None, f"returned {array.dtype} values; expected real numbers"
+    if array.shape != shape:
+        return None, f"returned shape {array.shape}; expected {shape}, one depth level a pixel"
+    if not np.isfinite(array).all():
+        bad = int(array.size - np.isfinite(array).sum())
+        return None, f"returned NaN or infinity in {bad} of {array.size} pixels"
+    low, high = array.min(), array.max()
+    if low < -_ROUNDING or high > 255 + _ROUNDING:
+        return None, f"returned levels from {low:g} to {high:g}; expected 0 to 255"
+    return np.clip(array.astype(np.float32), 0, 255), ""
+
+
+def _import(entry: str) -> tuple[Any, str | None]:
+    place, _, attribute = entry.rpartition(":")
+    if not place or not attribute:
+        raise MethodError(
+            Problem("not a method's name", entry, "module:attribute or path/to/file.py:attribute")
+        )
+    module = _import_file(Path(place)) if place.endswith(".py") else _import_module(place)
+    found: Any = module
+    for part in attribute.split("."):
+        if not hasattr(found, part):
+            names = [key for key, value in vars(module).items() if callable(value)]
+            public = [key for key in names if not key.startswith("_")] or ["nothing to call"]
+            near = unknown_name("attribute", part, public).problems[0]
+            raise MethodError(
+                Problem(f"{place} has no {part}", entry, near.expected, part, near.fix)
+            )
+        found = getattr(found, part)
+    file = getattr(module, "__file__", None)
+    source = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else None
+    return found, source
+
+
+def _import_module(name: str) -> ModuleType:
+    # The command line runs from anywhere: a module beside the user is found as `python -m` would.
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name and (name == error.name or name.startswith(error.name + ".")):
+            raise MethodError(
+                Problem(
+                    f"no module named {error.name}", name, got=f"looked in {Path.cwd()} too",
+                    fix="run from the module's folder, install it, or name its file: file.py:name",
+                )
+            ) from error  # fmt: skip
+        raise MethodError(
+            Problem("the module cannot be imported", name, got=_describe(error))
+        ) from error
+    except Exception as error:
+        raise MethodError(
+            Problem("the module cannot be imported", name, got=_describe(error))
+        ) from error
+
+
+def _import_file(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise MethodError(Problem("no such file", str(path), got=f"looked in {Path.cwd()}"))
+    name = f"dfdbench_method_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}"
+    specification = importlib.util.spec_from_file_location(name, path)
+    if specification is None or specification.loader is None:
+        raise MethodError(Problem("not a Python file", str(path)))
+    module = importlib.util.module_from_spec(specification)
+    # Its own folder comes first, as when the file is run; dataclasses and pickle want the entry.
+    sys.path.insert(0, str(path.resolve().parent))
+    sys.modules[name] = module
+    try:
+        specification.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        raise MethodError(
+            Problem("the file cannot be imported", str(path), got=_describe(error))
+        ) from error
+    finally:
+        sys.path.remove(str(path.resolve().parent))
+    return module
+
+
+def _parameters(target: Callable[..., Any]) -> set[str]:
+    try:
+        return set(inspect.signature(target).parameters)
+    except (TypeError, ValueError):
+        return set()
+
+
+def _check_parameters(entry: str, target: Callable[..., Any], arguments: dict[str, Any]) -> None:
+    try:
+        signature = inspect.signature(target)
+    except (TypeError, ValueError):
+        return
+    kinds = {parameter.kind for parameter in signature.parameters.values()}
+    names = [name for name in signature.parameters if name not in ("infocus", "defocus")]
+    unknown = [name for name in arguments if name not in signature.parameters]
+    if unknown and inspect.Parameter.VAR_KEYWORD not in kinds:
+        unknown = [name for name in unknown if name not in ("infocus", "defocus")]
+        if unknown:
+            raise MethodError(
+                [
+                    Problem(
+                        "unknown parameter", entry,
+                        "one of: " + ", ".join(names) if names else "no parameters", name,
+                    )
+                    for name in unknown
+                ]
+            )  # fmt: skip
+    empty = inspect.Parameter.empty
+    missing = [
+        name
+        for name, parameter in signature.parameters.items()
+        if parameter.default is empty
+        and parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+        and name not in arguments
+    ]
+    if inspect.isclass(target) and missing:
+        raise MethodError(
+            [
+                Problem("parameter is needed", entry, name, fix=f"--param {name}=VALUE")
+                for name in missing
+            ]
+        )
+
+
+def _describe(error: BaseException) -> str:
+    text = str(error).strip()
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

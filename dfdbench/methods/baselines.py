@@ -1,0 +1,103 @@
+"""The baselines: what any method has to beat."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur import RECIPES, BlurRecipe
+from dfdbench.errors import MethodError, Problem
+
+Image = NDArray[np.uint8]
+
+
+class Constant:
+    """The same depth everywhere, without a look at the images.
+
+    Parameters
+    ----------
+    training_mean : float
+        The depth level; in a run, the mean over the known pixels of the training split.
+
+    Examples
+    --------
+    >>> image = np.zeros((1, 2, 3), np.uint8)
+    >>> Constant(training_mean=90.5)(image, image).tolist()
+    [[90.5, 90.5]]
+    """
+
+    def __init__(self, training_mean: float) -> None:
+        if not 0 <= training_mean <= 255:
+            raise MethodError(
+                Problem("wrong parameter", "training_mean", "0 to 255", str(training_mean))
+            )
+        self._level = training_mean
+
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return the level for each pixel of `infocus`, shape (y, x)."""
+        return np.full(infocus.shape[:2], self._level, np.float32)
+
+
+class Local:
+    """Depth from a small window: the blur level that explains the defocus image best.
+
+    The in-focus image is blurred at every level; the squared difference to the defocus image,
+    summed over the channels, is averaged over a window; each pixel takes the level of the
+    least. No smoothness beyond the window.
+
+    Parameters
+    ----------
+    recipe : BlurRecipe
+        How the defocus images were made; in a run, the data set's recipe.
+    window : int
+        Side of the square window in pixels, odd.
+
+    Examples
+    --------
+    >>> from dfdbench.blur import synthesize
+    >>> image = np.random.default_rng(0).integers(0, 256, (40, 40, 3)).astype(np.uint8)
+    >>> depth = np.full((40, 40), 120, np.uint8)
+    >>> defocus = synthesize(image, depth, RECIPES["published"])
+    >>> np.unique(Local()(image, defocus)).tolist()
+    [120.0]
+    """
+
+    def __init__(self, recipe: BlurRecipe = RECIPES["published"], window: int = 7) -> None:
+        if not isinstance(window, int) or window < 1 or window % 2 == 0:
+            raise MethodError(Problem("wrong parameter", "window", "odd, positive", str(window)))
+        self._recipe = recipe
+        self._window = (window, window)
+
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return depth levels for two RGB images of uint8, shape (y, x, 3)."""
+        sharp, blurred = infocus.astype(np.float32), defocus.astype(np.float32)
+        best = np.full(infocus.shape[:2], np.inf, np.float32)
+        level = np.zeros(infocus.shape[:2], np.int64)
+        channel_sum = np.ones((1, infocus.shape[2]), np.float32)
+        for candidate, kernel in enumerate(self._recipe.kernels()):
+            trial = _separable(sharp, kernel, self._recipe.sigmas[candidate])
+            residual = cv2.subtract(trial, blurred)
+            squares = cv2.multiply(residual, residual)
+            cost = cv2.boxFilter(
+                cv2.transform(squares, channel_sum),
+                cv2.CV_32F,
+                self._window,
+                borderType=cv2.BORDER_REPLICATE,
+            )
+            better = cost < best
+            best[better] = cost[better]
+            level[better] = candidate
+        return np.asarray(self._recipe.depth_of_level(level), np.float32)
+
+
+def _separable(image: NDArray[np.float32], kernel: NDArray[np.float64], sigma: float) -> Image:
+    # Beyond six sigma a weight is below float32's resolution of the sum.
+    radius = min(kernel.size // 2, math.ceil(6 * sigma))
+    middle = kernel.size // 2
+    short = kernel[middle - radius : middle + radius + 1]
+    return np.asarray(
+        cv2.sepFilter2D(image, cv2.CV_32F, short, short, borderType=cv2.BORDER_REPLICATE)
+    )

@@ -1,0 +1,221 @@
+"""Cast rays at textured planes, spheres and cylinders: what a small scene needs, and no more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Texture:
+    """Which photograph lies on a surface, how large, and in which tint.
+
+    `texels` are photograph pixels per metre; `tint` multiplies red, green and blue.
+    """
+
+    photograph: str
+    texels: float
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Hits:
+    """Where rays meet one surface: distance (infinite where they miss), normal, texture place."""
+
+    distance: Floats
+    normal: Floats
+    place: Floats
+
+
+class Surface(Protocol):
+    """Something that rays can meet."""
+
+    @property
+    def texture(self) -> Texture:
+        """What lies on it."""
+
+    def meet(self, origin: Floats, directions: Floats) -> Hits:
+        """Return where rays from `origin` along `directions`, shape (..., 3), meet it."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat rectangle or disc.
+
+    Parameters
+    ----------
+    centre : tuple of float
+        x (right), y (down), z (away from the camera), in metres.
+    size : tuple of float
+        Width and height, in metres.
+    texture : Texture
+        What lies on it.
+    slant, tilt : float
+        dz/dx and dz/dy: how the surface recedes to the right and downwards.
+    shape : {"rectangle", "disc"}
+        A disc has the axes of the rectangle around it.
+    """
+
+    centre: tuple[float, float, float]
+    size: tuple[float, float]
+    texture: Texture
+    slant: float = 0.0
+    tilt: float = 0.0
+    shape: Literal["rectangle", "disc"] = "rectangle"
+
+    def meet(self, origin: Floats, directions: Floats) -> Hits:
+        """Meet ``z = z0 + slant (x - x0) + tilt (y - y0)`` inside the outline."""
+        x0, y0, z0 = self.centre
+        normal = np.array([self.slant, self.tilt, -1.0])
+        reach = np.array([x0, y0, z0]) - origin
+        falling = _dot(directions, normal)
+        distance = np.where(falling < 0, float(reach @ normal) / np.minimum(falling, -1e-12), -1.0)
+        u = origin[0] + distance * directions[..., 0] - x0
+        v = origin[1] + distance * directions[..., 1] - y0
+        across, down = 2 * u / self.size[0], 2 * v / self.size[1]
+        if self.shape == "disc":
+            inside = across * across + down * down <= 1
+        else:
+            inside = (np.abs(across) <= 1) & (np.abs(down) <= 1)
+        return Hits(
+            np.where(inside & (distance > 0), distance, np.inf),
+            np.broadcast_to(normal / np.sqrt(normal @ normal), directions.shape),
+            np.stack([u, v], axis=-1),
+        )
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A horizontal plane below the camera; `height` is its y, counted downwards, in metres."""
+
+    height: float
+    texture: Texture
+
+    def meet(self, origin: Floats, directions: Floats) -> Hits:
+        """Meet ``y = height`` ahead of the camera."""
+        down = directions[..., 1]
+        distance = np.where(down > 1e-6, self.height / np.maximum(down, 1e-6), np.inf)
+        reach = np.where(np.isfinite(distance), distance, 0.0)
+        place = np.stack([origin[0] + reach * directions[..., 0], reach], axis=-1)
+        return Hits(distance, np.broadcast_to([0.0, -1.0, 0.0], directions.shape), place)
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A sphere, or where `upright` is set a vertical cylinder of that half height, in metres."""
+
+    centre: tuple[float, float, float]
+    radius: float
+    texture: Texture
+    upright: float | None = None
+    _axes: Floats = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        axes = np.array([1.0, 0.0 if self.upright else 1.0, 1.0])
+        object.__setattr__(self, "_axes", axes)
+
+    def meet(self, origin: Floats, directions: Floats) -> Hits:
+        """Meet the near side."""
+        reach = origin - np.array(self.centre)
+        a = _dot(directions, directions * self._axes)
+        b = _dot(directions, reach * self._axes)
+        c = float(reach @ (reach * self._axes)) - self.radius**2
+        root = b * b - a * c
+        distance = np.where(root >= 0, (-b - np.sqrt(np.maximum(root, 0))) / a, -1.0)
+        offset = reach + distance[..., np.newaxis] * directions
+        inside = (root >= 0) & (distance > 0)
+        if self.upright:
+            inside &= np.abs(offset[..., 1]) <= self.upright
+        normal = offset * self._axes / self.radius
+        turn = np.arctan2(normal[..., 0], -normal[..., 2]) * self.radius
+        return Hits(
+            np.where(inside, distance, np.inf), normal, np.stack([turn, offset[..., 1]], axis=-1)
+        )
+
+
+@dataclass(frozen=True)
+class View:
+    """What a camera sees: the distance z, the surface's normal, and its reflectance.
+
+    `distance` has shape (y, x) and is infinite where no surface lies; `normal` and
+    `reflectance` have shape (y, x, 3). Reflectance is linear, 0 to 1.
+    """
+
+    distance: Floats
+    normal: Floats
+    reflectance: Floats
+
+
+def cast(
+    surfaces: Sequence[Surface],
+    photographs: Mapping[str, Floats],
+    offset: float,
+    shape: tuple[int, int],
+    focal_length: float,
+    subpixel: tuple[float, float] = (0.0, 0.0),
+) -> View:
+    """Return what a pinhole camera at ``(offset, 0, 0)``, looking along z, sees.
+
+    Parameters
+    ----------
+    surfaces : sequence of Surface
+        The scene; the nearest surface along a ray is seen.
+    photographs : mapping of str to ndarray, shape (y, x, 3)
+        Linear reflectance of each texture's photograph.
+    offset : float
+        The camera's x in metres.
+    shape : tuple of int
+        Height and width in pixels.
+    focal_length : float
+        In pixels.
+    subpixel : tuple of float
+        Where in its pixel a ray passes, (y, x) from the centre, in pixels.
+    """
+    height, width = shape
+    y = (np.arange(height) - (height - 1) / 2 + subpixel[0]) / focal_length
+    x = (np.arange(width) - (width - 1) / 2 + subpixel[1]) / focal_length
+    directions = np.ones((height, width, 3))
+    directions[..., 0], directions[..., 1] = x[np.newaxis, :], y[:, np.newaxis]
+    origin = np.array([offset, 0.0, 0.0])
+    nearest = np.full(shape, np.inf)
+    normal, reflectance = np.zeros((*shape, 3)), np.zeros((*shape, 3))
+    for surface in surfaces:
+        hits = surface.meet(origin, directions)
+        ahead = hits.distance < nearest
+        nearest[ahead] = hits.distance[ahead]
+        normal[ahead] = hits.normal[ahead]
+        photograph = photographs[surface.texture.photograph]
+        colours = _sample(photograph, hits.place[ahead] * surface.texture.texels)
+        reflectance[ahead] = colours * np.array(surface.texture.tint)
+    return View(nearest, normal, reflectance)
+
+
+def _dot(left: Floats, right: Floats) -> Floats:
+    # Written out: BLAS may sum in another order on another machine.
+    return np.asarray(
+        left[..., 0] * right[..., 0] + left[..., 1] * right[..., 1] + left[..., 2] * right[..., 2]
+    )
+
+
+def _sample(photograph: Floats, place: Floats) -> Floats:
+    # Bilinear; past its edge the photograph goes on as its mirror image, without a seam.
+    height, width = photograph.shape[:2]
+    x, x_fraction = _mirrored(place[:, 0] + width / 2, width)
+    y, y_fraction = _mirrored(place[:, 1] + height / 2, height)
+    right, below = np.minimum(x + 1, width - 1), np.minimum(y + 1, height - 1)
+    top = photograph[y, x] * (1 - x_fraction) + photograph[y, right] * x_fraction
+    bottom = photograph[below, x] * (1 - x_fraction) + photograph[below, right] * x_fraction
+    return np.asarray(top * (1 - y_fraction) + bottom * y_fraction)
+
+
+def _mirrored(position: Floats, extent: int) -> tuple[NDArray[np.int64], Floats]:
+    last = extent - 1
+    folded = np.abs((position + last) % (2 * last) - last)
+    whole = np.minimum(folded.astype(np.int64), last)
+    return whole, (folded - whole)[:, np.newaxis]

@@ -1,0 +1,180 @@
+"""Make the demo set: small scenes with photographs on their surfaces, seen by a camera."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import skimage.data
+from numpy.typing import NDArray
+
+from dfdbench.errors import Problem, SourceError
+from dfdbench.manifest import Manifest, Pair
+from dfdbench.raycast import Surface, View, cast
+from dfdbench.sources import SceneImages
+from dfdbench.sources.demo_scenes import SCENES
+
+Floats = NDArray[np.float64]
+
+_SEED = 20191206
+_SHAPE = (240, 320)
+_FOCAL_LENGTH = 330.0  # pixels
+_BASELINE = 0.25  # metres between the views
+_LEVEL_AT_ONE_METRE = 3 * _FOCAL_LENGTH * _BASELINE  # level = 3 x disparity, as Middlebury's
+_OCCLUSION = 0.02  # relative difference in distance above which a point is hidden
+
+# Light of each illumination: direction it comes from, red-green-blue colour, ambient share.
+_LIGHTS = {
+    1: ((-0.6, -0.5, -0.6), (1.0, 0.92, 0.80), 0.30),
+    2: ((0.0, -0.6, -0.8), (1.0, 1.0, 1.0), 0.50),
+    3: ((0.7, -0.3, -0.6), (0.82, 0.92, 1.0), 0.25),
+}
+# Exposure: a white surface that faces the light fills the sensor at 1.
+_GAINS = {0: 1.6 / 36, 1: 1.6 / 6, 2: 1.6}
+_FULL_WELL = 60_000.0  # electrons; four frames of 15,000 averaged
+_READ_NOISE = 12.0  # electrons
+_CONVERTER_STEPS = 1023  # 10 bit
+_GAMMA = 2.2
+
+
+class DemoScenes:
+    """The demo set's generator; the same manifest gives the same images everywhere.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The demo manifest.
+    """
+
+    options: Mapping[str, Any] = {}
+
+    def __init__(self, manifest: Manifest) -> None:
+        self._manifest = manifest
+
+    def available_pairs(self) -> tuple[Pair, ...]:
+        """Return every pair: nothing has to be fetched."""
+        return self._manifest.pairs()
+
+    def signature(self, scene: str) -> str:
+        """Return the SHA-256 of the photographs, the scene and this generator's numbers."""
+        surfaces = SCENES[scene]
+        names = sorted({surface.texture.photograph for surface in surfaces})
+        digest = hashlib.sha256(repr((surfaces, _LIGHTS, _GAINS, _SEED, _SHAPE)).encode())
+        for name in names:
+            digest.update(_photograph(name).tobytes())
+        return digest.hexdigest()
+
+    def missing_help(self, missing: tuple[Pair, ...]) -> str:
+        """Return an empty text: nothing can be missing."""
+        return ""
+
+    def read(self, scene: str) -> SceneImages:
+        """Render one scene from both views under every light and exposure."""
+        axes = self._manifest.axes
+        surfaces = SCENES[scene]
+        photographs = {s.texture.photograph: _photograph(s.texture.photograph) for s in surfaces}
+        offsets = dict(zip(axes["view"], (-_BASELINE / 2, _BASELINE / 2), strict=True))
+        views = {view: _look(surfaces, photographs, offset) for view, offset in offsets.items()}
+        extent = tuple(len(values) for values in axes.values())
+        infocus = np.zeros((*extent, *_SHAPE, 3), np.uint8)
+        depth = np.zeros((extent[0], *_SHAPE), np.uint8)
+        number = self._manifest.scene_names.index(scene)
+        for v, view in enumerate(axes["view"]):
+            other = views[next(name for name in axes["view"] if name != view)]
+            shift = 1 if v == 0 else -1
+            depth[v] = _depth_levels(views[view].distance, other.distance, shift)
+            for i, illumination in enumerate(axes["illumination"]):
+                light = _lit(views[view], illumination)
+                for e, exposure in enumerate(axes["exposure"]):
+                    seed = (_SEED, number, view, illumination, exposure)
+                    infocus[v, i, e] = photograph_light(light * _GAINS[exposure], seed)
+        unknown = self._manifest.depth.unknown
+        return SceneImages(infocus, depth, depth != unknown, np.ones(extent, bool))
+
+
+def photograph_light(light: Floats, seed: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return what a camera makes of light: shot and read noise, saturation, 10 bit, gamma, 8 bit.
+
+    Parameters
+    ----------
+    light : ndarray of float, shape (y, x, 3)
+        1 just fills the sensor.
+    seed : tuple of int
+        Of the noise.
+
+    Examples
+    --------
+    >>> photograph_light(np.full((1, 1, 3), 2.0), seed=(1,)).tolist()
+    [[[255, 255, 255]]]
+    """
+    electrons = np.minimum(light, 1.2) * _FULL_WELL
+    noise = np.sqrt(electrons + _READ_NOISE**2) * _normal(light.shape, seed)
+    steps = np.rint((electrons + noise) / _FULL_WELL * _CONVERTER_STEPS)
+    signal = np.clip(steps, 0, _CONVERTER_STEPS) / _CONVERTER_STEPS
+    return np.rint(255 * signal ** (1 / _GAMMA)).astype(np.uint8)
+
+
+def _look(surfaces: tuple[Surface, ...], photographs: Mapping[str, Floats], offset: float) -> View:
+    # Colour is averaged over four rays a pixel; distance and normal are those of its centre.
+    centre = cast(surfaces, photographs, offset, _SHAPE, _FOCAL_LENGTH)
+    if not np.isfinite(centre.distance).all():
+        raise SourceError(Problem("a ray meets no surface", "demo scene"))
+    corners = [
+        cast(surfaces, photographs, offset, _SHAPE, _FOCAL_LENGTH, (y, x)).reflectance
+        for y in (-0.25, 0.25)
+        for x in (-0.25, 0.25)
+    ]
+    mean = (corners[0] + corners[1] + corners[2] + corners[3]) / 4
+    return View(centre.distance, centre.normal, mean)
+
+
+def _lit(view: View, illumination: int) -> Floats:
+    direction, colour, ambient = _LIGHTS[illumination]
+    x, y, z = direction
+    facing = view.normal[..., 0] * x + view.normal[..., 1] * y + view.normal[..., 2] * z
+    shade = ambient + (1 - ambient) * np.maximum(facing, 0)
+    return np.asarray(view.reflectance * shade[..., np.newaxis] * np.array(colour))
+
+
+def _depth_levels(distance: Floats, other: Floats, shift: int) -> NDArray[np.uint8]:
+    # As in Middlebury's structured-light maps, what only one of the views sees is unknown.
+    level = _LEVEL_AT_ONE_METRE / distance
+    columns = np.arange(distance.shape[1]) - shift * level / 3
+    seen = np.rint(columns).astype(np.int64)
+    inside = (seen >= 0) & (seen < distance.shape[1])
+    rows = np.arange(distance.shape[0])[:, np.newaxis]
+    there = other[rows, np.clip(seen, 0, distance.shape[1] - 1)]
+    hidden = inside & (there < distance * (1 - _OCCLUSION))
+    return np.where(hidden, 0, np.clip(np.rint(level), 1, 255)).astype(np.uint8)
+
+
+def _normal(shape: tuple[int, ...], seed: tuple[int, ...]) -> Floats:
+    # The sum of four 16-bit numbers is close to normal, and unlike NumPy's own normal numbers
+    # the raw stream is promised never to change.
+    generator = np.random.PCG64(np.random.SeedSequence(seed))
+    raw = generator.random_raw(int(np.prod(shape)))
+    total = sum(((raw >> np.uint64(16 * part)) & np.uint64(0xFFFF)).astype(np.float64)
+                for part in range(4))  # fmt: skip
+    spread = np.sqrt(4 * (65536.0**2 - 1) / 12)
+    return np.asarray((total - 2 * 65535.0) / spread).reshape(shape)
+
+
+@cache
+def _photograph(name: str) -> Floats:
+    path = Path(skimage.data.__file__).parent / f"{name}.png"
+    if not path.exists():
+        raise SourceError(
+            Problem(
+                "a photograph of the demo set is missing", str(path), "shipped with scikit-image",
+                fix="pip install --force-reinstall scikit-image",
+            )
+        )  # fmt: skip
+    image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR_RGB)
+    # The photographs are gamma-encoded: light is linear.
+    table = (np.arange(256) / 255.0) ** _GAMMA
+    return np.asarray(table[image])
