@@ -14,7 +14,7 @@ from dfdbench.blur import BlurRecipe, find_recipe, synthesize
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.parallel import for_each
-from dfdbench.sources import SceneImages, Source
+from dfdbench.sources.interface import SceneImages, Source
 from dfdbench.store import StoreWriter
 
 

@@ -2,59 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Protocol
+from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
+from dfdbench.errors import Problem, SourceError
+from dfdbench.manifest import Manifest
+from dfdbench.sources.demo import DemoScenes
+from dfdbench.sources.interface import SceneImages, Source
+from dfdbench.sources.middlebury import MiddleburyFolder
 
-from dfdbench.manifest import Pair
+__all__ = ["SceneImages", "Source", "open_source"]
 
 
-@dataclass(frozen=True)
-class SceneImages:
-    """What a source gives for one scene.
+def open_source(
+    manifest: Manifest, folder: Path | None = None, default_lighting: bool = False
+) -> Source:
+    """Return the source that a manifest names.
 
     Parameters
     ----------
-    infocus : ndarray of uint8, shape (*pair axes, y, x, channel)
-        RGB; zero where a pair is not available.
-    depth : ndarray of uint8, shape (*depth axes, y, x)
-        Depth levels.
-    valid : ndarray of bool, shape as `depth`
-        True where the depth is known.
-    available : ndarray of bool, shape (*pair axes,)
-        True where the pair's image is there.
+    manifest : Manifest
+        The data set.
+    folder : Path, optional
+        Where its files lie, for a data set that is read from disk.
+    default_lighting : bool
+        See `MiddleburyFolder`.
+
+    Raises
+    ------
+    SourceError
+        Where the data set needs a folder, takes none, or cannot be built by this version.
     """
-
-    infocus: NDArray[np.uint8]
-    depth: NDArray[np.uint8]
-    valid: NDArray[np.bool_]
-    available: NDArray[np.bool_]
-
-
-class Source(Protocol):
-    """A data set's files, or its generator."""
-
-    @property
-    def options(self) -> Mapping[str, Any]:
-        """What was asked for and changes the arrays; the store records it."""
-
-    def available_pairs(self) -> tuple[Pair, ...]:
-        """Return the pairs whose image and depth map are there, in the manifest's order."""
-
-    def signature(self, scene: str) -> str:
-        """Return a SHA-256 that changes when what the scene is made from changes."""
-
-    def read(self, scene: str) -> SceneImages:
-        """Read one scene.
-
-        Raises
-        ------
-        SourceError
-            With everything that is wrong with the scene's files.
-        """
-
-    def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        """Return what to do to get the pairs that are missing."""
+    if manifest.reader == "demo":
+        if folder or default_lighting:
+            raise SourceError(
+                Problem(f"{manifest.short} is made, not read", fix="leave out --source and "
+                        "--default-lighting")
+            )  # fmt: skip
+        return DemoScenes(manifest)
+    if manifest.reader == "middlebury":
+        if folder is None:
+            addresses = ", ".join(source.url for source in manifest.sources)
+            raise SourceError(
+                Problem(
+                    f"{manifest.short} is read from a folder, and none is named",
+                    expected="a copy of the scenes in the site's layout, "
+                    "SCENE/Illum1/Exp0/view1.png and SCENE/disp1.png",
+                    fix=f"fetch the scenes from {addresses}, then "
+                    f"dfdbench build {manifest.short} --source DIR; "
+                    "or try the small set: dfdbench build demo",
+                )
+            )
+        return MiddleburyFolder(manifest, folder, default_lighting)
+    raise SourceError(
+        Problem(
+            f"this version cannot build {manifest.stem}: it has no reader for its files",
+            expected="a data set read by: demo, middlebury",
+            got=manifest.reader,
+        )
+    )

@@ -8,16 +8,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import skimage.data
+import skimage.io
 from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, SourceError
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.raycast import Surface, View, cast
-from dfdbench.sources import SceneImages
 from dfdbench.sources.demo_scenes import SCENES
+from dfdbench.sources.interface import SceneImages
 
 Floats = NDArray[np.float64]
 
@@ -174,7 +174,9 @@ def _photograph(name: str) -> Floats:
                 fix="pip install --force-reinstall scikit-image",
             )
         )  # fmt: skip
-    image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR_RGB)
+    image = skimage.io.imread(path)
+    if image.ndim == 2:
+        image = np.repeat(image[:, :, np.newaxis], 3, axis=2)
     # The photographs are gamma-encoded: light is linear.
     table = (np.arange(256) / 255.0) ** _GAMMA
-    return np.asarray(table[image])
+    return np.asarray(table[image[:, :, :3]])

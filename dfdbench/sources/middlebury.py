@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, SourceError
 from dfdbench.manifest import Manifest, Pair
-from dfdbench.sources import SceneImages
+from dfdbench.sources.interface import SceneImages
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 

@@ -1,0 +1,98 @@
+"""Try a method on awkward inputs before an hour is spent on a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur import RECIPES, synthesize
+from dfdbench.methods import Method, call
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One input that was tried: what it was, what was wrong (empty: nothing), what was odd."""
+
+    name: str
+    seconds: float
+    error: str
+    warning: str
+
+
+def check_method(method: Method, seed: int = 0) -> tuple[Trial, ...]:
+    """Call a method on awkward pairs and say what is wrong with its answers.
+
+    Tried are odd sizes, tall and wide images, a flat, a black and a saturated pair, a pair
+    without any blur; the same pair twice (the answers must be equal); and whether the method
+    writes into the images it is handed.
+
+    Parameters
+    ----------
+    method : Method
+        From `dfdbench.methods.load_method`.
+    seed : int
+        Of the images.
+    """
+    pairs = _awkward_pairs(seed)
+    if method.warm_up:
+        call(method.warm_up, *pairs["an ordinary pair, 240 × 320"])
+    trials = []
+    for name, (infocus, defocus) in pairs.items():
+        prediction = call(method.predict, infocus, defocus)
+        warning = "printed to standard output" if prediction.printed else ""
+        trials.append(Trial(name, prediction.seconds, prediction.error, warning))
+    infocus, defocus = pairs["an ordinary pair, 240 × 320"]
+    first = call(method.predict, infocus, defocus)
+    second = call(method.predict, infocus, defocus)
+    if first.depth is not None and second.depth is not None:
+        odd = ""
+        if not np.array_equal(first.depth, second.depth):
+            odd = "two answers to one pair differ: fix its seeds, or its scores cannot be rerun"
+        trials.append(Trial("the same pair twice", second.seconds, "", odd))
+    trials.append(_try_writing(method, infocus, defocus))
+    return tuple(trials)
+
+
+def _awkward_pairs(seed: int) -> dict[str, tuple[Image, Image]]:
+    random = np.random.default_rng(seed)
+    recipe = RECIPES["published"]
+
+    def noise(height: int, width: int) -> tuple[Image, Image]:
+        image = random.integers(0, 256, (height, width, 3)).astype(np.uint8)
+        slope = np.linspace(40, 220, width).astype(np.uint8)
+        return image, synthesize(image, np.broadcast_to(slope, (height, width)).copy(), recipe)
+
+    def flat(value: int) -> tuple[Image, Image]:
+        image = np.full((120, 160, 3), value, np.uint8)
+        return image, image.copy()
+
+    sharp = noise(120, 160)[0]
+    return {
+        "an ordinary pair, 240 × 320": noise(240, 320),
+        "odd sizes, 241 × 317": noise(241, 317),
+        "a tall image, 200 × 60": noise(200, 60),
+        "a wide image, 60 × 200": noise(60, 200),
+        "a small image, 33 × 47": noise(33, 47),
+        "a black pair": flat(0),
+        "a flat grey pair": flat(128),
+        "a saturated pair": flat(255),
+        "a pair without blur": (sharp, sharp.copy()),
+    }
+
+
+def _try_writing(method: Method, infocus: Image, defocus: Image) -> Trial:
+    # `call` hands out copies, so nothing is spoilt; still a method that writes is a trap.
+    mine = infocus.copy(), defocus.copy()
+
+    def predict(_: Image, __: Image) -> object:
+        returned: object = method.predict(*mine)
+        return returned
+
+    prediction = call(predict, infocus, defocus)
+    same = np.array_equal(mine[0], infocus) and np.array_equal(mine[1], defocus)
+    warning = "" if same else "changes the images it is handed"
+    return Trial("leaves its input alone", prediction.seconds, prediction.error, warning)

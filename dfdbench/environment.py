@@ -1,0 +1,78 @@
+"""Say on what machine and with which versions something ran."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import cv2
+import numba
+
+from dfdbench.result import Environment
+
+_PACKAGES = ("dfdbench", "numpy", "numba", "opencv-python-headless", "scikit-image", "scipy")
+
+
+def describe_environment() -> Environment:
+    """Return versions, processor, threads, GPU and the checkout's commit.
+
+    Examples
+    --------
+    >>> describe_environment().versions["dfdbench"] == version("dfdbench")
+    True
+    """
+    return Environment(
+        python=platform.python_version(),
+        platform=f"{platform.system()} {platform.machine()}",
+        cpu=_processor(),
+        cpu_count=os.cpu_count() or 1,
+        threads={"opencv": cv2.getNumThreads(), "numba": numba.get_num_threads()},
+        gpu=_gpu(),
+        git=_commit(),
+        versions={name: found for name in (*_PACKAGES, "torch") if (found := _version(name))},
+    )
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def _gpu() -> str | None:
+    # Only where the method has loaded PyTorch: asking must not load it.
+    torch = sys.modules.get("torch")
+    if torch is None or not torch.cuda.is_available():
+        return None
+    return str(torch.cuda.get_device_name())
+
+
+def _commit() -> str | None:
+    checkout = Path(__file__).resolve().parent.parent
+    if not (checkout / ".git").exists():
+        return None
+    try:
+        commit = subprocess.run(
+            ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--abbrev=12"],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return commit.stdout.strip() or None

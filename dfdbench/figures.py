@@ -1,0 +1,210 @@
+"""Figures out of a run: panels of pairs, scores by scene and lighting, depth histograms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from dfdbench.evaluate import read_prediction
+from dfdbench.manifest import Pair
+from dfdbench.protocol import METRICS
+from dfdbench.result import PairResult, Result
+from dfdbench.store import Store
+from dfdbench.summary import ranked
+
+# Okabe and Ito's colours, which the colour-blind can tell apart; markers differ as well.
+_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_PANELS = 3
+_ERROR_LIMIT = 50.0
+
+
+def draw_run(
+    store: Store,
+    result: Result,
+    folder: Path,
+    protocol: str,
+    on_figure: Callable[[Path], None] | None = None,
+) -> list[Path]:
+    """Draw a run's figures as PNG files into ``folder/figures``; return their paths.
+
+    Parameters
+    ----------
+    store : Store
+        The data set that was run on.
+    result : Result
+        The run.
+    folder : Path
+        The run's folder, with its predictions.
+    protocol : str
+        Under which protocol pairs are ranked and scored.
+    on_figure : callable, optional
+        Called with each path as it is written.
+    """
+    target = folder / "figures"
+    target.mkdir(parents=True, exist_ok=True)
+    order = ranked(result, protocol)
+    figures: dict[str, Figure | None] = {
+        "scores.png": score_figure(result, protocol),
+        "best.png": panel_figure(store, result, folder, order[:_PANELS], protocol, "best"),
+        "worst.png": panel_figure(store, result, folder, order[::-1][:_PANELS], protocol, "worst"),
+        "depths.png": depth_figure(store, result, folder),
+    }
+    paths = []
+    for name, figure in figures.items():
+        if figure is None:
+            continue
+        figure.savefig(target / name, dpi=120)
+        paths.append(target / name)
+        if on_figure:
+            on_figure(target / name)
+    return paths
+
+
+def panel_figure(
+    store: Store,
+    result: Result,
+    folder: Path,
+    pairs: tuple[PairResult, ...],
+    protocol: str,
+    kind: str,
+) -> Figure | None:
+    """Draw in-focus, defocus, truth, prediction and error, a row a pair; None without pairs."""
+    rows = []
+    for record in pairs:
+        pair = Pair(record.scene, tuple(record.coordinates.items()))
+        prediction = read_prediction(folder, pair)
+        if prediction is not None:
+            rows.append((record, store.read(pair), prediction))
+    if not rows:
+        return None
+    figure = Figure(figsize=(15, 2.55 * len(rows) + 0.9), layout="constrained")
+    grid = figure.subplots(len(rows), 5, squeeze=False)
+    figure.suptitle(
+        f"{result.method.name}: {kind} pairs of {result.dataset.name}, "
+        f"split {result.dataset.split}, protocol {protocol}"
+    )
+    heads = ("in-focus", "defocus", "ground truth", "prediction", "prediction − truth")
+    for number, (record, images, prediction) in enumerate(rows):
+        known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
+        low, high = np.nanmin(known), np.nanmax(known)
+        depth_style = {"cmap": "viridis", "vmin": low, "vmax": high, "interpolation": "nearest"}
+        axes = grid[number]
+        axes[0].imshow(images.infocus)
+        axes[1].imshow(images.defocus)
+        truth = axes[2].imshow(known, **depth_style)
+        axes[3].imshow(prediction, **depth_style)
+        error = axes[4].imshow(
+            prediction - known, cmap="PuOr", vmin=-_ERROR_LIMIT, vmax=_ERROR_LIMIT,
+            interpolation="nearest",
+        )  # fmt: skip
+        scores = record.scores[protocol]
+        axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
+        axes[4].set_xlabel(
+            f"NRMSE {_text(scores.nrmse)}  NMAE {_text(scores.nmae)}  SSIM {_text(scores.ssim)}",
+            fontsize=8,
+        )
+        for column, axis in enumerate(axes):
+            axis.set_xticks([])
+            axis.set_yticks([])
+            axis.set_facecolor("0.75")
+            if number == 0:
+                axis.set_title(heads[column], fontsize=10)
+        figure.colorbar(truth, ax=axes[3], label="depth level", fraction=0.05)
+        figure.colorbar(error, ax=axes[4], label="levels", fraction=0.05, extend="both")
+    figure.supxlabel("grey: depth unknown", fontsize=8)
+    return figure
+
+
+def score_figure(result: Result, protocol: str) -> Figure | None:
+    """Draw each metric by scene and lighting, as the thesis's Figs 5.11 to 5.13."""
+    pairs = [pair for pair in result.pairs if pair.status == "ok"]
+    if not pairs:
+        return None
+    blocks, rows = result.dataset.blocks, result.dataset.rows
+    columns = sorted({pair.coordinates[rows] for pair in pairs}) if rows else [None]
+    levels = sorted({pair.coordinates[blocks] for pair in pairs})
+    scenes = list(dict.fromkeys(pair.scene for pair in pairs))
+    width = max(4.0, 0.35 * len(scenes) + 2.0)
+    figure = Figure(figsize=(width * len(columns), 8), layout="constrained")
+    grid = figure.subplots(len(METRICS), len(columns), squeeze=False, sharey="row", sharex=True)
+    figure.suptitle(
+        f"{result.method.name} on {result.dataset.name}, split {result.dataset.split}, "
+        f"protocol {protocol}"
+    )
+    for line, (metric, up) in enumerate(METRICS.items()):
+        for column, value in enumerate(columns):
+            axis = grid[line][column]
+            for number, level in enumerate(levels):
+                chosen = [
+                    pair
+                    for pair in pairs
+                    if pair.coordinates[blocks] == level
+                    and (rows is None or pair.coordinates[rows] == value)
+                    and getattr(pair.scores[protocol], metric) is not None
+                ]
+                offset = (number - (len(levels) - 1) / 2) * 0.5 / len(levels)
+                axis.plot(
+                    [scenes.index(pair.scene) + offset for pair in chosen],
+                    [getattr(pair.scores[protocol], metric) for pair in chosen],
+                    linestyle="none", marker=_MARKERS[number % len(_MARKERS)], markersize=5,
+                    color=_COLOURS[number % len(_COLOURS)], label=f"{blocks} {level}",
+                )  # fmt: skip
+            axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
+            axis.grid(alpha=0.3)
+            if column == 0:
+                axis.set_ylabel(f"{metric.upper()} ({'higher' if up else 'lower'} is better)")
+            if line == 0 and rows:
+                axis.set_title(f"{rows} {value}")
+            if line == len(METRICS) - 1:
+                axis.set_xlabel(
+                    "scene; one mark a view" if "view" in result.dataset.axes else "scene"
+                )
+    handles, labels = grid[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(levels))
+    return figure
+
+
+def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
+    """Draw the histogram of ground truth and prediction over all evaluated pairs."""
+    truth, found = np.zeros(256), np.zeros(256)
+    for record in result.pairs:
+        pair = Pair(record.scene, tuple(record.coordinates.items()))
+        prediction = read_prediction(folder, pair) if record.status == "ok" else None
+        if prediction is None:
+            continue
+        depth, valid = store.read_depth(pair)
+        truth += np.bincount(depth[valid], minlength=256)
+        found += np.bincount(_nearest(prediction[valid]), minlength=256)
+    if not truth.any():
+        return None
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    axis = figure.subplots()
+    levels = np.arange(256)
+    axis.fill_between(
+        levels, 100 * truth / truth.sum(), step="mid", color=_COLOURS[4], alpha=0.6,
+        label="ground truth",
+    )  # fmt: skip
+    axis.step(
+        levels, 100 * found / found.sum(), where="mid", color=_COLOURS[5], linewidth=1,
+        label=f"prediction of {result.method.name}",
+    )  # fmt: skip
+    axis.set(
+        xlabel="depth level", ylabel="known pixels (%)", xlim=(0, 255),
+        title=f"depths of {result.dataset.name}, split {result.dataset.split}",
+    )  # fmt: skip
+    axis.grid(alpha=0.3)
+    axis.legend()
+    return figure
+
+
+def _nearest(levels: NDArray[np.float32]) -> NDArray[np.int64]:
+    return np.rint(levels).astype(np.int64)
+
+
+def _text(value: float | None) -> str:
+    return "undefined" if value is None else f"{value:.4f}"

@@ -1,0 +1,238 @@
+"""Tables out of results: scores by lighting, best and worst pairs, run times."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from dfdbench.errors import unknown_name
+from dfdbench.protocol import METRICS
+from dfdbench.result import PairResult, Result
+from dfdbench.summary import Group, Statistic, ranked, summarise
+from dfdbench.tables import Table, as_csv, as_markdown
+
+_EXTREMES = 5
+_NOTHING = "–"
+_ARROWS = {metric: f"{metric.upper()} {'↑' if up else '↓'}" for metric, up in METRICS.items()}
+
+
+def run_tables(result: Result, protocol: str) -> list[Table]:
+    """Return a run's tables: scores, best and worst pairs, run times.
+
+    Raises
+    ------
+    UnknownNameError
+        Where the result was not scored under that protocol.
+    """
+    if protocol not in result.protocol_names:
+        raise unknown_name("protocol of this result", protocol, result.protocol_names)
+    tables = [score_table(result, protocol)]
+    if ranked(result, protocol):
+        tables += [extremes_table(result, protocol), time_table(result, protocol)]
+    failures = [pair for pair in result.pairs if pair.status == "failed"]
+    if failures:
+        tables.append(_failure_table(failures))
+    return tables
+
+
+def score_table(result: Result, protocol: str) -> Table:
+    """Return mean and spread of each metric by lighting, as the thesis's Tables 4.3 and 5.3."""
+    dataset = result.dataset
+    groups = summarise(result, protocol)
+    partial = any(group.evaluated < group.expected for group in groups)
+    labels = _labels(result)
+    columns = [*labels, *(head for name in _ARROWS.values() for head in (name, "std"))]
+    rows, rules = [], set()
+    for number, group in enumerate(groups):
+        cells = [*_place(group, len(labels))]
+        for metric in METRICS:
+            statistic = group.metrics[metric]
+            cells += [_number(statistic.mean), _number(statistic.std)]
+        rows.append((*cells, f"{group.evaluated}/{group.expected}") if partial else tuple(cells))
+        if group.row is None:
+            rules.add(number)
+    if partial:
+        columns.append("pairs")
+    state = "" if result.complete else "PARTIAL, "
+    title = (
+        f"{result.method.name} on {dataset.name}, split {dataset.split}, protocol {protocol} "
+        f"({state}{dataset.evaluated} of {dataset.expected} pairs)"
+    )
+    align = "l" * len(labels) + "r" * (len(columns) - len(labels))
+    return Table(
+        title, tuple(columns), tuple(rows), align, tuple(_notes(result, groups)), frozenset(rules)
+    )
+
+
+def extremes_table(result: Result, protocol: str) -> Table:
+    """Return the best and the worst pairs, by NRMSE, ties by NMAE, as the thesis's Table 5.2."""
+    order = ranked(result, protocol)
+    top = order[:_EXTREMES]
+    bottom = order[len(top) :][-_EXTREMES:]
+    axes = result.dataset.axes
+    rows = [
+        (
+            kind,
+            pair.scene,
+            *(str(pair.coordinates[axis]) for axis in axes),
+            *(_number(getattr(pair.scores[protocol], metric)) for metric in METRICS),
+        )
+        for kind, pairs in (("top", top), ("bottom", bottom))
+        for pair in pairs
+    ]
+    return Table(
+        f"best and worst pairs, protocol {protocol}", ("", "scene", *axes, *_ARROWS.values()),
+        tuple(rows), "ll" + "r" * (len(axes) + len(_ARROWS)), (), frozenset({len(top) - 1}),
+    )  # fmt: skip
+
+
+def time_table(result: Result, protocol: str) -> Table:
+    """Return the seconds a pair by lighting, as the thesis's Table 4.4."""
+    labels = _labels(result)
+    groups = summarise(result, protocol)
+    rows = [
+        (*_place(group, len(labels)), _seconds(group.seconds.mean), _seconds(group.seconds.std))
+        for group in groups
+    ]
+    environment = result.environment
+    threads = ", ".join(f"{name} {count}" for name, count in environment.threads.items())
+    machine = f"{environment.cpu}, {environment.cpu_count} cores; threads: {threads}"
+    if environment.gpu:
+        machine += f"; GPU: {environment.gpu}"
+    rules = frozenset(number for number, group in enumerate(groups) if group.row is None)
+    return Table(
+        "seconds a pair, warm, one at a time", (*labels, "mean", "std"), tuple(rows),
+        "l" * len(labels) + "rr", (machine,), rules,
+    )  # fmt: skip
+
+
+def run_as_markdown(result: Result, protocol: str) -> str:
+    """Return a run's tables in Markdown."""
+    return "\n".join(as_markdown(table) for table in run_tables(result, protocol))
+
+
+def run_as_csv(result: Result, protocol: str) -> str:
+    """Return a run's scores as comma-separated values, a line a group and metric."""
+    dataset = result.dataset
+    axes = [axis for axis in (dataset.blocks, dataset.rows) if axis]
+    rows: list[tuple[object, ...]] = []
+    for group in summarise(result, protocol):
+        place = ["all" if v is None else v for v in (group.block, group.row)][: len(axes)]
+        for metric, statistic in [*group.metrics.items(), ("seconds", group.seconds)]:
+            rows.append(
+                (
+                    result.method.name, dataset.name, dataset.split, protocol, *place, metric,
+                    statistic.mean, statistic.std, statistic.low, statistic.high,
+                    statistic.defined, group.evaluated, group.expected,
+                )
+            )  # fmt: skip
+    columns = (
+        "method", "dataset", "split", "protocol", *axes, "metric", "mean", "std", "low", "high",
+        "defined", "evaluated", "expected",
+    )  # fmt: skip
+    return as_csv(columns, rows)
+
+
+def run_as_json(result: Result, protocol: str) -> str:
+    """Return a run's tables as JSON, numbers in full."""
+    dataset = result.dataset
+
+    def line(pair: PairResult) -> dict[str, Any]:
+        return {"pair": pair.id, **pair.scores[protocol].model_dump()}
+
+    order = ranked(result, protocol)
+    content = {
+        "method": result.method.name,
+        "dataset": dataset.name,
+        "fingerprint": dataset.fingerprint,
+        "split": dataset.split,
+        "protocol": protocol,
+        "complete": result.complete,
+        "evaluated": dataset.evaluated,
+        "expected": dataset.expected,
+        "groups": [_group_as_dict(group, result) for group in summarise(result, protocol)],
+        "top": [line(pair) for pair in order[:_EXTREMES]],
+        "bottom": [line(pair) for pair in order[_EXTREMES:][-_EXTREMES:]],
+        "failed": {pair.id: pair.error for pair in result.pairs if pair.status == "failed"},
+    }
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _group_as_dict(group: Group, result: Result) -> dict[str, Any]:
+    def statistic(value: Statistic) -> dict[str, Any]:
+        return {
+            "mean": value.mean,
+            "std": value.std,
+            "interval_95": None if value.low is None else [value.low, value.high],
+            "defined": value.defined,
+        }
+
+    places = zip(
+        (result.dataset.blocks, result.dataset.rows), (group.block, group.row), strict=True
+    )
+    return {
+        **{axis: "all" if value is None else value for axis, value in places if axis},
+        "expected": group.expected,
+        "evaluated": group.evaluated,
+        "failed": group.failed,
+        "undefined": group.undefined,
+        **{metric: statistic(value) for metric, value in group.metrics.items()},
+        "seconds": statistic(group.seconds),
+    }
+
+
+def _failure_table(failures: list[PairResult]) -> Table:
+    by_error: dict[str, list[str]] = {}
+    for pair in failures:
+        by_error.setdefault(pair.error or "", []).append(pair.id)
+    rows = tuple((error, ids[0], str(len(ids))) for error, ids in by_error.items())
+    title = f"{len(failures)} pairs failed"
+    return Table(title, ("error", "first", "pairs"), rows, "llr")
+
+
+def _notes(result: Result, groups: tuple[Group, ...]) -> list[str]:
+    whole = groups[-1]
+    notes = []
+    intervals = [
+        f"{metric.upper()} {value.low:.4f} to {value.high:.4f}"
+        for metric, value in whole.metrics.items()
+        if value.low is not None
+    ]
+    if intervals:
+        scenes = len({pair.scene for pair in result.pairs if pair.status == "ok"})
+        notes.append(
+            f"95 % interval of the overall mean, bootstrapped over {scenes} scenes: "
+            + "; ".join(intervals)
+        )
+    if whole.undefined:
+        notes.append(
+            f"{whole.undefined} pairs have no defined score (flat ground truth) and are in no mean"
+        )
+    counted = {"missing": "not in the store", "not-run": "not run", "failed": "failed"}
+    for status, text in counted.items():
+        count = sum(pair.status == status for pair in result.pairs)
+        if count:
+            notes.append(f"{count} of {len(result.pairs)} pairs {text}")
+    if not result.complete:
+        notes.append(
+            "an incomplete run has no overall score and no rank: means are of what was run"
+        )
+    return notes + result.warnings
+
+
+def _labels(result: Result) -> list[str]:
+    return [axis for axis in (result.dataset.blocks, result.dataset.rows) if axis]
+
+
+def _place(group: Group, count: int) -> tuple[str, ...]:
+    if group.block is None:
+        return ("overall", "")[:count]
+    return (str(group.block), "overall" if group.row is None else str(group.row))[:count]
+
+
+def _number(value: float | None) -> str:
+    return _NOTHING if value is None else f"{value:.4f}"
+
+
+def _seconds(value: float | None) -> str:
+    return _NOTHING if value is None else f"{value:.4f}"

@@ -1,0 +1,223 @@
+"""A result: what a run found, pair by pair, in a file that checks itself."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from dfdbench.errors import Problem, ResultError
+from dfdbench.files import write_whole
+from dfdbench.protocol import METRICS
+
+SCHEMA_VERSION = 1
+#: How far a recorded average may be from the one recomputed from the pairs.
+_TOLERANCE = 1e-9
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class Model(BaseModel):
+    """A frozen record that refuses fields it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PairScores(Model):
+    """The metrics of one pair under one protocol; null where a metric is undefined."""
+
+    nrmse: Finite | None
+    nmae: Finite | None
+    ssim: Finite | None
+
+
+class PairResult(Model):
+    """What became of one pair.
+
+    `status`: ``ok``; ``failed``, the method gave no usable depth (`error` says why);
+    ``missing``, the store does not hold the pair; ``not-run``, the run was limited.
+    """
+
+    id: str
+    scene: str
+    coordinates: dict[str, int]
+    status: Literal["ok", "failed", "missing", "not-run"]
+    seconds: Finite | None = None
+    prediction_sha256: Sha256 | None = None
+    scores: dict[str, PairScores] = Field(default_factory=dict)
+    error: str | None = None
+    warnings: list[str] = Field(default_factory=list)
+
+
+class DatasetRecord(Model):
+    """Which data the run used."""
+
+    name: str
+    short: str
+    manifest_sha256: Sha256
+    fingerprint: Sha256
+    split: str
+    expected: int
+    evaluated: int
+    recipe: dict[str, Any]
+    degradation: str
+    options: dict[str, Any]
+    axes: list[str]
+    blocks: str
+    rows: str | None
+
+
+class MethodRecord(Model):
+    """Which method was run, and how."""
+
+    name: str
+    entry: str
+    source_sha256: Sha256 | None
+    parameters: dict[str, Any]
+    uses: list[str]
+    trained_on: str | None
+    paper: str | None
+
+
+class Environment(Model):
+    """Where it was run."""
+
+    python: str
+    platform: str
+    cpu: str
+    cpu_count: int
+    threads: dict[str, int]
+    gpu: str | None
+    git: str | None
+    versions: dict[str, str]
+
+
+class Result(Model):
+    """A run in full. `averages` is null unless every expected pair was evaluated."""
+
+    schema_version: Literal[1]
+    dataset: DatasetRecord
+    protocols: list[dict[str, Any]]
+    method: MethodRecord
+    environment: Environment
+    seed: int
+    pairs: list[PairResult]
+    averages: dict[str, dict[str, Finite | None]] | None
+    warnings: list[str] = Field(default_factory=list)
+
+    @property
+    def protocol_names(self) -> tuple[str, ...]:
+        """The protocols that were scored."""
+        return tuple(str(protocol["name"]) for protocol in self.protocols)
+
+    @property
+    def complete(self) -> bool:
+        """True where every expected pair was evaluated; only then is there an average."""
+        return all(pair.status == "ok" for pair in self.pairs)
+
+
+def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str, float | None]]:
+    """Return each metric's mean over the pairs where it is defined, by protocol."""
+    means: dict[str, dict[str, float | None]] = {}
+    for protocol in protocols:
+        means[protocol] = {}
+        for metric in METRICS:
+            values = [getattr(pair.scores[protocol], metric) for pair in pairs]
+            defined = [value for value in values if value is not None]
+            means[protocol][metric] = math.fsum(defined) / len(defined) if defined else None
+    return means
+
+
+def save_result(result: Result, path: Path) -> None:
+    """Write a result as JSON, whole or not at all."""
+    write_whole(path, result.model_dump_json(indent=1) + "\n")
+
+
+def load_result(path: Path) -> Result:
+    """Read a result file, check it, and compute its averages anew.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot be read, is of another schema version, or contradicts itself.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ResultError(Problem("cannot read the result", str(path), got=str(error))) from error
+    found = content.get("schema_version") if isinstance(content, dict) else None
+    if found != SCHEMA_VERSION:
+        raise ResultError(
+            Problem("result of another version", str(path), str(SCHEMA_VERSION), str(found))
+        )
+    try:
+        result = Result.model_validate(content)
+    except ValidationError as error:
+        raise ResultError(
+            Problem(
+                "wrong value in the result", f"{path}: {'.'.join(map(str, detail['loc']))}",
+                detail["msg"], repr(detail["input"])[:80],
+            )
+            for detail in error.errors()
+        ) from error  # fmt: skip
+    problems = list(_contradictions(result, path))
+    if problems:
+        raise ResultError(problems)
+    return result
+
+
+def _contradictions(result: Result, path: Path) -> list[Problem]:
+    problems = []
+    ids = [pair.id for pair in result.pairs]
+    if len(set(ids)) != len(ids) or len(ids) != result.dataset.expected:
+        problems.append(
+            Problem(
+                "pairs do not add up", f"{path}: pairs", f"{result.dataset.expected} pairs, each "
+                "once", f"{len(ids)} pairs, {len(set(ids))} different",
+            )
+        )  # fmt: skip
+    evaluated = [pair for pair in result.pairs if pair.status == "ok"]
+    if len(evaluated) != result.dataset.evaluated:
+        problems.append(
+            Problem(
+                "evaluated pairs do not add up", f"{path}: dataset.evaluated",
+                str(len(evaluated)), str(result.dataset.evaluated),
+            )
+        )  # fmt: skip
+    names = list(result.protocol_names)
+    problems += [
+        Problem(
+            "scores are missing", f"{path}: {pair.id}", ", ".join(names), ", ".join(pair.scores)
+        )
+        for pair in evaluated
+        if set(pair.scores) != set(names)
+    ]
+    if problems:
+        return problems
+    expected = average(evaluated, names) if result.complete else None
+    if (result.averages is None) != (expected is None):
+        state = "null: the run is incomplete" if expected is None else "averages"
+        return [Problem("wrong averages", f"{path}: averages", state)]
+    for protocol, means in (expected or {}).items():
+        for metric, value in means.items():
+            recorded = (result.averages or {}).get(protocol, {}).get(metric)
+            same = recorded is None and value is None
+            if value is not None and recorded is not None:
+                same = abs(recorded - value) <= _TOLERANCE
+            if not same:
+                problems.append(
+                    Problem(
+                        "average does not follow from the pairs",
+                        f"{path}: averages.{protocol}.{metric}", str(value), str(recorded),
+                    )
+                )  # fmt: skip
+    return problems
+
+
+def result_schema() -> str:
+    """Return the JSON schema of a result, as published in ``dfdbench/schemas``."""
+    return json.dumps(Result.model_json_schema(), indent=1, sort_keys=True) + "\n"

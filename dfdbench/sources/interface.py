@@ -1,0 +1,60 @@
+"""What every source of images and depth maps gives, whatever it reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.manifest import Pair
+
+
+@dataclass(frozen=True)
+class SceneImages:
+    """What a source gives for one scene.
+
+    Parameters
+    ----------
+    infocus : ndarray of uint8, shape (*pair axes, y, x, channel)
+        RGB; zero where a pair is not available.
+    depth : ndarray of uint8, shape (*depth axes, y, x)
+        Depth levels.
+    valid : ndarray of bool, shape as `depth`
+        True where the depth is known.
+    available : ndarray of bool, shape (*pair axes,)
+        True where the pair's image is there.
+    """
+
+    infocus: NDArray[np.uint8]
+    depth: NDArray[np.uint8]
+    valid: NDArray[np.bool_]
+    available: NDArray[np.bool_]
+
+
+class Source(Protocol):
+    """A data set's files, or its generator."""
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """What was asked for and changes the arrays; the store records it."""
+
+    def available_pairs(self) -> tuple[Pair, ...]:
+        """Return the pairs whose image and depth map are there, in the manifest's order."""
+
+    def signature(self, scene: str) -> str:
+        """Return a SHA-256 that changes when what the scene is made from changes."""
+
+    def read(self, scene: str) -> SceneImages:
+        """Read one scene.
+
+        Raises
+        ------
+        SourceError
+            With everything that is wrong with the scene's files.
+        """
+
+    def missing_help(self, missing: tuple[Pair, ...]) -> str:
+        """Return what to do to get the pairs that are missing."""

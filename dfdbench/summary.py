@@ -1,0 +1,178 @@
+"""Means, spreads and intervals out of a result's pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dfdbench.protocol import METRICS
+from dfdbench.result import PairResult, Result
+
+_RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """A metric over some pairs.
+
+    Parameters
+    ----------
+    mean, std : float or None
+        Over the pairs where it is defined; `std` is the sample standard deviation, as in the
+        thesis's Tables 4.3 and 5.3. None where there is nothing to average, where a pair of
+        the group failed, where an overall group lacks a pair, or (`std`) for a single pair.
+    defined : int
+        How many pairs that is.
+    low, high : float or None
+        95 % interval of the mean, bootstrapped over scenes; None for a single scene.
+    """
+
+    mean: float | None
+    std: float | None
+    defined: int
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class Group:
+    """The pairs of one table row.
+
+    `block` and `row` are values on the table's axes, None where all are taken together.
+    `undefined` counts evaluated pairs for which some metric does not exist.
+    """
+
+    block: int | None
+    row: int | None
+    expected: int
+    evaluated: int
+    failed: int
+    undefined: int
+    metrics: dict[str, Statistic]
+    seconds: Statistic
+
+
+def summarise(result: Result, protocol: str, seed: int = 0) -> tuple[Group, ...]:
+    """Return a group a table row: each cell, each block overall, and all pairs last.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    protocol : str
+        Under which protocol.
+    seed : int
+        Of the bootstrap.
+    """
+    blocks, rows = result.dataset.blocks, result.dataset.rows
+    groups = []
+    for block in _values(result.pairs, blocks):
+        of_block = [pair for pair in result.pairs if pair.coordinates[blocks] == block]
+        if rows:
+            for row in _values(of_block, rows):
+                cell = [pair for pair in of_block if pair.coordinates[rows] == row]
+                groups.append(_group(cell, protocol, block, row, None))
+        groups.append(_group(of_block, protocol, block, None, seed if rows else None))
+    groups.append(_group(result.pairs, protocol, None, None, seed))
+    return tuple(groups)
+
+
+def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:
+    """Return the evaluated pairs, best first: by NRMSE, ties by NMAE, as the thesis ranks.
+
+    Pairs for which NRMSE is undefined are left out.
+    """
+    defined = [
+        pair
+        for pair in result.pairs
+        if pair.status == "ok" and pair.scores[protocol].nrmse is not None
+    ]
+    return tuple(
+        sorted(
+            defined,
+            key=lambda pair: (pair.scores[protocol].nrmse, pair.scores[protocol].nmae, pair.id),
+        )
+    )
+
+
+def bootstrap_interval(
+    values: Sequence[float], scenes: Sequence[str], seed: int = 0
+) -> tuple[float, float] | None:
+    """Return the 95 % interval of the mean, resampling whole scenes.
+
+    Pairs of a scene share their depth map and are not independent, so scenes are drawn, with
+    replacement, not pairs.
+
+    Parameters
+    ----------
+    values : sequence of float
+        One a pair.
+    scenes : sequence of str
+        The scene of each.
+    seed : int
+        Of the resampling.
+
+    Returns
+    -------
+    tuple of float, or None
+        None where there is only one scene.
+
+    Examples
+    --------
+    >>> bootstrap_interval([1.0, 1.0, 3.0, 3.0], ["a", "a", "b", "b"])
+    (1.0, 3.0)
+    """
+    names, place = np.unique(np.asarray(scenes), return_inverse=True)
+    if len(names) < 2:
+        return None
+    totals = np.bincount(place, weights=np.asarray(values))
+    counts = np.bincount(place)
+    draws = np.random.default_rng(seed).integers(0, len(names), (_RESAMPLES, len(names)))
+    means = totals[draws].sum(axis=1) / counts[draws].sum(axis=1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return float(low), float(high)
+
+
+def _values(pairs: Sequence[PairResult], axis: str) -> list[int]:
+    return sorted({pair.coordinates[axis] for pair in pairs})
+
+
+def _group(
+    pairs: Sequence[PairResult], protocol: str, block: int | None, row: int | None, seed: int | None
+) -> Group:
+    evaluated = [pair for pair in pairs if pair.status == "ok"]
+    failed = sum(pair.status == "failed" for pair in pairs)
+    # A cell shows the mean of what was run; an overall mean of an incomplete run would pass for
+    # the method's score, so there is none.
+    averaged = not failed and (seed is None or len(evaluated) == len(pairs))
+
+    def statistic(values: Sequence[float | None]) -> Statistic:
+        defined = [
+            (pair.scene, value)
+            for pair, value in zip(evaluated, values, strict=True)
+            if value is not None
+        ]
+        if not averaged or not defined:
+            return Statistic(None, None, len(defined))
+        numbers = [value for _, value in defined]
+        std = float(np.std(numbers, ddof=1)) if len(numbers) > 1 else None
+        interval = None
+        if seed is not None:
+            interval = bootstrap_interval(numbers, [scene for scene, _ in defined], seed)
+        low, high = interval or (None, None)
+        return Statistic(float(np.mean(numbers)), std, len(numbers), low, high)
+
+    metrics = {
+        metric: statistic([getattr(pair.scores[protocol], metric) for pair in evaluated])
+        for metric in METRICS
+    }
+    undefined = sum(
+        any(getattr(pair.scores[protocol], metric) is None for metric in METRICS)
+        for pair in evaluated
+    )
+    return Group(
+        block, row, len(pairs), len(evaluated), failed, undefined, metrics,
+        statistic([pair.seconds for pair in evaluated]),
+    )  # fmt: skip
