@@ -1,0 +1,166 @@
+"""What several test files need: the shared images, a tiny data set, the demo store."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.build import build_store
+from dfdbench.catalog import find_manifest
+from dfdbench.manifest import Manifest, parse_manifest
+from dfdbench.sources import open_source
+from dfdbench.store import Store
+
+TINY_TOML = """
+schema_version = 1
+name = "tiny"
+short = "tiny"
+version = 1
+title = "Tiny set"
+description = "Three scenes for tests."
+reader = "middlebury"
+recipe = "published"
+degradation = "clean"
+network_crop = 16
+scene_count = 3
+pair_count = 11
+default_lighting = { illumination = 1, exposure = 1 }
+
+[axes]
+view = [1, 5]
+illumination = [1]
+exposure = [0, 1]
+
+[depth]
+axes = ["view"]
+unknown = 0
+grows_with = "nearness"
+unit = "levels"
+
+[table]
+blocks = "exposure"
+rows = "illumination"
+
+[[sources]]
+name = "here"
+url = "https://example.org/tiny"
+licence = "none needed"
+citations = ["nobody"]
+
+[[exclusions]]
+scenes = ["Three"]
+coordinates = { view = [5], exposure = [1] }
+pairs = 1
+reason = "for the test"
+
+[[splits]]
+name = "train"
+partition = "only"
+pairs = 4
+scenes = ["One"]
+
+[[splits]]
+name = "test"
+partition = "only"
+pairs = 7
+scenes = ["Two", "Three"]
+
+[[folds]]
+name = "K1"
+test_scenes = ["One", "Two"]
+
+[[folds]]
+name = "K2"
+test_scenes = ["Three"]
+
+[[scenes]]
+name = "One"
+source = "here"
+
+[[scenes]]
+name = "Two"
+source = "here"
+
+[[scenes]]
+name = "Three"
+source = "here"
+"""
+
+
+def shared_data_folder() -> Path | None:
+    named = os.environ.get("DFDBENCH_SHARED_DATA")
+    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
+    folder = Path(named) if named else beside
+    return folder if (folder / "middlebury").is_dir() else None
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    folder = shared_data_folder()
+    if folder is None:
+        pytest.skip("no shared Middlebury images: set DFDBENCH_SHARED_DATA")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+
+
+@pytest.fixture
+def tiny_manifest() -> Manifest:
+    return parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
+
+
+def write_png(path: Path, image: NDArray[np.uint8]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    done, content = cv2.imencode(".png", image)
+    assert done
+    path.write_bytes(content.tobytes())
+
+
+@pytest.fixture
+def tiny_folder(tmp_path: Path) -> Path:
+    """The tiny set's files in the site's layout; scenes differ in width."""
+    folder = tmp_path / "site"
+    random = np.random.default_rng(3)
+    for number, scene in enumerate(("One", "Two", "Three")):
+        shape = (24, 30 + number)
+        for view in (1, 5):
+            depth = random.integers(0, 256, shape).astype(np.uint8)
+            write_png(folder / scene / f"disp{view}.png", depth)
+            for exposure in (0, 1):
+                image = random.integers(0, 256, (*shape, 3)).astype(np.uint8)
+                write_png(folder / scene / f"Illum1/Exp{exposure}/view{view}.png", image)
+    return folder
+
+
+@pytest.fixture
+def tiny_store(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> Store:
+    path = tmp_path / "tiny.zarr"
+    build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), path)
+    return Store(path)
+
+
+@pytest.fixture(scope="session")
+def demo_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    manifest = find_manifest("demo")
+    path = tmp_path_factory.mktemp("demo") / "demo-1.zarr"
+    build_store(manifest, open_source(manifest), path, workers=2)
+    return Store(path)
+
+
+@pytest.fixture
+def read_image() -> Callable[[Path], NDArray[np.uint8]]:
+    def read(path: Path) -> NDArray[np.uint8]:
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+        assert image is not None, path
+        return np.asarray(image, np.uint8)
+
+    return read

@@ -1,0 +1,87 @@
+import numpy as np
+
+from dfdbench.manifest import Manifest
+from dfdbench.methods.baselines import Local
+from dfdbench.metrics import nmae
+from dfdbench.sources.demo import photograph_light
+from dfdbench.sources.demo_scenes import SCENES
+from dfdbench.store import Store
+
+
+def histogram(store: Store, split: str) -> np.ndarray:
+    counts = np.zeros(256, np.int64)
+    for pair in store.pairs(split):
+        depth, valid = store.read_depth(pair)
+        counts += np.bincount(depth[valid], minlength=256)
+    return counts
+
+
+def test_every_test_depth_is_covered_by_the_training_depths(demo_store: Store) -> None:
+    train, test = histogram(demo_store, "train"), histogram(demo_store, "test")
+    assert (test <= train).all()
+
+
+def test_training_and_test_share_no_photograph(demo_store: Store) -> None:
+    manifest: Manifest = demo_store.manifest
+    used = {
+        split: {
+            surface.texture.photograph
+            for scene in manifest.scenes_of(split)
+            for surface in SCENES[scene]
+        }
+        for split in ("train", "test")
+    }
+    assert not used["train"] & used["test"]
+    assert set(SCENES) == set(manifest.scene_names)
+
+
+def test_some_depth_is_unknown_as_in_middlebury(demo_store: Store) -> None:
+    for scene in demo_store.scenes:
+        unknown = 1 - demo_store.scene(scene)["valid"].values.mean()
+        assert 0.01 < unknown < 0.12, scene
+
+
+def test_low_exposure_is_darker_and_harder(demo_store: Store) -> None:
+    method = Local()
+    brightness, error = [], []
+    for exposure in (0, 1, 2):
+        pairs = [
+            pair
+            for pair in demo_store.pairs("test")
+            if pair.at == {"view": 1, "illumination": 2, "exposure": exposure}
+        ]
+        images = [demo_store.read(pair) for pair in pairs]
+        brightness.append(np.mean([image.infocus.mean() for image in images]))
+        error.append(
+            np.mean([nmae(image.depth, method(image.infocus, image.defocus)) for image in images])
+        )
+    assert brightness == sorted(brightness)
+    assert error == sorted(error, reverse=True)
+    assert error[0] > 1.3 * error[2]
+
+
+def test_the_views_see_the_same_scene_shifted_by_the_disparity(demo_store: Store) -> None:
+    scene = demo_store.scene("Kitchen")
+    left, right = (
+        scene["infocus"].sel(view=view, illumination=2, exposure=2).values.astype(float)
+        for view in (1, 5)
+    )
+    depth, valid = scene["depth"].sel(view=1).values, scene["valid"].sel(view=1).values
+    rows, columns = np.nonzero(valid)
+    target = np.rint(columns - depth[valid] / 3).astype(int)
+    inside = target >= 0
+    moved = right[rows[inside], target[inside]]
+    still = right[rows[inside], columns[inside]]
+    truth = left[rows[inside], columns[inside]]
+    assert np.abs(moved - truth).mean() < 0.5 * np.abs(still - truth).mean()
+
+
+def test_the_camera_saturates_quantises_and_is_seeded() -> None:
+    light = np.full((50, 50, 3), 0.5)
+    first, again = photograph_light(light, (1, 2)), photograph_light(light, (1, 2))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, photograph_light(light, (1, 3)))
+    assert photograph_light(np.full((1, 1, 3), 9.0), (1,)).max() == 255
+    assert photograph_light(np.zeros((40, 40, 3)), (1,)).max() < 20
+    dim = photograph_light(np.full((50, 50, 3), 0.02), (1,)).astype(float)
+    assert dim.std() / dim.mean() > 2 * first.std() / first.mean()

@@ -1,0 +1,162 @@
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.ndimage
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
+
+from dfdbench.blur import RECIPES, BlurRecipe, find_recipe, synthesize
+from dfdbench.errors import InputError, UnknownNameError
+
+Image = NDArray[np.uint8]
+
+
+def stack_of_filtered_images(image: Image, depth: Image, recipe: BlurRecipe) -> Image:
+    """The thesis's way, word for word: filter whole images, then pick a level a pixel."""
+    radius = recipe.kernel_size // 2
+    y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1].astype(np.float64)
+    levels = recipe.level_of_depth(depth.astype(int))
+    out = np.zeros(image.shape, np.float64)
+    for level in np.unique(levels):
+        sigma = recipe.sigma_min + level * recipe.sigma_step
+        kernel = np.exp(-(x**2 + y**2) / (2 * sigma**2))
+        kernel /= kernel.sum()
+        for channel in range(image.shape[2]):
+            plane = image[..., channel].astype(np.float64)
+            blurred = scipy.ndimage.correlate(plane, kernel, mode="nearest")
+            out[..., channel][levels == level] = blurred[levels == level]
+    return np.clip(np.rint(out.astype(np.float32)), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("exposure", [1, 2])
+def test_the_published_images_come_out_identical(
+    shared_data: Path, exposure: int, read_image: Callable[[Path], Image]
+) -> None:
+    aloe = shared_data / "middlebury" / "ThirdSize" / "Aloe"
+    name = f"Illum1_Exp{exposure}_view1_lin_0.32_2.88.png"
+    published = read_image(shared_data / "published_blur" / "Aloe" / name)
+    infocus = read_image(aloe / "Illum1" / f"Exp{exposure}" / "view1.png")
+    depth = read_image(aloe / "disp1.png")[..., 0].copy()
+    ours = synthesize(infocus, depth, RECIPES["published"])
+    assert np.array_equal(ours, published)
+    assert not np.array_equal(synthesize(infocus, depth, RECIPES["text"]), published)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    image=hnp.arrays(np.uint8, (9, 14, 3)),
+    depth=hnp.arrays(np.uint8, (9, 14)),
+    recipe=st.sampled_from(
+        [RECIPES["published"], RECIPES["text"], BlurRecipe(0.5, 0.02, invert=False)]
+    ),
+)
+def test_it_equals_the_stack_of_filtered_images(
+    image: Image, depth: Image, recipe: BlurRecipe
+) -> None:
+    ours = synthesize(image, depth, recipe)
+    assert np.array_equal(ours, stack_of_filtered_images(image, depth, recipe))
+
+
+@given(value=st.integers(0, 255), depth=st.integers(0, 255))
+def test_a_flat_image_stays_flat(value: int, depth: int) -> None:
+    image = np.full((4, 5, 3), value, np.uint8)
+    flat = np.full((4, 5), depth, np.uint8)
+    assert np.array_equal(synthesize(image, flat, RECIPES["published"]), image)
+
+
+@settings(max_examples=20, deadline=None)
+@given(image=hnp.arrays(np.uint8, (8, 9, 3)), depth=hnp.arrays(np.uint8, (8, 9)))
+def test_it_commutes_with_mirroring_and_channel_order(image: Image, depth: Image) -> None:
+    recipe = RECIPES["published"]
+    plain = synthesize(image, depth, recipe)
+    mirrored = synthesize(image[:, ::-1].copy(), depth[:, ::-1].copy(), recipe)
+    assert np.array_equal(mirrored[:, ::-1], plain)
+    swapped = synthesize(image[..., ::-1].copy(), depth, recipe)
+    assert np.array_equal(swapped[..., ::-1], plain)
+
+
+def test_brighter_depth_is_blurred_less_and_inversion_is_explicit() -> None:
+    image = np.zeros((31, 31, 3), np.uint8)
+    image[15, 15] = 255
+    peaks = [
+        int(synthesize(image, np.full((31, 31), level, np.uint8), RECIPES["published"]).max())
+        for level in (255, 200, 100, 0)
+    ]
+    assert peaks == sorted(peaks, reverse=True)
+    forward = BlurRecipe(0.32, 0.01125, invert=False)
+    near = synthesize(image, np.full((31, 31), 255, np.uint8), forward)
+    assert int(near.max()) == peaks[-1]
+
+
+def test_a_grey_image_and_a_strided_one() -> None:
+    random = np.random.default_rng(0)
+    image = random.integers(0, 256, (20, 40, 3)).astype(np.uint8)
+    depth = random.integers(0, 256, (20, 40)).astype(np.uint8)
+    whole = synthesize(image, depth, RECIPES["published"])
+    grey = synthesize(image[..., 1], depth, RECIPES["published"])
+    assert np.array_equal(grey, whole[..., 1])
+    strided = synthesize(image[:, ::2], depth[:, ::2], RECIPES["published"])
+    packed = synthesize(image[:, ::2].copy(), depth[:, ::2].copy(), RECIPES["published"])
+    assert np.array_equal(strided, packed)
+
+
+def test_threads_at_work_at_once_change_nothing() -> None:
+    random = np.random.default_rng(1)
+    image = random.integers(0, 256, (60, 80, 3)).astype(np.uint8)
+    depth = random.integers(0, 256, (60, 80)).astype(np.uint8)
+    alone = synthesize(image, depth, RECIPES["published"])
+    with ThreadPoolExecutor(8) as pool:
+        many = list(pool.map(lambda _: synthesize(image, depth, RECIPES["published"]), range(16)))
+    assert all(np.array_equal(one, alone) for one in many)
+
+
+def test_levels_and_depths_are_inverse() -> None:
+    levels = np.arange(256)
+    for recipe in (*RECIPES.values(), BlurRecipe(1, 1, invert=False)):
+        assert np.array_equal(recipe.depth_of_level(recipe.level_of_depth(levels)), levels)
+
+
+def test_the_recipes_are_those_of_the_thesis_and_its_images() -> None:
+    published, text = RECIPES["published"], RECIPES["text"]
+    assert published.sigma_step == 2.88 / 256
+    assert text.sigma_step == 2.56 / 256
+    assert np.allclose(published.kernels().sum(axis=1), 1)
+    assert find_recipe(published.as_dict()) == published
+
+
+@pytest.mark.parametrize(
+    ("image", "depth", "told"),
+    [
+        (np.zeros((4, 4, 3)), np.zeros((4, 4), np.uint8), "float64"),
+        (np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4)), "float64"),
+        (np.zeros((4, 4, 3), np.uint8), np.zeros((4, 5), np.uint8), "sizes differ"),
+        (np.zeros(4, np.uint8), np.zeros((4, 4), np.uint8), "wrong shape"),
+        (np.zeros((0, 4, 3), np.uint8), np.zeros((0, 4), np.uint8), "wrong shape"),
+        ([[1]], np.zeros((1, 1), np.uint8), "list"),
+    ],
+)
+def test_wrong_input_is_named(image: Image, depth: Image, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        synthesize(image, depth, RECIPES["published"])
+
+
+def test_a_depth_without_a_level_is_named() -> None:
+    image, depth = np.zeros((2, 2, 3), np.uint8), np.full((2, 2), 64, np.uint8)
+    with pytest.raises(InputError, match="0 to 63"):
+        synthesize(image, depth, BlurRecipe(0.3, 0.05, levels=64))
+
+
+def test_wrong_recipes_are_named() -> None:
+    with pytest.raises(InputError) as caught:
+        BlurRecipe(sigma_min=0, sigma_step=float("nan"), levels=1, kernel_size=4)
+    for part in ("sigma_min", "sigma_step", "levels", "kernel_size"):
+        assert part in str(caught.value)
+    with pytest.raises(UnknownNameError, match="did you mean published"):
+        find_recipe("publishd")
+    with pytest.raises(InputError, match="sigma_mni"):
+        find_recipe({"sigma_mni": 1})

@@ -1,0 +1,150 @@
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dfdbench.blur import RECIPES, synthesize
+from dfdbench.build import build_store, scene_dataset
+from dfdbench.catalog import find_manifest
+from dfdbench.errors import SourceError, UnknownNameError
+from dfdbench.manifest import Manifest, parse_manifest
+from dfdbench.sources import SceneImages, open_source
+from dfdbench.store import Store
+from tests.conftest import TINY_TOML
+
+# The demo set is versioned: another fingerprint would be another data set.
+DEMO_FINGERPRINT = "8adcbc62be740bade4be91d181afe2765235cc675d3d3b51aed9a5dc44484b1a"
+
+
+@pytest.mark.parametrize("workers", [1, 2, 4])
+def test_the_fingerprint_does_not_depend_on_the_workers(
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store, tmp_path: Path, workers: int
+) -> None:
+    source = open_source(tiny_manifest, tiny_folder)
+    report = build_store(tiny_manifest, source, tmp_path / "again.zarr", workers=workers)
+    assert report.fingerprint == tiny_store.fingerprint
+
+
+def test_the_demo_set_is_the_same_everywhere(demo_store: Store) -> None:
+    assert demo_store.fingerprint == DEMO_FINGERPRINT
+
+
+def test_a_second_build_keeps_what_is_finished(
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+) -> None:
+    steps: list[tuple[int, int]] = []
+    source = open_source(tiny_manifest, tiny_folder)
+    report = build_store(
+        tiny_manifest, source, tiny_store.path, on_scene=lambda d, n: steps.append((d, n))
+    )
+    assert report.scenes_kept == ("One", "Two", "Three")
+    assert steps == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_a_changed_image_is_noticed(
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+) -> None:
+    site = tiny_folder / "Two/Illum1"
+    (site / "Exp0/view1.png").write_bytes((site / "Exp1/view1.png").read_bytes())
+    report = build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), tiny_store.path)
+    assert report.scenes_built == ("Two",)
+    assert report.fingerprint != tiny_store.fingerprint
+
+
+def test_missing_pairs_are_left_out_and_named(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    (tiny_folder / "One/Illum1/Exp0/view5.png").unlink()
+    (tiny_folder / "Two/disp1.png").unlink()
+    source = open_source(tiny_manifest, tiny_folder)
+    report = build_store(tiny_manifest, source, tmp_path / "s.zarr")
+    missing = {pair.id for pair in report.missing}
+    assert missing == {
+        "One/view5/illumination1/exposure0", "Two/view1/illumination1/exposure0",
+        "Two/view1/illumination1/exposure1",
+    }  # fmt: skip
+    store = Store(report.path)
+    assert set(store.attributes["missing_pairs"]) == missing
+    assert len(store.pairs("all")) == report.pairs == 8
+
+
+def test_damaged_files_are_all_named_and_nothing_is_put_into_place(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    whole = (tiny_folder / "One/Illum1/Exp0/view1.png").read_bytes()
+    (tiny_folder / "One/Illum1/Exp0/view1.png").write_bytes(whole[: len(whole) // 2])
+    (tiny_folder / "Two/Illum1/Exp0/view1.png").write_bytes(b"GIF89a and so on")
+    (tiny_folder / "Three/disp5.png").write_bytes((tiny_folder / "One/disp5.png").read_bytes())
+    source = open_source(tiny_manifest, tiny_folder)
+    with pytest.raises(SourceError) as caught:
+        build_store(tiny_manifest, source, tmp_path / "s.zarr")
+    text = str(caught.value)
+    for part in ("damaged", "cut short", "not a PNG file", "GIF89a", "size differs"):
+        assert part in text
+    assert not (tmp_path / "s.zarr").exists()
+
+
+def test_a_killed_build_goes_on(demo_store: Store, tmp_path: Path) -> None:
+    path = tmp_path / "killed.zarr"
+    command = [
+        sys.executable, "-m", "dfdbench", "build", "demo", "--store", str(path), "--workers", "1",
+    ]  # fmt: skip
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    partial = path.with_name("killed.zarr.partial")
+    deadline = time.monotonic() + 60
+    while len(list(partial.glob("*/zarr.json"))) < 3 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not path.exists()
+    report = build_store(find_manifest("demo"), open_source(find_manifest("demo")), path, None, 2)
+    assert report.fingerprint == demo_store.fingerprint
+    assert report.scenes_kept
+
+
+def test_depth_that_grows_with_distance_is_inverted_before_the_blur() -> None:
+    # Eq. 7.1 of the thesis: depth_inv = 255 - depth.
+    text = TINY_TOML.replace('grows_with = "nearness"', 'grows_with = "distance"')
+    manifest = parse_manifest(text.encode(), "tiny-1.toml")
+    random = np.random.default_rng(0)
+    infocus = random.integers(0, 256, (2, 1, 2, 12, 13, 3)).astype(np.uint8)
+    depth = random.integers(0, 256, (2, 12, 13)).astype(np.uint8)
+    images = SceneImages(infocus, depth, depth > 0, np.ones((2, 1, 2), bool))
+    scene = scene_dataset(manifest, images, RECIPES["published"])
+    expected = synthesize(infocus[1, 0, 1], 255 - depth[1], RECIPES["published"])
+    assert np.array_equal(scene["defocus"].values[1, 0, 1], expected)
+    assert np.array_equal(scene["depth"].values, depth)
+
+
+def test_recipes_and_data_sets_that_cannot_be_built(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    source = open_source(tiny_manifest, tiny_folder)
+    with pytest.raises(UnknownNameError, match="did you mean text"):
+        build_store(tiny_manifest, source, tmp_path / "s.zarr", recipe="txt")
+    with pytest.raises(SourceError, match="cannot build realworld-1"):
+        open_source(find_manifest("realworld"))
+    with pytest.raises(SourceError, match="--source DIR"):
+        open_source(find_manifest("middlebury"))
+    with pytest.raises(SourceError, match="made, not read"):
+        open_source(find_manifest("demo"), tmp_path)
+
+
+def test_the_shared_middlebury_scenes(shared_data: Path, tmp_path: Path) -> None:
+    manifest = find_manifest("middlebury")
+    folder = shared_data / "middlebury"
+    plain = open_source(manifest, folder)
+    assert len(plain.available_pairs()) == 4
+    source = open_source(manifest, folder, default_lighting=True)
+    report = build_store(manifest, source, tmp_path / "m.zarr", workers=2)
+    assert report.pairs == 42
+    assert len(report.missing) == 416
+    store = Store(report.path)
+    assert store.attributes["options"] == {
+        "default_lighting_as": {"illumination": 1, "exposure": 2}
+    }
+    assert [pair.scene for pair in store.pairs("test")] == ["Books", "Books"]

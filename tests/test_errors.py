@@ -1,0 +1,21 @@
+import pickle
+
+from dfdbench.errors import DfdbenchError, ManifestError, Problem, unknown_name
+
+
+def test_several_problems_are_shown_together() -> None:
+    text = str(DfdbenchError([Problem("a", "here", "1", "2", "do"), Problem("b")]))
+    assert text.splitlines()[0] == "2 problems:"
+    for part in ("1. a", "2. b", "here", "expected  1", "got       2", "fix       do"):
+        assert part in text
+
+
+def test_near_misses_are_named() -> None:
+    assert "did you mean Reindeer?" in str(unknown_name("scene", "reindeer", ["Art", "Reindeer"]))
+    assert "did you mean" not in str(unknown_name("scene", "zzz", ["Art", "Reindeer"]))
+
+
+def test_errors_travel_between_processes() -> None:
+    error = pickle.loads(pickle.dumps(ManifestError([Problem("a", "b"), Problem("c")])))
+    assert isinstance(error, ManifestError)
+    assert error.problems == (Problem("a", "b"), Problem("c"))

@@ -1,0 +1,184 @@
+import hashlib
+from collections import Counter
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dfdbench.blur import RECIPES
+from dfdbench.catalog import find_manifest, released_manifests
+from dfdbench.errors import ManifestError, UnknownNameError
+from dfdbench.manifest import Manifest, parse_manifest, read_manifest
+from tests.conftest import TINY_TOML
+
+# A released manifest never changes; a correction is a new version with a new line here.
+RELEASED = {
+    "demo-1": "3983c39e928a09c8b5cebb866b9d952b46b67bc7672d046b7a8b33e4c3c94279",
+    "middlebury-third-1": "5efa8c101606001b3df58039f67e2311cf41cb67ace5abb14fbc90c0b51db3cc",
+    "realworld-1": "19af8485a95d9204078329860870f70235e4a07183555d30dd7abbbd2f0ced53",
+}
+
+
+def problems_of(text: str) -> str:
+    with pytest.raises(ManifestError) as caught:
+        parse_manifest(text.encode(), "tiny-1.toml")
+    return str(caught.value)
+
+
+def test_released_manifests_never_change() -> None:
+    folder = resources.files("dfdbench.manifests")
+    hashes = {
+        entry.name.removesuffix(".toml"): hashlib.sha256(entry.read_bytes()).hexdigest()
+        for entry in folder.iterdir()
+        if entry.name.endswith(".toml")
+    }
+    assert hashes == RELEASED
+
+
+def test_the_file_is_named_by_name_and_version() -> None:
+    for manifest in released_manifests():
+        assert manifest.stem in RELEASED
+        assert manifest.sha256 == RELEASED[manifest.stem]
+        assert manifest.recipe is None or manifest.recipe in RECIPES
+
+
+def test_middlebury_is_that_of_the_thesis() -> None:
+    manifest = find_manifest("middlebury")
+    assert (len(manifest.scenes), len(manifest.pairs())) == (27, 458)
+    assert (len(manifest.pairs("train")), len(manifest.pairs("test"))) == (404, 54)
+    assert manifest.scenes_of("test") == ("Art", "Books", "Reindeer")
+    by_source = Counter(scene.source for scene in manifest.scenes)
+    assert by_source == {"scenes2005": 6, "scenes2006": 21}
+    assert sum(exclusion.pairs for exclusion in manifest.exclusions) == 28
+    left_out = {
+        scene: {(illumination, exposure) for illumination in (1, 2, 3) for exposure in (0, 1, 2)}
+        - {
+            (pair.at["illumination"], pair.at["exposure"])
+            for pair in manifest.pairs_of_scene(scene)
+        }
+        for scene in manifest.scene_names
+    }
+    assert left_out["Dolls"] == left_out["Moebius"] == {(3, 2)}
+    dark = {(2, 2), (3, 0), (3, 1), (3, 2)}
+    assert left_out["Midd1"] == left_out["Midd2"] == left_out["Monopoly"] == dark
+    assert sum(map(bool, left_out.values())) == 5
+    assert len(manifest.folds) == 9
+    assert manifest.scenes_of("K03") == ("Midd1", "Midd2", "Plastic")
+
+
+def test_realworld_is_that_of_the_thesis() -> None:
+    manifest = find_manifest("realworld")
+    counts = {name: len(manifest.pairs(name)) for name in manifest.split_names}
+    assert counts == {
+        "train": 392, "test": 56, "train-pruned": 294, "test-pruned": 42, "all": 448,
+    }  # fmt: skip
+    for number, scene in enumerate(manifest.scenes):
+        assert scene.name == f"k{number:02d}"
+        assert scene.texture == number // 4 + 1
+        assert (scene.geometry == "flat-far") == (number % 4 == 0)
+    assert manifest.scenes_of("test-pruned") == ("k33", "k34", "k35", "k45", "k46", "k47")
+    assert manifest.capture is not None
+    assert manifest.capture.voltage_step == list(range(127, 144))
+
+
+def test_checksums_are_those_of_the_shared_files(shared_data: Path) -> None:
+    folder = shared_data / "middlebury" / "ThirdSize"
+    manifest = find_manifest("middlebury")
+    assert len(manifest.checksums) > 80
+    for name, expected in manifest.checksums.items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == expected, name
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("pairs = 7", "pairs = 6", ["splits[1].pairs", "expected  6", "got       7"]),
+        ('scenes = ["One"]', 'scenes = ["Two"]', ["scene is in two splits", "Two"]),
+        ('scenes = ["Three"]', 'scenes = ["Tree"]', ["does not exist", "Tree/view5"]),
+        ("exposure = [1] }", "exposure = [2] }", ["does not exist", "exposure2"]),
+        ("pair_count = 11", "pair_count = 12", ["pair_count", "11 after the exclusions"]),
+        ("scene_count = 3", "scene_count = 4", ["scene_count", "3 scenes listed"]),
+        ('test_scenes = ["Three"]', 'test_scenes = ["One"]', ["One in one fold", "in 2", "in 0"]),
+        ("unknown = 0", "unknown = 300", ["depth.unknown", "less than or equal to 255", "300"]),
+        ('reader = "middlebury"', "", ["field is missing", "reader"]),
+        ('title = "Tiny set"', 'titel = "Tiny set"', ["titel", "unknown field"]),
+        ('blocks = "exposure"', 'blocks = "exposition"', ["table.blocks", "did you mean exposure"]),
+        ("schema_version = 1", "schema_version = 2", ["schema_version"]),
+        ('name = "Two"\nsource = "here"', 'name = "One"\nsource = "here"', ["listed twice"]),
+        ('name = "Two"\nsource = "here"', 'name = "Two"\nsource = "hare"', ["scenes[1].source"]),
+        ("exposure = 1 }", "exposure = 7 }", ["default_lighting.exposure"]),
+    ],
+)  # fmt: skip
+def test_a_broken_manifest_says_what_and_where(old: str, new: str, told: list[str]) -> None:
+    assert old in TINY_TOML
+    text = problems_of(TINY_TOML.replace(old, new, 1))
+    assert "tiny-1.toml" in text
+    for part in told:
+        assert part in text
+
+
+def test_every_problem_is_in_one_message() -> None:
+    broken = (
+        TINY_TOML.replace("pairs = 7", "pairs = 6")
+        .replace('reader = "middlebury"', "reader = 5")
+        .replace('test_scenes = ["Three"]', 'test_scenes = ["Four"]')
+    )
+    text = problems_of(broken)
+    for part in ("splits[1].pairs", "reader", "Four", "folds"):
+        assert part in text
+
+
+def test_text_that_is_no_toml(tmp_path: Path) -> None:
+    assert "not a TOML file" in problems_of("name = ")
+    with pytest.raises(ManifestError, match="cannot read the manifest"):
+        read_manifest(tmp_path / "none.toml")
+
+
+def test_a_manifest_is_frozen(tiny_manifest: Manifest) -> None:
+    with pytest.raises(ValueError, match="frozen"):
+        tiny_manifest.name = "other"
+
+
+@pytest.mark.parametrize(
+    ("ask", "name", "hint"),
+    [
+        (lambda: find_manifest("midlebury"), "midlebury", "did you mean middlebury"),
+        (lambda: find_manifest("middlebury").pairs("tset"), "tset", "did you mean test"),
+        (lambda: find_manifest("demo").pairs_of_scene("Atic"), "Atic", "did you mean Attic"),
+    ],
+)
+def test_unknown_names_show_the_near_misses(
+    ask: Callable[[], object], name: str, hint: str
+) -> None:
+    with pytest.raises(UnknownNameError) as caught:
+        ask()
+    assert name in str(caught.value)
+    assert hint in str(caught.value)
+
+
+@given(
+    views=st.lists(st.integers(0, 9), min_size=1, max_size=4, unique=True),
+    exposures=st.lists(st.integers(0, 9), min_size=1, max_size=4, unique=True),
+)
+def test_pairs_are_the_grid_without_the_exclusions(views: list[int], exposures: list[int]) -> None:
+    grid = len(views) * len(exposures)
+    instead = {
+        "view = [1, 5]": f"view = {views}",
+        "exposure = [0, 1]": f"exposure = {exposures}",
+        "pairs = 1": f"pairs = {len(exposures)}",
+        "pairs = 4": f"pairs = {grid}",
+        "pairs = 7": f"pairs = {2 * grid - len(exposures)}",
+        "pair_count = 11": f"pair_count = {3 * grid - len(exposures)}",
+        "default_lighting = { illumination = 1, exposure = 1 }": "",
+    }
+    lines = [instead.get(line, line) for line in TINY_TOML.splitlines()]
+    text = "\n".join(lines).replace("{ view = [5], exposure = [1] }", f"{{ view = [{views[0]}] }}")
+    manifest = parse_manifest(text.encode(), "tiny-1.toml")
+    pairs = manifest.pairs()
+    assert len(set(pairs)) == len(pairs) == 3 * grid - len(exposures)
+    assert set(manifest.pairs("train")) | set(manifest.pairs("test")) == set(pairs)
+    assert not set(manifest.pairs("train")) & set(manifest.pairs("test"))
+    assert len({pair.id for pair in pairs}) == len(pairs)
