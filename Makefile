@@ -5,14 +5,23 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMPS := .make
+DEMO_METHODS := constant local
 
-.PHONY: demo test benchmark clean help
+.PHONY: help demo test benchmark clean
+.DEFAULT_GOAL := help
 
 help: ## Say what there is to make
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
+	@grep -E '^[a-z]+:.*##' Makefile | sed 's/:.*## /\t/'
 
 demo: $(STAMPS)/installed ## Build the demo set, run the baselines, print tables, draw figures
-	@$(BIN)/python scripts/demo.py
+	@echo "== building the demo set"
+	@$(BIN)/dfdbench build demo
+	@for method in $(DEMO_METHODS); do \
+	  echo; echo "== dfdbench run --method $$method --dataset demo"; \
+	  $(BIN)/dfdbench run --method $$method --dataset demo || exit 1; \
+	done
+	@echo; echo "All of it lies here:"
+	@find results/demo-1-test -name '*.png' -o -name result.json | sort | sed 's/^/  /'
 
 test: $(STAMPS)/tested-with ## ruff, mypy --strict, pytest with doctests
 	@echo "== ruff: style and imports"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from dask.base import compute
@@ -43,6 +44,10 @@ def for_each(
             on_done()
 
     tasks = [delayed(function, pure=False)(item) for item in items]
-    scheduler = "synchronous" if workers == 1 else "threads"
-    with Callback(posttask=posttask):
-        return list(compute(*tasks, scheduler=scheduler, num_workers=workers))
+    pool = ThreadPoolExecutor(workers)
+    try:
+        with Callback(posttask=posttask):
+            return list(compute(*tasks, scheduler="threads", pool=pool))
+    finally:
+        # After Ctrl-C, too: what has begun is finished, so that nothing is left half-written.
+        pool.shutdown(wait=True, cancel_futures=True)

@@ -186,7 +186,7 @@ def _failure_table(failures: list[PairResult]) -> Table:
     for pair in failures:
         by_error.setdefault(pair.error or "", []).append(pair.id)
     rows = tuple((error, ids[0], str(len(ids))) for error, ids in by_error.items())
-    title = f"{len(failures)} pairs failed"
+    title = f"{_count(len(failures), 'pair')} failed"
     return Table(title, ("error", "first", "pairs"), rows, "llr")
 
 
@@ -206,7 +206,8 @@ def _notes(result: Result, groups: tuple[Group, ...]) -> list[str]:
         )
     if whole.undefined:
         notes.append(
-            f"{whole.undefined} pairs have no defined score (flat ground truth) and are in no mean"
+            "without a defined score (flat ground truth), in no mean: "
+            + _count(whole.undefined, "pair")
         )
     counted = {"missing": "not in the store", "not-run": "not run", "failed": "failed"}
     for status, text in counted.items():
@@ -218,6 +219,10 @@ def _notes(result: Result, groups: tuple[Group, ...]) -> list[str]:
             "an incomplete run has no overall score and no rank: means are of what was run"
         )
     return notes + result.warnings
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def _labels(result: Result) -> list[str]:

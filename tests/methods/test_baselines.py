@@ -19,7 +19,7 @@ def test_local_finds_a_step_in_depth() -> None:
     depth[:, 40:] = 180
     found = Local()(image, synthesize(image, depth, RECIPES["published"]))
     far_from_the_edge = np.abs(np.arange(80) - 39.5) > 20
-    assert np.abs(found - depth)[:, far_from_the_edge].max() <= 1
+    assert np.abs(found - depth)[:, far_from_the_edge].max() <= 3
     assert found.shape == (60, 80)
 
 
@@ -30,7 +30,7 @@ def test_local_uses_the_recipe_it_is_given(recipe: BlurRecipe) -> None:
     image = np.random.default_rng(2).integers(0, 256, (40, 40, 3)).astype(np.uint8)
     depth = np.full((40, 40), 37, np.uint8)
     found = Local(recipe)(image, synthesize(image, depth, recipe))
-    assert np.abs(found - 37).max() <= 1
+    assert np.abs(found - 37).max() <= 3
 
 
 def test_local_on_a_real_pair(shared_data: Path, read_image: Callable[[Path], Image]) -> None:

@@ -1,0 +1,53 @@
+"""The blur against a stack of 256 images filtered whole with OpenCV, in one run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.blur import RECIPES, BlurRecipe, synthesize
+
+SHAPE = (370, 463)
+
+
+def stack(
+    image: NDArray[np.uint8], depth: NDArray[np.uint8], recipe: BlurRecipe
+) -> NDArray[np.uint8]:
+    """Filter the whole image at every level, then pick: the way of the thesis's program."""
+    levels = recipe.level_of_depth(depth.astype(int))
+    plane = image.astype(np.float64)
+    out = np.empty_like(plane)
+    for level, row in enumerate(recipe.kernels()):
+        blurred = cv2.filter2D(
+            plane, cv2.CV_64F, np.outer(row, row), borderType=cv2.BORDER_REPLICATE
+        )
+        out[levels == level] = blurred[levels == level]
+    return np.clip(np.rint(out.astype(np.float32)), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture
+def pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    random = np.random.default_rng(0)
+    image = random.integers(0, 256, (*SHAPE, 3)).astype(np.uint8)
+    return image, random.integers(0, 256, SHAPE).astype(np.uint8)
+
+
+@pytest.fixture
+def one_thread() -> Any:
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    yield
+    cv2.setNumThreads(before)
+
+
+@pytest.mark.usefixtures("one_thread")
+@pytest.mark.benchmark(group="blur 370 x 463 x 3, 256 levels, one thread")
+@pytest.mark.parametrize("way", [synthesize, stack], ids=["ours", "stack"])
+def test_blur(benchmark: Any, way: Any, pair: tuple[Any, Any]) -> None:
+    way(*pair, RECIPES["published"])
+    result = benchmark.pedantic(way, args=(*pair, RECIPES["published"]), rounds=3)
+    assert np.array_equal(result, synthesize(*pair, RECIPES["published"]))

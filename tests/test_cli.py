@@ -1,0 +1,196 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from dfdbench.cli import main
+from dfdbench.result import load_result
+from dfdbench.store import Store
+from tests.conftest import TINY_TOML
+
+
+class Outcome(NamedTuple):
+    status: int
+    out: str
+    err: str
+
+
+Command = Callable[..., Outcome]
+
+MINE = """
+import numpy as np
+
+def predict(infocus, defocus):
+    print("predicting")
+    return np.full(infocus.shape[:2], 90)
+
+def nan(infocus, defocus):
+    return np.full(infocus.shape[:2], np.nan)
+"""
+
+
+@pytest.fixture
+def dfdbench(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Command:
+    (tmp_path / "work").mkdir()
+    (tmp_path / "work/mymodule.py").write_text(MINE)
+    monkeypatch.chdir(tmp_path / "work")
+
+    def command(*arguments: str) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["dfdbench", *arguments])
+        status = 0
+        try:
+            main()
+        except SystemExit as exit_:
+            status = int(exit_.code or 0)
+        captured = capsys.readouterr()
+        return Outcome(status, captured.out, captured.err)
+
+    return command
+
+
+@pytest.fixture
+def tiny_toml(tmp_path: Path) -> str:
+    path = tmp_path / "tiny-1.toml"
+    path.write_text(TINY_TOML)
+    return str(path)
+
+
+def test_list_and_version(dfdbench: Command) -> None:
+    listed = dfdbench("list")
+    for name in ("demo-1", "middlebury-third-1", "realworld-1", "constant", "local"):
+        assert name in listed.out
+    assert dfdbench("--version").out.startswith("dfdbench ")
+
+
+def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -> None:
+    shown = dfdbench("info", "middlebury").out
+    for part in ("404 pairs", "54 pairs", "Art, Books, Reindeer", "K09", "left out", "Scharstein"):
+        assert part in shown
+    lines = dfdbench("info", "middlebury", "--pairs", "test").out.splitlines()
+    assert len(lines) == 54
+    assert lines[0] == "Art/view1/illumination1/exposure0"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["info", "midlebury"], "did you mean middlebury"),
+        (["info", "middlebury", "--pairs", "tst"], "did you mean test"),
+        (["build", "middlebury"], "--source DIR"),
+        (["build", "realworld"], "cannot build realworld-1"),
+        (["build", "demo", "--recipe", "text"], "--store PATH"),
+        (["run", "--method", "mymodule:predict"], "--dataset demo"),
+        (["run", "--method", "local", "--protocol", "thesys"], "did you mean thesis"),
+        (["check-method", "nosuch:thing"], "no module named nosuch"),
+        (["check-method", "lokal"], "did you mean local"),
+        (["check-method", "local", "--param", "window"], "NAME=VALUE"),
+        (["check-method", "local", "--param", "window=4"], "odd"),
+    ],
+)
+def test_a_mistake_ends_with_a_message_and_status_2(
+    dfdbench: Command, arguments: list[str], told: str
+) -> None:
+    outcome = dfdbench(*arguments)
+    assert outcome.status == 2
+    assert outcome.err.startswith("error: ")
+    assert told in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+def test_running_without_the_set_offers_the_two_commands_that_help(dfdbench: Command) -> None:
+    told = dfdbench("run", "--method", "mymodule:predict").err
+    assert "dfdbench build middlebury" in told
+    assert "--dataset demo" in told
+
+
+def test_the_whole_way(
+    dfdbench: Command, tiny_toml: str, tiny_folder: Path, tmp_path: Path
+) -> None:
+    store = str(tmp_path / "tiny.zarr")
+    built = dfdbench("build", tiny_toml, "--source", str(tiny_folder), "--store", store)
+    assert (built.status, "11 pairs" in built.out) == (0, True)
+    ran = dfdbench("run", "--method", "mymodule:predict", "--dataset", store)
+    assert ran.status == 0
+    assert "NRMSE ↓" in ran.out
+    assert "predicting" not in ran.out.replace("printed", "")
+    folder = Path("results/tiny-test/mymodule-predict")
+    assert load_result(folder / "result.json").complete
+    assert (folder / "figures/worst.png").exists()
+    for form in ("markdown", "json", "csv"):
+        shown = dfdbench(
+            "run", "--method", "mymodule:predict", "--dataset", store, "--format", form,
+            "--protocol", "valid",
+        )  # fmt: skip
+        assert shown.status == 0
+        assert "7 pairs taken over" in shown.err
+        if form == "json":
+            assert json.loads(shown.out)["protocol"] == "valid"
+    failed = dfdbench("run", "--method", "mymodule:nan", "--dataset", store)
+    assert failed.status == 1
+    assert "NaN" in failed.out
+    assert "7 pairs failed" in failed.err
+
+
+def test_missing_pairs_fail_the_build_unless_allowed(
+    dfdbench: Command, tiny_toml: str, tiny_folder: Path, tmp_path: Path
+) -> None:
+    for png in (tiny_folder / "One").rglob("*.png"):
+        png.unlink()
+    (tiny_folder / "Two/Illum1/Exp0/view5.png").unlink()
+    arguments = (
+        "build", tiny_toml, "--source", str(tiny_folder), "--store", str(tmp_path / "s.zarr"),
+    )  # fmt: skip
+    outcome = dfdbench(*arguments)
+    assert outcome.status == 2
+    assert "missing: 5 of 11 pairs" in outcome.err
+    assert "One" in outcome.err
+    assert "view5/illumination1/exposure0" in outcome.err
+    assert "https://example.org/tiny/One/Illum1/Exp0/view1.png" in outcome.err
+    allowed = dfdbench(*arguments, "--allow-missing")
+    assert allowed.status == 0
+    assert "2 kept from before" in allowed.out
+
+
+def test_check_method_passes_and_fails(dfdbench: Command) -> None:
+    good = dfdbench("check-method", "local", "--param", "window=3")
+    assert (good.status, "fit for a run" in good.out) == (0, True)
+    bad = dfdbench("check-method", "mymodule:nan")
+    assert (bad.status, "NaN" in bad.out) == (1, True)
+
+
+def test_ctrl_c_in_mid_build_loses_nothing(demo_store: Store, tmp_path: Path) -> None:
+    store = tmp_path / "demo.zarr"
+    command = [sys.executable, "-m", "dfdbench", "build", "demo", "--store", str(store)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "DFDBENCH_CACHE": str(tmp_path / "cache")},
+    )  # fmt: skip
+    partial = tmp_path / "demo.zarr.partial"
+    deadline = time.monotonic() + 60
+    while not list(partial.glob("*/defocus")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "goes on from here" in errors
+    assert "Traceback" not in errors
+    assert not store.exists()
+    again = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert demo_store.fingerprint in again.stdout
+    assert "kept from before" in again.stdout
+
+
+def test_a_closed_pipe_is_no_mistake() -> None:
+    command = f"{sys.executable} -m dfdbench info middlebury --pairs all | head -1"
+    outcome = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    assert outcome.stdout == "Aloe/view1/illumination1/exposure0\n".replace("Aloe", "Art")
+    assert outcome.stderr == ""

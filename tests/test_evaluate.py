@@ -1,0 +1,192 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.build import build_store
+from dfdbench.errors import ResultError, StoreError
+from dfdbench.evaluate import RESULT, load_for, read_prediction, run_method, training_mean
+from dfdbench.fingerprint import array_digest
+from dfdbench.manifest import Manifest
+from dfdbench.methods import Method
+from dfdbench.protocol import PROTOCOLS, score
+from dfdbench.result import load_result
+from dfdbench.sources.middlebury import MiddleburyFolder
+from dfdbench.store import Store
+
+
+class Counting:
+    """Answers with the red channel; may fail on chosen calls."""
+
+    def __init__(self, fail_at: int | None = None, stop_at: int | None = None) -> None:
+        self.calls = 0
+        self.warmed = 0
+        self.fail_at, self.stop_at = fail_at, stop_at
+
+    def warm_up(self, infocus: Any, defocus: Any) -> None:
+        self.warmed += 1
+
+    def __call__(self, infocus: Any, defocus: Any) -> Any:
+        self.calls += 1
+        if self.calls == self.stop_at:
+            raise KeyboardInterrupt
+        if self.calls == self.fail_at:
+            raise RuntimeError("out of memory")
+        return infocus[..., 0].astype(np.float32) / 2
+
+
+def method(predict: Any, source: str = "0" * 64) -> Method:
+    return Method("counting", "tests:Counting", predict, {}, (), source)
+
+
+def test_a_run_predicts_once_and_scores_under_every_protocol(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    predict = Counting()
+    run = run_method(tiny_store, method(predict), "test", tmp_path / "out")
+    assert predict.calls == 7
+    assert predict.warmed == 1
+    assert run.result.complete
+    assert load_result(tmp_path / "out" / RESULT) == run.result
+    for pair, record in zip(tiny_store.pairs("test"), run.result.pairs, strict=True):
+        images = tiny_store.read(pair)
+        kept = read_prediction(tmp_path / "out", pair)
+        assert kept is not None
+        assert np.array_equal(kept, images.infocus[..., 0].astype(np.float32) / 2)
+        assert record.prediction_sha256 == array_digest("depth", ("y", "x"), kept)
+        for name, protocol in PROTOCOLS.items():
+            expected = score(protocol, images.depth, images.valid, kept, 16)
+            assert record.scores[name].nrmse == expected.nrmse
+            assert record.scores[name].ssim == expected.ssim
+    recorded = run.result.dataset
+    assert (recorded.fingerprint, recorded.split) == (tiny_store.fingerprint, "test")
+    assert (recorded.expected, recorded.evaluated) == (7, 7)
+
+
+def test_a_stopped_run_goes_on(tiny_store: Store, tmp_path: Path) -> None:
+    whole = run_method(tiny_store, method(Counting()), "test", tmp_path / "whole").result
+    with pytest.raises(KeyboardInterrupt):
+        run_method(tiny_store, method(Counting(stop_at=4)), "test", tmp_path / "out")
+    with (tmp_path / "out/pairs.jsonl").open("a") as journal:
+        journal.write('{"id": "cut sh')
+    again = Counting()
+    run = run_method(tiny_store, method(again), "test", tmp_path / "out")
+    assert run.reused == 3
+    assert again.calls == 4
+    assert [pair.scores for pair in run.result.pairs] == [pair.scores for pair in whole.pairs]
+
+
+def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Store, tmp_path: Path) -> None:
+    run = run_method(tiny_store, method(Counting(fail_at=2)), "test", tmp_path / "out")
+    failed = [pair for pair in run.result.pairs if pair.status == "failed"]
+    assert [pair.error for pair in failed] == ["raised RuntimeError: out of memory"]
+    assert run.result.averages is None
+    assert run.result.dataset.evaluated == 6
+    load_result(tmp_path / "out" / RESULT)
+    again = Counting()
+    second = run_method(tiny_store, method(again), "test", tmp_path / "out")
+    assert again.calls == 1
+    assert second.result.complete
+
+
+def test_a_changed_method_starts_over_and_the_old_run_is_kept(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
+    old = (tmp_path / "out" / RESULT).read_text()
+    predict = Counting()
+    run = run_method(tiny_store, method(predict, "1" * 64), "test", tmp_path / "out")
+    assert predict.calls == 7
+    assert run.set_aside == tmp_path / "out.previous"
+    assert (tmp_path / "out.previous" / RESULT).read_text() == old
+    fresh = Counting()
+    run_method(tiny_store, method(fresh, "1" * 64), "test", tmp_path / "out", fresh=True)
+    assert fresh.calls == 7
+
+
+def test_a_limited_run_is_incomplete_and_can_be_completed(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out", limit=2)
+    assert [pair.status for pair in run.result.pairs] == ["ok"] * 2 + ["not-run"] * 5
+    assert run.result.averages is None
+    whole = run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
+    assert whole.reused == 2
+    assert whole.result.averages is not None
+
+
+def test_pairs_that_the_store_lacks_are_missing(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    (tiny_folder / "Two/Illum1/Exp0/view1.png").unlink()
+    path = tmp_path / "s.zarr"
+    build_store(tiny_manifest, MiddleburyFolder(tiny_manifest, tiny_folder), path)
+    run = run_method(Store(path), method(Counting()), "test", tmp_path / "out")
+    assert [pair.status for pair in run.result.pairs].count("missing") == 1
+    assert run.result.averages is None
+    for scene in ("Two", "Three"):
+        for png in (tiny_folder / scene).rglob("*.png"):
+            png.unlink()
+    other = tmp_path / "o.zarr"
+    build_store(tiny_manifest, MiddleburyFolder(tiny_manifest, tiny_folder), other)
+    with pytest.raises(StoreError, match="no pair of split test"):
+        run_method(Store(other), method(Counting()), "test", tmp_path / "o")
+
+
+def test_without_predictions_nothing_but_scores_is_kept(tiny_store: Store, tmp_path: Path) -> None:
+    run = run_method(
+        tiny_store, method(Counting()), "test", tmp_path / "out", keep_predictions=False
+    )
+    assert run.result.complete
+    assert not (tmp_path / "out/predictions.zarr").exists()
+    assert read_prediction(tmp_path / "out", tiny_store.pairs("test")[0]) is None
+
+
+def test_a_folder_with_other_things_is_left_alone(tiny_store: Store, tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("years of work")
+    with pytest.raises(ResultError, match="something else"):
+        run_method(tiny_store, method(Counting()), "test", tmp_path)
+    assert (tmp_path / "thesis.txt").read_text() == "years of work"
+
+
+def test_a_full_disk_says_that_it_goes_on(
+    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("dfdbench.evaluate._keep", full)
+    with pytest.raises(ResultError, match="goes on where it stopped"):
+        run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
+
+
+def test_the_training_mean_counts_each_depth_map_once(tiny_store: Store) -> None:
+    scene = tiny_store.scene("One")
+    depth, valid = scene["depth"].values, scene["valid"].values
+    assert training_mean(tiny_store) == pytest.approx(depth[valid].mean())
+    loaded = load_for(tiny_store, "constant", {})
+    assert loaded.uses == ("training_mean",)
+
+
+def test_a_seeded_method_repeats_itself(tiny_store: Store, tmp_path: Path) -> None:
+    def drawing(infocus: Any, defocus: Any) -> Any:
+        return np.random.uniform(0, 255, infocus.shape[:2])
+
+    first, again, other = (
+        run_method(tiny_store, method(drawing), "test", tmp_path / name, seed=seed).result
+        for name, seed in (("a", 1), ("b", 1), ("c", 2))
+    )
+    hashes = [[p.prediction_sha256 for p in result.pairs] for result in (first, again, other)]
+    assert hashes[0] == hashes[1] != hashes[2]
+
+
+def test_a_result_says_nothing_of_where_files_lay(tiny_store: Store, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("def predict(infocus, defocus):\n    return infocus[..., 0]\n")
+    loaded = load_for(tiny_store, f"{file}:predict", {})
+    run_method(tiny_store, loaded, "test", tmp_path / "out")
+    content = json.loads((tmp_path / "out" / RESULT).read_text())
+    assert content["method"]["entry"] == "mine.py:predict"
+    assert str(tmp_path) not in json.dumps(content["method"]["entry"])

@@ -1,0 +1,37 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from dfdbench.evaluate import load_for, run_method
+from dfdbench.figures import draw_run, score_figure
+from dfdbench.store import Store
+from tests.results import make_result
+
+
+def test_a_run_is_drawn(demo_store: Store, tmp_path: Path) -> None:
+    method = load_for(demo_store, "constant", {})
+    run = run_method(demo_store, method, "test", tmp_path, limit=4)
+    paths = draw_run(demo_store, run.result, tmp_path, "thesis")
+    assert [path.name for path in paths] == ["scores.png", "best.png", "worst.png", "depths.png"]
+    for path in paths:
+        image = cv2.imread(str(path))
+        assert image is not None
+        assert min(image.shape[:2]) > 300
+        assert np.ptp(image) == 255
+
+
+def test_nothing_evaluated_nothing_drawn() -> None:
+    result = make_result({("a", 1, 1, 0): 0.1})
+    pairs = [pair.model_copy(update={"status": "failed", "scores": {}}) for pair in result.pairs]
+    assert score_figure(result.model_copy(update={"pairs": pairs}), "thesis") is None
+
+
+def test_axes_are_labelled_and_colours_tell_apart() -> None:
+    figure = score_figure(make_result({("a", 1, 1, e): 0.1 * (e + 1) for e in (0, 1)}), "thesis")
+    assert figure is not None
+    labels = [axis.get_ylabel() for axis in figure.axes]
+    assert labels[0] == "NRMSE (lower is better)"
+    assert labels[2] == "SSIM (higher is better)"
+    lines = figure.axes[0].get_lines()
+    assert len({line.get_marker() for line in lines}) == len(lines) == 2

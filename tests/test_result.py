@@ -1,0 +1,105 @@
+import json
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from dfdbench.errors import ResultError
+from dfdbench.result import load_result, result_schema, save_result
+from tests.results import make_result
+
+VALUES = {("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("b", 5, 1, 0): None}
+
+
+def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
+    result = make_result(VALUES)
+    save_result(result, tmp_path / "r.json")
+    assert load_result(tmp_path / "r.json") == result
+
+
+def test_the_published_schema_is_that_of_the_code_and_holds(tmp_path: Path) -> None:
+    published = (resources.files("dfdbench.schemas") / "result-1.json").read_text("utf-8")
+    assert published == result_schema()
+    save_result(make_result(VALUES), tmp_path / "r.json")
+    jsonschema.validate(json.loads((tmp_path / "r.json").read_text()), json.loads(published))
+
+
+def drop_pair(content: dict[str, Any]) -> None:
+    del content["pairs"][0]
+
+
+def repeat_pair(content: dict[str, Any]) -> None:
+    content["pairs"][1] = content["pairs"][0]
+
+
+def edit_average(content: dict[str, Any]) -> None:
+    content["averages"]["thesis"]["nrmse"] = 0.05
+
+
+def edit_score(content: dict[str, Any]) -> None:
+    content["pairs"][0]["scores"]["thesis"]["nrmse"] = 0.01
+
+
+def fail_pair(content: dict[str, Any]) -> None:
+    content["pairs"][0]["status"] = "failed"
+
+
+def hide_failure(content: dict[str, Any]) -> None:
+    content["pairs"][0]["status"] = "failed"
+    content["dataset"]["evaluated"] = 2
+
+
+def drop_scores(content: dict[str, Any]) -> None:
+    content["pairs"][0]["scores"] = {}
+
+
+def add_field(content: dict[str, Any]) -> None:
+    content["dataset"]["colour"] = "red"
+
+
+def other_version(content: dict[str, Any]) -> None:
+    content["schema_version"] = 7
+
+
+@pytest.mark.parametrize(
+    ("tamper", "told"),
+    [
+        (drop_pair, "pairs do not add up"),
+        (repeat_pair, "2 different"),
+        (edit_average, "average does not follow"),
+        (edit_score, "average does not follow"),
+        (fail_pair, "evaluated pairs do not add up"),
+        (hide_failure, "the run is incomplete"),
+        (drop_scores, "scores are missing"),
+        (add_field, "colour"),
+        (other_version, "another version"),
+    ],
+)
+def test_a_tampered_result_is_refused(
+    tmp_path: Path, tamper: Callable[[dict[str, Any]], None], told: str
+) -> None:
+    path = tmp_path / "r.json"
+    save_result(make_result(VALUES), path)
+    content = json.loads(path.read_text())
+    tamper(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultError, match=told):
+        load_result(path)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"a": 1}'])
+def test_what_is_no_result_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "r.json").write_text(text)
+    with pytest.raises(ResultError):
+        load_result(tmp_path / "r.json")
+
+
+def test_not_a_number_is_no_score(tmp_path: Path) -> None:
+    path = tmp_path / "r.json"
+    save_result(make_result(VALUES), path)
+    path.write_text(path.read_text().replace('"nrmse": 0.2', '"nrmse": NaN', 1))
+    with pytest.raises(ResultError):
+        load_result(path)

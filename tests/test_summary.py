@@ -1,0 +1,109 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dfdbench.result import PairResult, PairScores
+from dfdbench.summary import bootstrap_interval, ranked, summarise
+from tests.results import make_result
+
+# Table 5.3 of the thesis, exposure 0: mean and std of the NRMSE of 6 pairs an illumination.
+CELLS = {1: (0.0582, 0.0126), 2: (0.0522, 0.0068), 3: (0.0603, 0.0152)}
+OVERALL = (0.0569, 0.0119)
+
+
+def six_with(mean: float, std: float) -> list[float]:
+    """Six numbers of that mean and that sample standard deviation."""
+    raw = np.array([-1.0, 1.0] * 3)
+    return list(mean + raw / raw.std(ddof=1) * std)
+
+
+def test_the_overall_row_of_table_5_3_follows_from_its_cells() -> None:
+    # It does with the sample standard deviation, and does not with the population's (0.0125).
+    values = {
+        (f"s{number}", 1 if number % 2 else 5, illumination, 0): value
+        for illumination, (mean, std) in CELLS.items()
+        for number, value in enumerate(six_with(mean, std))
+    }
+    groups = summarise(make_result(values), "thesis")
+    cells = [group for group in groups if group.block == 0 and group.row is not None]
+    for group, (mean, std) in zip(cells, CELLS.values(), strict=True):
+        assert group.metrics["nrmse"].mean == pytest.approx(mean)
+        assert group.metrics["nrmse"].std == pytest.approx(std)
+    overall = next(group for group in groups if group.block == 0 and group.row is None)
+    assert overall.metrics["nrmse"].mean == pytest.approx(OVERALL[0], abs=6e-5)
+    assert overall.metrics["nrmse"].std == pytest.approx(OVERALL[1], abs=6e-5)
+
+
+def test_rank_is_by_nrmse_and_ties_by_nmae() -> None:
+    result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("c", 1, 1, 0): 0.1})
+    pairs = list(result.pairs)
+    pairs[1] = pairs[1].model_copy(
+        update={"scores": {"thesis": PairScores(nrmse=0.1, nmae=0.09, ssim=1)}}
+    )
+    order = ranked(result.model_copy(update={"pairs": pairs}), "thesis")
+    assert [pair.scene for pair in order] == ["c", "b", "a"]
+
+
+def test_an_undefined_score_is_counted_and_in_no_mean() -> None:
+    result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): None})
+    whole = summarise(result, "thesis")[-1]
+    assert whole.metrics["nrmse"].mean == 0.2
+    assert (whole.evaluated, whole.undefined, whole.metrics["nrmse"].defined) == (2, 1, 1)
+    assert [pair.scene for pair in ranked(result, "thesis")] == ["a"]
+
+
+def broken(result_pairs: list[PairResult], number: int, status: str) -> list[PairResult]:
+    pairs = list(result_pairs)
+    pairs[number] = pairs[number].model_copy(update={"status": status, "scores": {}})
+    return pairs
+
+
+def test_a_failed_pair_leaves_its_groups_without_a_mean() -> None:
+    result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("a", 1, 1, 1): 0.3})
+    failed = result.model_copy(update={"pairs": broken(result.pairs, 0, "failed")})
+    by_place = {(g.block, g.row): g.metrics["nrmse"].mean for g in summarise(failed, "thesis")}
+    assert by_place == {
+        (0, 1): None,
+        (0, None): None,
+        (1, 1): 0.3,
+        (1, None): 0.3,
+        (None, None): None,
+    }
+
+
+def test_a_missing_pair_leaves_cells_but_no_overall_mean() -> None:
+    result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1})
+    partial = result.model_copy(update={"pairs": broken(result.pairs, 0, "missing")})
+    by_place = {(g.block, g.row): g.metrics["nrmse"].mean for g in summarise(partial, "thesis")}
+    assert by_place == {(0, 1): 0.1, (0, None): None, (None, None): None}
+
+
+@given(
+    values=st.lists(st.floats(0, 1), min_size=4, max_size=12),
+    shift=st.floats(-5, 5),
+    seed=st.integers(0, 3),
+)
+def test_the_interval_holds_the_mean_of_equal_scenes_and_moves_with_it(
+    values: list[float], shift: float, seed: int
+) -> None:
+    scenes = [f"s{number % 4}" for number in range(len(values))]
+    interval = bootstrap_interval(values, scenes, seed)
+    assert interval is not None
+    low, high = interval
+    assert min(values) - 1e-9 <= low <= high <= max(values) + 1e-9
+    moved = bootstrap_interval([value + shift for value in values], scenes, seed)
+    assert moved == pytest.approx((low + shift, high + shift), abs=1e-9)
+
+
+def test_one_scene_has_no_interval() -> None:
+    assert bootstrap_interval([1.0, 2.0], ["a", "a"]) is None
+
+
+def test_scenes_are_drawn_not_pairs() -> None:
+    # Two scenes, 50 equal pairs each: drawing pairs would give a narrow interval.
+    interval = bootstrap_interval([0.0] * 50 + [1.0] * 50, ["a"] * 50 + ["b"] * 50)
+    assert interval == (0.0, 1.0)
+    assert not math.isnan(interval[0])
