@@ -1,0 +1,73 @@
+"""The README's examples run, and its numbers are what its commands print."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dfdbench.store import Store
+
+README = Path(__file__).parents[1] / "README.md"
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", README.read_text("utf-8"), re.S | re.M)
+
+
+def table_rows(text: str) -> dict[tuple[str, str], list[float]]:
+    rows = {}
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if len(cells) == 8 and re.fullmatch(r"\d\.\d{4}", cells[2]):
+            rows[cells[0], cells[1]] = [float(cell) for cell in cells[2:]]
+    return rows
+
+
+@pytest.fixture
+def place(demo_store: Store, tmp_path: Path) -> Path:
+    # The demo store of the session stands in for the one that `build demo` would make.
+    stores = tmp_path / "cache/stores"
+    stores.mkdir(parents=True)
+    (stores / "demo-1.zarr").symlink_to(demo_store.path)
+    (tmp_path / "mymodule.py").write_text(blocks("python")[0])
+    return tmp_path
+
+
+def dfdbench(place: Path, command: str) -> subprocess.CompletedProcess[str]:
+    program, *arguments = command.split()
+    assert program == "dfdbench"
+    return subprocess.run(
+        [sys.executable, "-m", "dfdbench", *arguments], cwd=place, capture_output=True, text=True,
+        env={**os.environ, "DFDBENCH_CACHE": str(place / "cache")}, timeout=300, check=False,
+    )  # fmt: skip
+
+
+def test_the_tutorial_runs(place: Path) -> None:
+    build, check, run = blocks("console")[0].splitlines()
+    assert build == "dfdbench build demo"
+    assert "fit for a run" in dfdbench(place, check).stdout
+    outcome = dfdbench(place, run)
+    assert outcome.returncode == 0, outcome.stderr
+    assert "54 of 54 pairs" in outcome.stdout
+    assert (place / "results/demo-1-test/mymodule-predict/result.json").exists()
+
+
+def test_the_table_is_what_the_command_prints(place: Path) -> None:
+    shown = table_rows(README.read_text("utf-8"))
+    assert len(shown) == 13
+    outcome = dfdbench(place, blocks("console")[1].strip())
+    assert outcome.returncode == 0, outcome.stderr
+    found = table_rows(outcome.stdout)
+    assert found.keys() == shown.keys()
+    for key, values in shown.items():
+        # Float32 filters differ in the last digits between processors.
+        assert found[key] == pytest.approx(values, abs=5e-4), key
+    assert (place / "results/demo-1-test/local/figures/worst.png").exists()
+
+
+def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    exec(blocks("python")[1], {})
+    assert float(capsys.readouterr().out) < 0.01
