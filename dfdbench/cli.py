@@ -85,7 +85,7 @@ def list_datasets() -> None:
 def info(
     name: Annotated[str, typer.Argument(help="A data set's name or a manifest's path.")],
     pairs: Annotated[
-        str | None, typer.Option(help="List the pairs of this split, one a line.")
+        str | None, typer.Option(help="List the pairs of this split, fold or scene, one a line.")
     ] = None,
 ) -> None:
     """Show what a data set consists of."""
@@ -145,7 +145,7 @@ def run(
     dataset: Annotated[
         str, typer.Option(help="A data set's name or a store's path.")
     ] = "middlebury",
-    split: Annotated[str, typer.Option(help="A split, a fold, or all.")] = "test",
+    split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
     protocol: Annotated[str, typer.Option(help="Under which the table is shown.")] = "thesis",
     param: Params = None,
     out: Annotated[

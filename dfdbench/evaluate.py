@@ -310,6 +310,7 @@ def _record(store: Store, images: PairImages, prediction: Prediction) -> PairRes
                 )
                 for name, scored in scores.items()
             },
+            "numbers": prediction.numbers,
             "warnings": warnings,
         }
     )

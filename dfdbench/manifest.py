@@ -182,11 +182,12 @@ class Manifest(Model):
 
     @property
     def split_names(self) -> tuple[str, ...]:
-        """What may be asked for as a split: the splits, the folds' tests, and ``all``."""
+        """What may be asked for as a split: splits, the folds' tests, ``all``, single scenes."""
         return (
             *(split.name for split in self.splits),
             *(fold.name for fold in self.folds),
             ALL_PAIRS,
+            *self.scene_names,
         )
 
     def scenes_of(self, split: str) -> tuple[str, ...]:
@@ -195,14 +196,15 @@ class Manifest(Model):
         Parameters
         ----------
         split : str
-            A split's name, a fold's name (its test scenes), or ``"all"``.
+            A split's name, a fold's name (its test scenes), a scene's name, or ``"all"``.
 
         Raises
         ------
         UnknownNameError
             Where the manifest has no such split; near misses are named.
         """
-        chosen = {ALL_PAIRS: set(self.scene_names)}
+        chosen = {name: {name} for name in self.scene_names}
+        chosen |= {ALL_PAIRS: set(self.scene_names)}
         chosen |= {item.name: set(item.scenes) for item in self.splits}
         chosen |= {fold.name: set(fold.test_scenes) for fold in self.folds}
         if split not in chosen:
@@ -219,7 +221,7 @@ class Manifest(Model):
         """Return the pairs of one scene, exclusions left out."""
         if scene not in self.scene_names:
             raise unknown_name(f"scene of {self.stem}", scene, self.scene_names)
-        return tuple(pair for pair in self.pairs() if pair.scene == scene)
+        return self.pairs(scene)
 
 
 def read_manifest(path: str | Path) -> Manifest:
@@ -406,7 +408,7 @@ def _check_splits(sections: dict[str, Any], file: str) -> Iterator[Problem]:
     excluded = Counter(pair.scene for pair in _excluded_pairs(sections["exclusions"], axes))
     grid = Counter(pair.scene for pair in _grid(tuple(scenes), axes))
     taken: dict[tuple[str, str], str] = {}
-    names: set[str] = {ALL_PAIRS}
+    names: set[str] = {ALL_PAIRS, *scenes}
     for number, split in enumerate(sections["splits"]):
         field = f"splits[{number}]"
         if split.name in names:
@@ -445,7 +447,7 @@ def _check_folds(sections: dict[str, Any], file: str) -> Iterator[Problem]:
                 "folds do not cover each scene once", f"{file}: folds", f"{scene} in one fold",
                 f"in {tested[scene]}",
             )  # fmt: skip
-    names = {split.name for split in sections["splits"]} | {ALL_PAIRS}
+    names = {split.name for split in sections["splits"]} | {ALL_PAIRS, *scenes}
     for number, fold in enumerate(sections["folds"]):
         if fold.name in names:
             yield Problem("name is taken", f"{file}: folds[{number}].name", got=fold.name)

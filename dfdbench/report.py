@@ -209,6 +209,13 @@ def _notes(result: Result, groups: tuple[Group, ...]) -> list[str]:
             "without a defined score (flat ground truth), in no mean: "
             + _count(whole.undefined, "pair")
         )
+    numbers: dict[str, list[float]] = {}
+    for pair in result.pairs:
+        for name, value in pair.numbers.items():
+            numbers.setdefault(name, []).append(value)
+    if numbers:
+        means = (f"{name} {sum(found) / len(found):.6g}" for name, found in numbers.items())
+        notes.append("the method's own numbers, mean a pair: " + "; ".join(means))
     counted = {"missing": "not in the store", "not-run": "not run", "failed": "failed"}
     for status, text in counted.items():
         count = sum(pair.status == status for pair in result.pairs)

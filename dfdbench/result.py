@@ -39,7 +39,8 @@ class PairResult(Model):
     """What became of one pair.
 
     `status`: ``ok``; ``failed``, the method gave no usable depth (`error` says why);
-    ``missing``, the store does not hold the pair; ``not-run``, the run was limited.
+    ``missing``, the store does not hold the pair; ``not-run``, the run was limited. `numbers`
+    are what the method said of its answer, an energy for example.
     """
 
     id: str
@@ -49,6 +50,7 @@ class PairResult(Model):
     seconds: Finite | None = None
     prediction_sha256: Sha256 | None = None
     scores: dict[str, PairScores] = Field(default_factory=dict)
+    numbers: dict[str, Finite] = Field(default_factory=dict)
     error: str | None = None
     warnings: list[str] = Field(default_factory=list)
 

@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dfdbench.blur import RECIPES
 from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
+from dfdbench.data_cost import data_cost
 from dfdbench.manifest import Manifest, parse_manifest
+from dfdbench.mrf import Energy, published
 from dfdbench.sources import open_source
 from dfdbench.store import Store
 
@@ -164,3 +167,23 @@ def read_image() -> Callable[[Path], NDArray[np.uint8]]:
         return np.asarray(image, np.uint8)
 
     return read
+
+
+@pytest.fixture(scope="session")
+def aloe(shared_data: Path) -> Callable[[int], Energy]:
+    """The published energy of Aloe, Illum1, view 1, at an exposure, with the text's step."""
+
+    def build(exposure: int) -> Energy:
+        paths = (
+            shared_data / "middlebury/ThirdSize/Aloe/Illum1" / f"Exp{exposure}" / "view1.png",
+            shared_data / "published_blur/Aloe" / f"Illum1_Exp{exposure}_view1_lin_0.32_2.88.png",
+        )
+        pair = []
+        for path in paths:
+            image = cv2.imread(str(path))
+            assert image is not None, path
+            pair.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), np.uint8))
+        unary, offset = data_cost(pair[0], pair[1], RECIPES["text"].sigmas)
+        return Energy(unary, published(256), offset=offset)
+
+    return build

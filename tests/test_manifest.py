@@ -71,10 +71,9 @@ def test_middlebury_is_that_of_the_thesis() -> None:
 
 def test_realworld_is_that_of_the_thesis() -> None:
     manifest = find_manifest("realworld")
-    counts = {name: len(manifest.pairs(name)) for name in manifest.split_names}
-    assert counts == {
-        "train": 392, "test": 56, "train-pruned": 294, "test-pruned": 42, "all": 448,
-    }  # fmt: skip
+    counts = {split.name: len(manifest.pairs(split.name)) for split in manifest.splits}
+    assert counts == {"train": 392, "test": 56, "train-pruned": 294, "test-pruned": 42}
+    assert len(manifest.pairs()) == 448
     for number, scene in enumerate(manifest.scenes):
         assert scene.name == f"k{number:02d}"
         assert scene.texture == number // 4 + 1

@@ -30,6 +30,7 @@ Predict = Callable[[Image, Image], Any]
 ENTRY_POINT_GROUP = "dfdbench.methods"
 _BUILT_IN = {
     "constant": "dfdbench.methods.baselines:Constant",
+    "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
     "local": "dfdbench.methods.baselines:Local",
 }
 # A level this far out of 0..255 is rounding, not a mistake.
@@ -95,12 +96,15 @@ class Prediction:
         Why there is no depth; empty where there is one.
     printed : str
         What the method wrote to standard output.
+    numbers : dict of str to float
+        What the method said of its answer besides, an energy for example.
     """
 
     depth: NDArray[np.float32] | None
     seconds: float
     error: str = ""
     printed: str = ""
+    numbers: dict[str, float] = field(default_factory=dict)
 
 
 def registered_methods() -> dict[str, str]:
@@ -218,6 +222,10 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
     infocus, defocus : ndarray of uint8, shape (y, x, 3)
         RGB; the method gets copies.
 
+    Notes
+    -----
+    A method may return ``(depth, numbers)``, numbers by name that a result is to keep.
+
     Examples
     --------
     >>> image = np.zeros((2, 2, 3), np.uint8)
@@ -229,6 +237,7 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
     copies = infocus.copy(), defocus.copy()
     printed = io.StringIO()
     depth, error = None, ""
+    numbers: dict[str, float] = {}
     begin = time.perf_counter()
     try:
         with contextlib.redirect_stdout(printed):
@@ -238,8 +247,10 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
         seconds = time.perf_counter() - begin
     else:
         seconds = time.perf_counter() - begin
+        if isinstance(returned, tuple) and len(returned) == 2 and isinstance(returned[1], Mapping):
+            returned, numbers = returned[0], _finite_numbers(returned[1])
         depth, error = check_depth(returned, infocus.shape[:2])
-    return Prediction(depth, seconds, error, printed.getvalue())
+    return Prediction(depth, seconds, error, printed.getvalue(), numbers)
 
 
 def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float32] | None, str]:
@@ -265,6 +276,15 @@ def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float
     if low < -_ROUNDING or high > 255 + _ROUNDING:
         return None, f"returned levels from {low:g} to {high:g}; expected 0 to 255"
     return np.clip(array.astype(np.float32), 0, 255), ""
+
+
+def _finite_numbers(given: Mapping[Any, Any]) -> dict[str, float]:
+    # Strings, infinities and the like are no numbers that a result could average: left out.
+    numbers = {}
+    for name, value in given.items():
+        if isinstance(value, (int, float, np.integer, np.floating)) and np.isfinite(value):
+            numbers[str(name)] = float(value)
+    return numbers
 
 
 def _import(entry: str) -> tuple[Any, str | None]:

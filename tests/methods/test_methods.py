@@ -145,6 +145,14 @@ def test_a_bad_answer_is_said_not_scored(answer: object, told: str) -> None:
     assert told in prediction.error
 
 
+def test_numbers_beside_the_depth_are_kept_if_they_are_numbers() -> None:
+    said = {"energy": 12, "gap": np.float32(0.5), "note": "x", "bad": float("nan")}
+    prediction = call(lambda *_: (np.zeros((4, 6)), said), IMAGE, IMAGE)
+    assert prediction.error == ""
+    assert prediction.numbers == {"energy": 12.0, "gap": 0.5}
+    assert call(lambda *_: (np.zeros((4, 6)), 3), IMAGE, IMAGE).depth is None
+
+
 def test_a_method_that_raises_is_caught() -> None:
     prediction = call(raising, IMAGE, IMAGE)
     assert prediction.error == "raised RuntimeError: boom"

@@ -1,0 +1,343 @@
+"""The energy that every solver here minimises: costs of labels at pixels and of label differences.
+
+    E(l) = offset + sum over pixels p of unary[p, l_p]
+                  + sum over 4-neighbours p, q of weight[p, q] * smoothness[|l_p - l_q|]
+
+This is the thesis's Eq. 4.2 with integer terms (Boykov, Veksler and Zabih, PAMI 2001).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dfdbench.errors import InputError, Problem
+
+__all__ = [
+    "Energy",
+    "Solution",
+    "adaptive_potts_weights",
+    "potts",
+    "published",
+    "truncated_absolute",
+    "truncated_quadratic",
+]
+
+# Solvers work in int32. A pixel's terminal link adds up one difference of its costs and, from each
+# of four edges, at most three differences of smoothness costs: below 13 times this limit.
+COST_LIMIT = 2**27
+
+
+@dataclass(frozen=True, eq=False)
+class Energy:
+    """An energy over labelings of a grid; checked once, then passed to the solvers.
+
+    Parameters
+    ----------
+    unary : (y, x, label) uint16 or int32
+        Non-negative cost of each label at each pixel, relative to the pixel's least.
+    smoothness : (label,) int32
+        ``smoothness[d]`` is the cost of two neighbours whose labels differ by d; 0 for d = 0.
+    weights_horizontal : (y, x - 1) int32, optional
+        Non-negative factor of the edge between (y, x) and (y, x + 1); 1 where not given.
+    weights_vertical : (y - 1, x) int32, optional
+        The same between (y, x) and (y + 1, x).
+    offset : int, optional
+        Constant added to the energy: the sum of what was subtracted from the unary costs.
+
+    Raises
+    ------
+    InputError
+        If a shape, type or value is not as above, or a cost so large that int32 could overflow.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> unary = np.array([[[0, 4, 9], [7, 0, 3]]], np.uint16)
+    >>> energy = Energy(unary, truncated_absolute(3, cap=255))
+    >>> energy.evaluate([[0, 1]])
+    1
+    """
+
+    unary: NDArray[Any]
+    smoothness: NDArray[np.int32]
+    weights_horizontal: NDArray[np.int32] | None = None
+    weights_vertical: NDArray[np.int32] | None = None
+    offset: int = 0
+
+    def __post_init__(self) -> None:
+        """Check every field, and bring arrays to the layout that the solvers read."""
+        unary = np.asarray(self.unary)
+        if unary.ndim != 3 or 0 in unary.shape:
+            raise InputError(Problem(f"unary: expected a shape (y, x, label), got {unary.shape}"))
+        if unary.dtype not in (np.dtype(np.uint16), np.dtype(np.int32)):
+            raise InputError(Problem(f"unary: expected uint16 or int32, got {unary.dtype}"))
+        height, width, labels = unary.shape
+        if not 2 <= labels <= 65536:
+            raise InputError(Problem(f"unary: expected 2 to 65536 labels, got {labels}"))
+        smoothness = _integers("smoothness", self.smoothness, (labels,))
+        if smoothness[0] != 0:
+            raise InputError(Problem(f"smoothness[0]: expected 0, got {smoothness[0]}"))
+        largest_weight = 1
+        for name, shape in (
+            ("weights_horizontal", (height, width - 1)),
+            ("weights_vertical", (height - 1, width)),
+        ):
+            if getattr(self, name) is not None:
+                weights = _integers(name, getattr(self, name), shape)
+                largest_weight = max(largest_weight, int(weights.max(initial=0)))
+                object.__setattr__(self, name, weights)
+        if unary.dtype == np.int32 and int(unary.min()) < 0:
+            raise InputError(Problem(f"unary: expected non-negative costs, got {unary.min()}"))
+        for name, value in (
+            ("unary costs", int(unary.max())),
+            ("smoothness times weight", largest_weight * int(smoothness.max())),
+        ):
+            if value >= COST_LIMIT:
+                raise InputError(
+                    Problem(f"{name}: expected below {COST_LIMIT} (int32 sums), got {value}")
+                )
+        object.__setattr__(self, "unary", np.ascontiguousarray(unary))
+        object.__setattr__(self, "smoothness", smoothness)
+        object.__setattr__(self, "offset", int(self.offset))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the grid in pixels."""
+        return self.unary.shape[0], self.unary.shape[1]
+
+    @property
+    def labels(self) -> int:
+        """Number of labels."""
+        return int(self.unary.shape[2])
+
+    @property
+    def is_metric(self) -> bool:
+        """Whether V(0) = 0 < V(d) and V(a + b) <= V(a) + V(b), V(|a - b|) <= V(a) + V(b).
+
+        Expansion moves are then exact (Boykov, Veksler and Zabih, section 2).
+        """
+        table = self.smoothness.astype(np.int64)
+        if table[1:].min() <= 0:
+            return False
+        index = np.arange(self.labels)
+        for by in range(1, self.labels):
+            # The three sides of a triangle of labels differ by index, by and |index - by|.
+            rest = table[np.abs(index - by)]
+            if np.any(table > rest + table[by]) or np.any(rest > table + table[by]):
+                return False
+        return True
+
+    @property
+    def is_convex(self) -> bool:
+        """Whether V is convex in the label difference, so that split and jump cuts are exact."""
+        slopes = np.diff(self.smoothness.astype(np.int64))
+        return bool(slopes[0] >= 0 and np.all(np.diff(slopes) >= 0))
+
+    def edge_weights(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Give the weights of all edges to the right and downward, each (y, x) int32.
+
+        Edges that would leave the grid have weight 0; edges without given weight have 1.
+        """
+        right = np.zeros(self.shape, np.int32)
+        down = np.zeros(self.shape, np.int32)
+        right[:, :-1] = 1 if self.weights_horizontal is None else self.weights_horizontal
+        down[:-1] = 1 if self.weights_vertical is None else self.weights_vertical
+        return right, down
+
+    def evaluate(self, labels: ArrayLike) -> int:
+        """Give the energy of a labeling, exactly.
+
+        Parameters
+        ----------
+        labels : (y, x) integer
+            Label of every pixel.
+
+        Raises
+        ------
+        ValueError
+            If the labels have another shape, are no integers or lie outside 0..label - 1.
+        """
+        given = np.asarray(labels)
+        if given.shape != self.shape or given.dtype.kind not in "ui":
+            raise InputError(
+                Problem(
+                    f"labels: expected integers of shape {self.shape}, "
+                    f"got {given.dtype} {given.shape}"
+                )
+            )
+        if given.min() < 0 or given.max() >= self.labels:
+            raise InputError(
+                Problem(f"labels: expected 0..{self.labels - 1}, got {given.min()}..{given.max()}")
+            )
+        index = given.astype(np.int32)
+        total = int(np.take_along_axis(self.unary, index[..., None], 2).sum(dtype=np.int64))
+        for axis, weights in ((1, self.weights_horizontal), (0, self.weights_vertical)):
+            costs = self.smoothness[np.abs(np.diff(index, axis=axis))].astype(np.int64)
+            total += int((costs if weights is None else costs * weights).sum())
+        return total + self.offset
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a solver found.
+
+    Attributes
+    ----------
+    labels : (y, x) uint8 or uint16
+        Label of every pixel; uint8 for up to 256 labels.
+    energy : int
+        Energy of the labels, offset included.
+    history : tuple of int
+        Energy after each sweep over the moves, never rising; the last is `energy`.
+    lower_bound : int or None
+        A bound that no labeling can be below, where the solver gives one.
+    """
+
+    labels: NDArray[Any]
+    energy: int
+    history: tuple[int, ...]
+    lower_bound: int | None = None
+
+
+def published(labels: int) -> NDArray[np.int32]:
+    """Build the smoothness of the thesis's program, close to |d| up to 228 and |d| - 1 above.
+
+    V(d) = int(5.28 * 255 * |1 - exp(0.0015 d)| / (1 + exp(0.0015 d))).
+
+    Parameters
+    ----------
+    labels : int
+        Number of labels; the formula was made for 256.
+
+    Returns
+    -------
+    (label,) int32
+
+    Examples
+    --------
+    >>> published(256)[[0, 1, 228, 229, 255]].tolist()
+    [0, 1, 228, 228, 254]
+    """
+    rise = np.exp(0.0015 * np.arange(_at_least_two(labels)))
+    table: NDArray[np.int32] = (5.28 * 255 * np.abs(1 - rise) / (1 + rise)).astype(np.int32)
+    return table
+
+
+def truncated_absolute(labels: int, cap: int, scale: int = 1) -> NDArray[np.int32]:
+    """Build V(d) = scale * min(cap, d), the second row of Table 4.1.
+
+    Examples
+    --------
+    >>> truncated_absolute(5, cap=3, scale=2).tolist()
+    [0, 2, 4, 6, 6]
+    """
+    return _table(np.arange(_at_least_two(labels)), cap, scale)
+
+
+def truncated_quadratic(labels: int, cap: int, scale: int = 1) -> NDArray[np.int32]:
+    """Build V(d) = scale * min(cap, d^2), the first row of Table 4.1; no metric.
+
+    Examples
+    --------
+    >>> truncated_quadratic(5, cap=10).tolist()
+    [0, 1, 4, 9, 10]
+    """
+    return _table(np.arange(_at_least_two(labels)) ** 2, cap, scale)
+
+
+def potts(labels: int, cap: int) -> NDArray[np.int32]:
+    """Build V(d) = cap for every d but 0, the third row of Table 4.1.
+
+    Examples
+    --------
+    >>> potts(4, cap=7).tolist()
+    [0, 7, 7, 7]
+    """
+    return truncated_absolute(labels, 1, cap)
+
+
+def adaptive_potts_weights(
+    image: NDArray[Any], threshold: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Build the edge weights of the intensity-adaptive Potts model, Table 4.1's last row.
+
+    A label change costs twice as much where the intensity changes by at most the threshold.
+
+    Parameters
+    ----------
+    image : (y, x) real
+        Intensities.
+    threshold : float
+        Largest intensity difference that counts as the same surface (Table 4.1's beta).
+
+    Returns
+    -------
+    weights_horizontal : (y, x - 1) int32
+    weights_vertical : (y - 1, x) int32
+
+    Raises
+    ------
+    InputError
+        If the image has not two axes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> right, down = adaptive_potts_weights(np.array([[10, 12, 90]], np.uint8), threshold=5)
+    >>> right.tolist(), down.shape
+    ([[2, 1]], (0, 3))
+    """
+    values = np.asarray(image, np.float64)
+    if values.ndim != 2:
+        raise InputError(Problem(f"image: expected a shape (y, x), got {values.shape}"))
+    right, down = (
+        np.where(np.abs(np.diff(values, axis=axis)) <= threshold, 2, 1).astype(np.int32)
+        for axis in (1, 0)
+    )
+    return right, down
+
+
+def label_dtype(labels: int) -> type[np.unsignedinteger[Any]]:
+    """Give the smallest unsigned type that holds the labels."""
+    return np.uint8 if labels <= 256 else np.uint16
+
+
+def starting_labels(energy: Energy, start: ArrayLike | None) -> NDArray[np.int32]:
+    """Give the labels that a solver begins with: all 0, or a checked copy of those given."""
+    if start is None:
+        return np.zeros(energy.shape, np.int32)
+    energy.evaluate(start)
+    return np.array(start, np.int32)
+
+
+def _at_least_two(labels: int) -> int:
+    if labels < 2:
+        raise InputError(Problem(f"labels: expected at least 2, got {labels}"))
+    return labels
+
+
+def _table(costs: NDArray[Any], cap: int, scale: int) -> NDArray[np.int32]:
+    for name, value in (("cap", cap), ("scale", scale)):
+        if not 0 < value < COST_LIMIT:
+            raise InputError(Problem(f"{name}: expected 1 to {COST_LIMIT - 1}, got {value}"))
+    table = scale * np.minimum(costs.astype(np.int64), cap)
+    if table.max() >= COST_LIMIT:
+        raise InputError(Problem(f"smoothness: expected below {COST_LIMIT}, got {table.max()}"))
+    return table.astype(np.int32)
+
+
+def _integers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.int32]:
+    array = np.asarray(values)
+    if array.shape != shape:
+        raise InputError(Problem(f"{name}: expected shape {shape}, got {array.shape}"))
+    if array.dtype.kind not in "ui":
+        raise InputError(Problem(f"{name}: expected integers, got {array.dtype}"))
+    if array.size and not 0 <= int(array.min()) <= int(array.max()) < COST_LIMIT:
+        raise InputError(
+            Problem(f"{name}: expected 0..{COST_LIMIT - 1}, got {array.min()}..{array.max()}")
+        )
+    return np.ascontiguousarray(array, np.int32)

@@ -1,0 +1,389 @@
+"""Minimum cuts on a 4-connected grid, the one primitive that every move-making solver needs.
+
+Two search trees grow from the terminals and are repaired after each augmenting path, as in Boykov
+and Kolmogorov ("An experimental comparison of min-cut/max-flow algorithms for energy minimization
+in vision", PAMI 2004), but breadth first, every node knowing its distance from the terminal
+(Goldberg et al., "Maximum flows by incremental breadth-first search", ESA 2011): on these grids
+slightly faster, and polynomial. Neighbours are found by adding a constant to the node's number, so
+that no adjacency lists are stored, and a border of nodes without edges spares every test for the
+image's edge.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import InputError, Problem
+
+__all__ = ["DOWN", "LEFT", "RIGHT", "SINK", "UP", "GridGraph"]
+
+# Directions of the four edges that leave a node; `direction ^ 1` is the way back.
+RIGHT, LEFT, DOWN, UP = 0, 1, 2, 3
+
+# What `parent` holds besides a direction.
+TERMINAL, ORPHAN = 4, 5
+
+# What `tree` holds. Arrays with a first axis for the trees have SOURCE's part at 0, SINK's at 1.
+FREE, SOURCE, SINK = 0, 1, 2
+
+Array = NDArray[Any]
+
+
+class GridGraph:
+    """A grid of nodes with terminal and neighbour links, solved in place and reused between cuts.
+
+    Nodes lie in flat arrays with a border of idle nodes: pixel (y, x) is node
+    ``first + y * pitch + x``. Fill ``terminal`` and ``capacity``, call `cut`, read `sink_side`.
+    A solve uses up the capacities, so they are filled anew for every cut.
+
+    Parameters
+    ----------
+    height, width : int
+        Size of the grid, at least 1 x 1.
+
+    Attributes
+    ----------
+    terminal : (node,) int32
+        Cost of the sink side less the cost of the source side: positive is a link from the
+        source, negative a link to the sink.
+    capacity : (4 * node,) int32
+        Non-negative; ``capacity[4 * node + direction]`` is paid when the node is on the source
+        side and its neighbour in that direction is on the sink side.
+
+    Raises
+    ------
+    InputError
+        If the grid is empty.
+
+    Examples
+    --------
+    >>> graph = GridGraph(1, 2)
+    >>> graph.terminal[graph.first] = 5  # the left pixel pays 5 on the sink side
+    >>> graph.terminal[graph.first + 1] = -3  # the right one pays 3 on the source side
+    >>> graph.capacity[4 * graph.first + RIGHT] = 2
+    >>> graph.cut(), graph.sink_side().tolist()
+    (2, [[False, True]])
+    """
+
+    def __init__(self, height: int, width: int) -> None:
+        if height < 1 or width < 1:
+            raise InputError(Problem(f"grid size: expected at least 1 x 1, got {height} x {width}"))
+        self.height = height
+        self.width = width
+        # One idle column serves as right border of a row and left border of the next.
+        self.pitch = width + 1
+        self.first = self.pitch + 1
+        nodes = (height + 2) * self.pitch + 1
+        self.terminal: NDArray[np.int32] = np.zeros(nodes, np.int32)
+        self.capacity: NDArray[np.int32] = np.zeros(4 * nodes, np.int32)
+        self.tree: NDArray[np.uint8] = np.zeros(nodes, np.uint8)
+        self._parent = np.zeros(nodes, np.uint8)
+        self._distance = np.zeros(nodes, np.int32)
+        self._orphans = np.zeros(nodes, np.int32)
+        # Nodes to grow from: for both trees, at an even and an odd distance.
+        self._fronts = np.zeros((2, 2, nodes), np.int32)
+        self._counts = np.zeros((2, 2), np.int64)
+        self._listed = np.zeros((2, nodes), np.int32)
+
+    def cut(self) -> int:
+        """Find a minimum cut and give its value (equal to the maximum flow)."""
+        flow = _push_to_neighbours(self.pitch, self.terminal, self.capacity)
+        flow += _grow_and_augment(
+            self.pitch,
+            self.terminal,
+            self.capacity,
+            self.tree,
+            self._parent,
+            self._distance,
+            self._orphans,
+            self._fronts,
+            self._counts,
+            self._listed,
+        )
+        return int(flow)
+
+    def sink_side(self) -> NDArray[np.bool_]:
+        """Tell which pixels the last cut put on the sink side, as a (y, x) bool array.
+
+        Where several cuts are minimal, this is the one with the fewest pixels on the sink side.
+        """
+        rows = self.tree[self.pitch : (self.height + 1) * self.pitch]
+        side: NDArray[np.bool_] = rows.reshape(self.height, self.pitch)[:, 1:] == SINK
+        return side
+
+
+@numba.njit(cache=True, nogil=True)
+def _push_to_neighbours(pitch: int, terminal: Array, capacity: Array) -> int:
+    # Flow between neighbours of opposite terminals needs no search, and is half of all flow.
+    flow = 0
+    for node in range(pitch + 1, terminal.size - pitch - 1):
+        if terminal[node] == 0:
+            continue
+        for direction in (RIGHT, DOWN):
+            other = node + (1 if direction == RIGHT else pitch)
+            if terminal[node] > 0 and terminal[other] < 0:
+                edge, back = 4 * node + direction, 4 * other + (direction ^ 1)
+                push = min(terminal[node], -terminal[other], capacity[edge])
+                terminal[node] -= push
+                terminal[other] += push
+            elif terminal[node] < 0 and terminal[other] > 0:
+                edge, back = 4 * other + (direction ^ 1), 4 * node + direction
+                push = min(-terminal[node], terminal[other], capacity[edge])
+                terminal[node] += push
+                terminal[other] -= push
+            else:
+                continue
+            capacity[edge] -= push
+            capacity[back] += push
+            flow += push
+    return flow
+
+
+@numba.njit(cache=True, nogil=True)
+def _grow_and_augment(
+    pitch: int,
+    terminal: Array,
+    capacity: Array,
+    tree: Array,
+    parent: Array,
+    distance: Array,
+    orphans: Array,
+    fronts: Array,
+    counts: Array,
+    listed: Array,
+) -> int:
+    step = (1, -1, pitch, -pitch)
+    counts[:] = 0
+    listed[:] = 0
+    distance[:] = 1
+    parent[:] = TERMINAL
+    ends = np.zeros(2, np.int64)
+    for node in range(terminal.size):
+        if terminal[node] == 0:
+            tree[node] = FREE
+            continue
+        which = 0 if terminal[node] > 0 else 1
+        tree[node] = which + 1
+        listed[which, node] = 1
+        fronts[which, 1, ends[which]] = node
+        ends[which] += 1
+    counts[:, 1] = ends
+    flow = 0
+    # The greatest distance at which each tree is complete, and has yet to grow from.
+    depths = np.ones(2, np.int64)
+    # The sink's tree grows to its end, so that it holds all nodes that can reach the sink. The
+    # source's tree grows first up to twice its depth, which was fastest on the energies here.
+    while counts[1, depths[1] & 1] > 0:
+        shallow = depths[0] <= 2 * depths[1]
+        side = SOURCE if shallow and counts[0, depths[0] & 1] > 0 else SINK
+        depth = depths[side - 1]
+        front = fronts[side - 1, depth & 1]
+        at = 0
+        while at < counts[side - 1, depth & 1]:
+            node = int(front[at])
+            at += 1
+            direction = 0
+            # Nodes cut off or moved away since they were listed are listed again elsewhere.
+            while direction < 4 and tree[node] == side and distance[node] == depth:
+                other = node + step[direction]
+                forth, back = 4 * node + direction, 4 * other + (direction ^ 1)
+                if side == SINK:
+                    forth, back = back, forth
+                if capacity[forth] == 0 or tree[other] == side:
+                    direction += 1
+                    continue
+                if tree[other] == FREE:
+                    tree[other] = side
+                    parent[other] = direction ^ 1
+                    distance[other] = depth + 1
+                    _list(side, other, depth + 1, fronts, counts, listed)
+                    direction += 1
+                    continue
+                upper, lower = (node, other) if side == SOURCE else (other, node)
+                push = _narrowest(step, upper, lower, capacity[forth], terminal, capacity, parent)
+                flow += push
+                capacity[forth] -= push
+                capacity[back] += push
+                # The side is a constant in each call, for which the compiler makes a faster copy.
+                _take(
+                    SOURCE,
+                    push,
+                    upper,
+                    step,
+                    terminal,
+                    capacity,
+                    tree,
+                    parent,
+                    distance,
+                    orphans,
+                    fronts,
+                    counts,
+                    listed,
+                    depths[0],
+                    depths[0] + (side == SOURCE),
+                )
+                _take(
+                    SINK,
+                    push,
+                    lower,
+                    step,
+                    terminal,
+                    capacity,
+                    tree,
+                    parent,
+                    distance,
+                    orphans,
+                    fronts,
+                    counts,
+                    listed,
+                    depths[1],
+                    depths[1] + (side == SINK),
+                )
+        counts[side - 1, depth & 1] = 0
+        depths[side - 1] += 1
+    return flow
+
+
+@numba.njit(cache=True, nogil=True)
+def _list(side: int, node: int, depth: int, fronts: Array, counts: Array, listed: Array) -> None:
+    # A node may come to the same distance twice, but is to be grown from once.
+    if listed[side - 1, node] != depth:
+        listed[side - 1, node] = depth
+        fronts[side - 1, depth & 1, counts[side - 1, depth & 1]] = node
+        counts[side - 1, depth & 1] += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def _narrowest(
+    step: tuple[int, int, int, int],
+    upper: int,
+    lower: int,
+    across: int,
+    terminal: Array,
+    capacity: Array,
+    parent: Array,
+) -> Any:
+    # What the path source .. upper -> lower .. sink lets through, `across` its middle link.
+    push = across
+    at = upper
+    while parent[at] != TERMINAL:
+        before = at + step[parent[at]]
+        push = min(push, capacity[4 * before + (parent[at] ^ 1)])
+        at = before
+    push = min(push, terminal[at])
+    at = lower
+    while parent[at] != TERMINAL:
+        push = min(push, capacity[4 * at + parent[at]])
+        at += step[parent[at]]
+    return min(push, -terminal[at])
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _take(
+    side: int,
+    push: int,
+    at: int,
+    step: tuple[int, int, int, int],
+    terminal: Array,
+    capacity: Array,
+    tree: Array,
+    parent: Array,
+    distance: Array,
+    orphans: Array,
+    fronts: Array,
+    counts: Array,
+    listed: Array,
+    depth: int,
+    limit: int,
+) -> None:
+    # Take the flow from the links of one tree's part of the path; nodes cut off are adopted.
+    waiting = 0
+    while parent[at] != TERMINAL:
+        direction = parent[at]
+        beside = at + step[direction]
+        outward, inward = 4 * at + direction, 4 * beside + (direction ^ 1)
+        forth, back = (inward, outward) if side == SOURCE else (outward, inward)
+        capacity[forth] -= push
+        capacity[back] += push
+        if capacity[forth] == 0:
+            parent[at] = ORPHAN
+            orphans[waiting] = at
+            waiting += 1
+        at = beside
+    terminal[at] += -push if side == SOURCE else push
+    if terminal[at] == 0:
+        parent[at] = ORPHAN
+        orphans[waiting] = at
+        waiting += 1
+    _adopt(
+        side,
+        step,
+        waiting,
+        capacity,
+        tree,
+        parent,
+        distance,
+        orphans,
+        fronts,
+        counts,
+        listed,
+        depth,
+        limit,
+    )
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _adopt(
+    side: int,
+    step: tuple[int, int, int, int],
+    waiting: int,
+    capacity: Array,
+    tree: Array,
+    parent: Array,
+    distance: Array,
+    orphans: Array,
+    fronts: Array,
+    counts: Array,
+    listed: Array,
+    depth: int,
+    limit: int,
+) -> None:
+    # Every orphan takes the nearest parent that it can, in a queue, so that children come after
+    # parents. `limit` is the greatest distance that the tree may have while it is grown.
+    head, tail = 0, waiting
+    while waiting > 0:
+        orphan = int(orphans[head])
+        head = head + 1 if head + 1 < orphans.size else 0
+        waiting -= 1
+        best, nearest = -1, limit
+        for direction in range(4):
+            other = orphan + step[direction]
+            if tree[other] != side or distance[other] >= nearest:
+                continue
+            forth = 4 * other + (direction ^ 1) if side == SOURCE else 4 * orphan + direction
+            if capacity[forth] > 0:
+                best, nearest = direction, distance[other]
+                if nearest == distance[orphan] - 1:
+                    break
+        if best >= 0 and nearest == distance[orphan] - 1:
+            parent[orphan] = best
+            continue
+        # The orphan moves away from the terminal or leaves the tree: its children are orphans.
+        for direction in range(4):
+            other = orphan + step[direction]
+            if tree[other] == side and parent[other] == (direction ^ 1):
+                parent[other] = ORPHAN
+                orphans[tail] = other
+                tail = tail + 1 if tail + 1 < orphans.size else 0
+                waiting += 1
+        if best < 0:
+            tree[orphan] = FREE
+            continue
+        parent[orphan] = best
+        distance[orphan] = nearest + 1
+        if nearest + 1 >= depth:
+            _list(side, orphan, nearest + 1, fronts, counts, listed)

@@ -1,0 +1,122 @@
+"""Times of the data cost and the solvers, and their ratios to named peers in the same process.
+
+Run with one thread: NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1, and `-s` to see
+the ratios, which are of CPU time. Nothing here asserts a time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.ndimage import correlate1d
+
+from dfdbench.data_cost import data_cost
+from dfdbench.mrf import Energy, Quality, expansion, message_passing, published, split
+
+LABELS = 256
+SIGMAS = 0.32 + 0.01 * np.arange(LABELS)
+Pair = tuple[np.ndarray[Any, np.dtype[np.uint8]], np.ndarray[Any, np.dtype[np.uint8]]]
+
+
+def cpu(run: Callable[[], Any]) -> float:
+    """Measure the CPU seconds of one call."""
+    start = time.process_time()
+    run()
+    return time.process_time() - start
+
+
+@pytest.fixture(scope="module")
+def pair() -> Pair:
+    """Draw a textured image, and blur it by a staircase of sigmas."""
+    rng = np.random.default_rng(3)
+    height, width = 370, 463
+    sharp = rng.integers(0, 256, (height, width, 3)).astype(np.float64)
+    for axis in (0, 1):
+        sharp = correlate1d(sharp, np.full(5, 0.2), axis, mode="nearest")
+    blurred = np.empty_like(sharp)
+    for step, columns in enumerate(np.array_split(np.arange(width), 8)):
+        at = np.arange(-13, 14)
+        kernel = np.exp(-(at**2) / (2 * SIGMAS[20 + 25 * step] ** 2))
+        kernel /= kernel.sum()
+        whole = correlate1d(
+            correlate1d(sharp, kernel, 0, mode="nearest"), kernel, 1, mode="nearest"
+        )
+        blurred[:, columns] = whole[:, columns]
+    return np.rint(sharp).astype(np.uint8), np.rint(blurred).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def energy(pair: Pair) -> Energy:
+    unary, offset = data_cost(*pair, SIGMAS)
+    return Energy(unary, published(LABELS), offset=offset)
+
+
+def test_data_cost(benchmark: Any, pair: Pair) -> None:
+    data_cost(pair[0][:4], pair[1][:4], SIGMAS)
+    benchmark.pedantic(data_cost, (*pair, SIGMAS), rounds=3)
+    cv2 = pytest.importorskip("cv2", reason="the peer OpenCV is not installed")
+    cv2.setNumThreads(1)
+
+    def by_definition() -> None:
+        sharp, observed = (image.astype(np.float64) for image in pair)
+        for sigma in SIGMAS[::16]:
+            kernel = np.exp(-(np.arange(-13, 14) ** 2) / (2 * sigma**2))
+            kernel = np.outer(kernel, kernel)
+            blurred = cv2.filter2D(
+                sharp, cv2.CV_64F, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE
+            )
+            (12 * ((observed - blurred) ** 2).sum(-1)).astype(np.int64)
+
+    own, peer = cpu(lambda: data_cost(*pair, SIGMAS)), 16 * cpu(by_definition)
+    print(f"\ndata_cost: {own:.2f} s CPU, {peer / own:.0f} x OpenCV's filter2D for every label")
+
+
+@pytest.mark.parametrize("quality", ["fast", "default", "high"])
+def test_split(benchmark: Any, energy: Energy, quality: Quality) -> None:
+    split(energy, quality)
+    solution = benchmark.pedantic(split, (energy, quality), rounds=2)
+    print(f"\nsplit {quality}: energy {solution.energy}")
+
+
+def test_message_passing(benchmark: Any, energy: Energy) -> None:
+    message_passing(Energy(energy.unary[:4], energy.smoothness), 1)
+    benchmark.pedantic(message_passing, (energy, 2), rounds=1)
+
+
+def test_against_pymaxflow(aloe: Callable[[int], Energy]) -> None:
+    """Compare with PyMaxflow's alpha-expansion to convergence on Aloe; takes over a minute."""
+    maxflow = pytest.importorskip("maxflow", reason="the peer PyMaxflow is not installed")
+    energy = aloe(2)
+    index = np.arange(LABELS)
+    pairwise = energy.smoothness[np.abs(index[:, None] - index)].astype(np.int64)
+    costs = energy.unary.astype(np.int64)
+    found: dict[str, Any] = {}
+
+    def peer() -> None:
+        start = np.zeros(energy.shape, np.int64)
+        found["peer"] = maxflow.fastmin.aexpansion_grid(costs, pairwise, labels=start)
+
+    seconds = cpu(peer)
+    reached = energy.evaluate(found["peer"])
+    print(f"\naexpansion_grid: {seconds:.1f} s CPU, energy {reached}")
+    solvers: dict[str, Callable[[], Any]] = {
+        "split fast": lambda: split(energy, "fast"),
+        "split default": lambda: split(energy),
+        "split high": lambda: split(energy, "high"),
+        "split best": lambda: split(energy, "best"),
+        "expansion": lambda: expansion(energy),
+    }
+    solvers["split fast"]()
+    for name, solve in solvers.items():
+        start = time.process_time()
+        solution = solve()
+        own = time.process_time() - start
+        change = 100 * (solution.energy / reached - 1)
+        print(
+            f"{name}: {own:.2f} s CPU, 1/{seconds / own:.1f} of aexpansion_grid, "
+            f"energy {solution.energy} ({change:+.4f} %)"
+        )

@@ -1,0 +1,151 @@
+import itertools
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.blur import RECIPES, BlurRecipe, synthesize
+from dfdbench.check import check_method
+from dfdbench.errors import DfdbenchError, InputError
+from dfdbench.methods import Method
+from dfdbench.methods.baselines import Local
+from dfdbench.methods.graph_cuts import SMOOTHNESS, GraphCuts
+from dfdbench.metrics import nmae, nrmse, ssim
+
+Image = NDArray[np.uint8]
+
+
+@pytest.fixture
+def pair() -> tuple[Image, Image, Image]:
+    random = np.random.default_rng(4)
+    image = random.integers(0, 256, (48, 64, 3)).astype(np.uint8)
+    depth = np.full((48, 64), 90, np.uint8)
+    depth[:, 32:] = 170
+    return image, synthesize(image, depth, RECIPES["published"]), depth
+
+
+def test_it_finds_a_step_and_says_its_energy(pair: tuple[Image, Image, Image]) -> None:
+    infocus, defocus, depth = pair
+    found, numbers = GraphCuts()(infocus, defocus)
+    assert np.abs(found - depth).mean() < 1
+    assert numbers["energy"] > 0
+    assert set(numbers) == {"energy"}
+
+
+@pytest.mark.parametrize(
+    ("smoothness", "solver"), list(itertools.product(SMOOTHNESS, ("split", "expansion")))
+)
+def test_every_smoothness_and_solver_lowers_the_error_of_local(
+    pair: tuple[Image, Image, Image], smoothness: str, solver: str
+) -> None:
+    infocus, defocus, depth = pair
+    method = GraphCuts(smoothness=smoothness, solver=solver, cap=64, labels=64)
+    found, _ = method(infocus, defocus)
+    assert nmae(depth, found) <= nmae(depth, Local()(infocus, defocus))
+
+
+def test_a_lower_bound_is_given_on_request(pair: tuple[Image, Image, Image]) -> None:
+    _, numbers = GraphCuts(lower_bound=True, labels=32)(*pair[:2])
+    assert numbers["lower_bound"] <= numbers["energy"]
+    assert 0 <= numbers["gap_percent"] < 5
+    _, passing = GraphCuts(lower_bound=True, labels=32, solver="message-passing")(*pair[:2])
+    assert passing["lower_bound"] <= passing["energy"]
+
+
+def test_depth_is_the_inverse_of_the_recipe(pair: tuple[Image, Image, Image]) -> None:
+    infocus, _, depth = pair
+    recipe = BlurRecipe(0.4, 0.02, levels=200, kernel_size=21, invert=False)
+    defocus = synthesize(infocus, depth, recipe)
+    found, _ = GraphCuts(recipe)(infocus, defocus)
+    assert np.abs(found - depth).mean() < 2
+    plain, _ = GraphCuts()(infocus, defocus)
+    raised, _ = GraphCuts(published_offset=True)(infocus, defocus)
+    assert np.array_equal(raised, np.minimum(plain + 1, 255))
+
+
+def test_fewer_labels_stand_for_the_middle_of_their_levels(
+    pair: tuple[Image, Image, Image],
+) -> None:
+    found, _ = GraphCuts(labels=32)(*pair[:2])
+    assert np.isin(found, 255 - np.arange(4, 256, 8)).all()
+    assert np.abs(found - pair[2]).max() <= 8
+
+
+def test_a_grey_image_is_one_channel(pair: tuple[Image, Image, Image]) -> None:
+    infocus, defocus, depth = pair
+    found, _ = GraphCuts()(infocus[..., 1].copy(), defocus[..., 1].copy())
+    assert nmae(depth, found) < 0.1
+    again, _ = GraphCuts()(infocus[..., 1:2].copy(), defocus[..., 1:2].copy())
+    assert np.array_equal(found, again)
+
+
+def test_awkward_images_are_no_trouble() -> None:
+    trials = check_method(Method("graph-cuts", "m:m", GraphCuts(labels=64)))
+    assert [trial.error or trial.warning for trial in trials] == [""] * len(trials)
+    tiny = np.array([[[3, 4, 5]]], np.uint8)
+    found, _ = GraphCuts()(tiny, tiny)
+    assert found.shape == (1, 1)
+
+
+def test_sizes_that_differ_are_named(pair: tuple[Image, Image, Image]) -> None:
+    with pytest.raises(InputError, match="expected the shape"):
+        GraphCuts()(pair[0], pair[1][:-1].copy())
+
+
+@pytest.mark.parametrize(
+    ("parameters", "told"),
+    [
+        ({"labels": 100}, "labels"),
+        ({"labels": 1}, "labels"),
+        ({"weight": 0}, "weight"),
+        ({"cap": 0, "scale": 0, "smoothness": "potts"}, "scale"),
+        ({"cap": 255, "scale": 99, "smoothness": "truncated-absolute"}, "largest smoothness"),
+        ({"smoothness": "published-table"}, "did you mean published"),
+        ({"color_space": "hsv"}, "rgb"),
+        ({"solver": "splitt"}, "did you mean split"),
+        ({"quality": "highest"}, "high"),
+    ],
+)
+def test_wrong_parameters_are_named(parameters: dict[str, Any], told: str) -> None:
+    with pytest.raises(DfdbenchError, match=told):
+        GraphCuts(**parameters)
+
+
+def test_two_pairs_at_once_change_nothing(pair: tuple[Image, Image, Image]) -> None:
+    method = GraphCuts()
+    alone, _ = method(*pair[:2])
+    with ThreadPoolExecutor(4) as pool:
+        many = list(pool.map(lambda _: method(*pair[:2])[0], range(8)))
+    assert all(np.array_equal(one, alone) for one in many)
+
+
+# What the program published with the thesis gives on these images: (recipe, exposure), and
+# NRMSE, NMAE, SSIM over the whole image, own range.
+PROGRAM = {
+    ("text", 1): (0.1092, 0.1050, 0.8514),
+    ("text", 2): (0.1060, 0.1029, 0.8688),
+    ("published", 1): (0.0372, 0.0175, 0.9432),
+    ("published", 2): (0.0248, 0.0116, 0.9665),
+}
+
+
+@pytest.mark.parametrize(("recipe", "exposure"), PROGRAM)
+def test_the_published_program_is_reproduced(
+    shared_data: Path, read_image: Callable[[Path], Image], recipe: str, exposure: int
+) -> None:
+    aloe = shared_data / "middlebury/ThirdSize/Aloe"
+    infocus = read_image(aloe / f"Illum1/Exp{exposure}/view1.png")
+    depth = read_image(aloe / "disp1.png")[..., 0].copy()
+    defocus = read_image(
+        shared_data / f"published_blur/Aloe/Illum1_Exp{exposure}_view1_lin_0.32_2.88.png"
+    )
+    found, _ = GraphCuts(RECIPES[recipe], published_offset=True)(infocus, defocus)
+    scores = nrmse(depth, found), nmae(depth, found), ssim(depth, found)
+    for ours, theirs, tolerance in zip(
+        scores, PROGRAM[recipe, exposure], (0.003, 0.003, 0.005), strict=True
+    ):
+        assert ours == pytest.approx(theirs, abs=tolerance)

@@ -1,0 +1,84 @@
+"""What the solvers' tests share: small random energies, brute force."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.mrf import (
+    Energy,
+    potts,
+    published,
+    truncated_absolute,
+    truncated_quadratic,
+)
+
+SEED = 20240611
+
+
+def tables(labels: int) -> dict[str, NDArray[np.int32]]:
+    """Every kind of smoothness, small enough for the costs of `random_energy`."""
+    return {
+        "absolute": truncated_absolute(labels, cap=255, scale=2),
+        "truncated-absolute": truncated_absolute(labels, cap=2, scale=3),
+        "potts": potts(labels, cap=4),
+        "quadratic": truncated_quadratic(labels, cap=10**6),
+        "truncated-quadratic": truncated_quadratic(labels, cap=5, scale=2),
+        # Thinned out, so that its one step that is not convex is among few labels too.
+        "published": published(256)[np.linspace(0, 255, labels).astype(int)],
+    }
+
+
+KINDS = tuple(tables(4))
+
+
+def random_energy(
+    rng: np.random.Generator,
+    height: int,
+    width: int,
+    labels: int,
+    kind: str,
+    weighted: bool = False,
+    dtype: type[Any] = np.uint16,
+) -> Energy:
+    """Draw an energy with random costs, of the size at which both terms matter."""
+    table = tables(labels)[kind]
+    unary = rng.integers(0, 3 * int(table.max()) // 2 + 4, (height, width, labels)).astype(dtype)
+    weights = {}
+    if weighted:
+        weights = {
+            "weights_horizontal": rng.integers(0, 4, (height, width - 1)).astype(np.int32),
+            "weights_vertical": rng.integers(0, 4, (height - 1, width)).astype(np.int32),
+        }
+    return Energy(unary, table, offset=int(rng.integers(0, 50)), **weights)
+
+
+def brute_force(energy: Energy) -> int:
+    """Find the least energy by trying all labelings; written apart from `evaluate`."""
+    height, width = energy.shape
+    pixels = list(itertools.product(range(height), range(width)))
+    right, down = energy.edge_weights()
+    best = None
+    for choice in itertools.product(range(energy.labels), repeat=len(pixels)):
+        label = dict(zip(pixels, choice, strict=True))
+        total = energy.offset
+        for y, x in pixels:
+            total += int(energy.unary[y, x, label[y, x]])
+            if x + 1 < width:
+                step = abs(label[y, x] - label[y, x + 1])
+                total += int(right[y, x]) * int(energy.smoothness[step])
+            if y + 1 < height:
+                step = abs(label[y, x] - label[y + 1, x])
+                total += int(down[y, x]) * int(energy.smoothness[step])
+        best = total if best is None else min(best, total)
+    assert best is not None
+    return best
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(SEED)

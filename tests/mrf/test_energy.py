@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.mrf import (
+    Energy,
+    adaptive_potts_weights,
+    potts,
+    published,
+    truncated_absolute,
+    truncated_quadratic,
+)
+from tests.mrf.conftest import KINDS, random_energy
+
+
+def test_published_table_is_absolute_difference_but_for_its_last_step() -> None:
+    table = published(256)
+    assert table[:229].tolist() == list(range(229))
+    assert table[229:].tolist() == list(range(228, 255))
+
+
+@pytest.mark.parametrize(
+    ("table", "metric", "convex"),
+    [
+        (published(256), True, False),
+        (published(229), True, True),
+        (truncated_absolute(8, cap=255), True, True),
+        (truncated_absolute(8, cap=3), True, False),
+        (potts(8, cap=3), True, False),
+        (truncated_quadratic(8, cap=100), False, True),
+        (truncated_quadratic(8, cap=5), False, False),
+        (np.zeros(4, np.int32), False, True),
+    ],
+)
+def test_properties_of_tables(table: Any, metric: bool, convex: bool) -> None:
+    energy = Energy(np.zeros((1, 1, len(table)), np.uint16), table)
+    assert (energy.is_metric, energy.is_convex) == (metric, convex)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("weighted", [False, True])
+def test_evaluate_adds_up_every_term(rng: np.random.Generator, kind: str, weighted: bool) -> None:
+    energy = random_energy(rng, 4, 5, 6, kind, weighted)
+    labels = rng.integers(0, 6, (4, 5))
+    right, down = energy.edge_weights()
+    total = energy.offset
+    for y in range(4):
+        for x in range(5):
+            total += int(energy.unary[y, x, labels[y, x]])
+            if x < 4:
+                total += int(right[y, x] * energy.smoothness[abs(labels[y, x] - labels[y, x + 1])])
+            if y < 3:
+                total += int(down[y, x] * energy.smoothness[abs(labels[y, x] - labels[y + 1, x])])
+    assert energy.evaluate(labels) == total
+
+
+def test_evaluate_does_not_overflow() -> None:
+    unary = np.full((200, 200, 2), 2**26, np.int32)
+    energy = Energy(unary, potts(2, cap=1), offset=2**40)
+    assert energy.evaluate(np.zeros((200, 200), np.uint8)) == 200 * 200 * 2**26 + 2**40
+
+
+def test_adaptive_potts_weights_follow_the_threshold() -> None:
+    right, down = adaptive_potts_weights(np.array([[0, 5, 11], [6, 5, 5]]), threshold=5)
+    assert right.tolist() == [[2, 1], [2, 2]]
+    assert down.tolist() == [[1, 2, 1]]
+
+
+GOOD: dict[str, Any] = {
+    "unary": np.zeros((2, 3, 4), np.uint16),
+    "smoothness": np.arange(4, dtype=np.int32),
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"unary": np.zeros((2, 3), np.uint16)}, r"unary: expected a shape"),
+        ({"unary": np.zeros((0, 3, 4), np.uint16)}, r"unary: expected a shape"),
+        ({"unary": np.zeros((2, 3, 4))}, r"unary: expected uint16 or int32, got float64"),
+        ({"unary": np.zeros((2, 3, 1), np.uint16)}, r"unary: expected 2 to 65536 labels, got 1"),
+        ({"unary": np.full((2, 3, 4), -1, np.int32)}, r"non-negative costs, got -1"),
+        ({"unary": np.full((2, 3, 4), 2**30, np.int32)}, r"unary costs: expected below"),
+        ({"smoothness": np.arange(3, dtype=np.int32)}, r"smoothness: expected shape \(4,\)"),
+        ({"smoothness": np.arange(4.0)}, r"smoothness: expected integers, got float64"),
+        ({"smoothness": np.arange(1, 5, dtype=np.int32)}, r"smoothness\[0\]: expected 0, got 1"),
+        ({"smoothness": -np.arange(4, dtype=np.int32)}, r"smoothness: expected 0\.\."),
+        ({"weights_horizontal": np.ones((2, 3), np.int32)}, r"weights_horizontal: expected shape"),
+        ({"weights_vertical": np.ones((1, 3))}, r"weights_vertical: expected integers"),
+        (
+            {"weights_vertical": np.full((1, 3), 2**26, np.int32)},
+            r"smoothness times weight: expected below",
+        ),
+    ],
+)
+def test_bad_energies_are_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Energy(**{**GOOD, **changes})
+
+
+@pytest.mark.parametrize(
+    ("labels", "message"),
+    [
+        (np.zeros((2, 2), int), r"labels: expected integers of shape \(2, 3\)"),
+        (np.zeros((2, 3)), r"labels: expected integers"),
+        (np.full((2, 3), 4), r"labels: expected 0\.\.3, got 4\.\.4"),
+        (np.full((2, 3), -1), r"labels: expected 0\.\.3, got -1\.\.-1"),
+    ],
+)
+def test_bad_labels_are_refused(labels: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Energy(**GOOD).evaluate(labels)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: published(1), "labels: expected at least 2, got 1"),
+        (lambda: potts(4, cap=0), "scale: expected 1 to"),
+        (lambda: truncated_absolute(4, cap=-1), "cap: expected 1 to"),
+        (lambda: truncated_quadratic(60000, cap=2**26, scale=4), "smoothness: expected below"),
+        (lambda: adaptive_potts_weights(np.zeros((2, 2, 3)), 1), "image: expected a shape"),
+    ],
+)
+def test_bad_tables_are_refused(build: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        build()

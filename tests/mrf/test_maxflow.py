@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_flow
+
+from dfdbench.mrf.maxflow import DOWN, LEFT, RIGHT, UP, GridGraph
+
+Grid = tuple[NDArray[np.int32], NDArray[np.int32]]
+
+
+def random_grid(rng: np.random.Generator, height: int, width: int) -> Grid:
+    """Terminal links (y, x), and capacities (y, x, direction) without any out of the grid."""
+    most = int(rng.choice([1, 3, 30, 10**6]))
+    terminal = rng.integers(-2 * most, 2 * most + 1, (height, width)).astype(np.int32)
+    terminal[rng.random((height, width)) < rng.choice([0, 0.5, 0.9])] = 0
+    capacity = rng.integers(0, most + 1, (height, width, 4)).astype(np.int32)
+    capacity[:, -1, RIGHT] = capacity[:, 0, LEFT] = 0
+    capacity[-1, :, DOWN] = capacity[0, :, UP] = 0
+    return terminal, capacity
+
+
+def fill(graph: GridGraph, terminal: NDArray[Any], capacity: NDArray[Any]) -> None:
+    y, x = np.mgrid[: graph.height, : graph.width]
+    node = graph.first + y * graph.pitch + x
+    graph.terminal[node] = terminal
+    for direction in range(4):
+        graph.capacity[4 * node + direction] = capacity[..., direction]
+
+
+def cut_value(terminal: NDArray[Any], capacity: NDArray[Any], side: NDArray[np.bool_]) -> int:
+    """Add up what a cut costs, by its definition."""
+    cost = int(terminal[side & (terminal > 0)].sum()) - int(terminal[~side & (terminal < 0)].sum())
+    for direction, (dy, dx) in {RIGHT: (0, 1), LEFT: (0, -1), DOWN: (1, 0), UP: (-1, 0)}.items():
+        # Pixels that wrap round have capacity 0.
+        beside = np.roll(side, (-dy, -dx), (0, 1))
+        cost += int(capacity[..., direction][~side & beside].sum())
+    return cost
+
+
+def scipy_flow(terminal: NDArray[Any], capacity: NDArray[Any]) -> int:
+    height, width = terminal.shape
+    source, sink = height * width, height * width + 1
+    rows, columns, values = [], [], []
+    for y in range(height):
+        for x in range(width):
+            node = y * width + x
+            link = int(terminal[y, x])
+            ends = (source, node) if link > 0 else (node, sink)
+            links = [(*ends, abs(link))]
+            for direction, other in ((RIGHT, 1), (LEFT, -1), (DOWN, width), (UP, -width)):
+                links.append((node, node + other, int(capacity[y, x, direction])))
+            for start, end, value in links:
+                if value:
+                    rows.append(start)
+                    columns.append(end)
+                    values.append(value)
+    graph = csr_array((np.array(values, np.int32), (rows, columns)), (sink + 1, sink + 1))
+    return int(maximum_flow(graph, source, sink).flow_value) if values else 0
+
+
+def test_flow_equals_scipy_on_random_grids(rng: np.random.Generator) -> None:
+    for _ in range(400):
+        height, width = rng.integers(1, 10, 2)
+        terminal, capacity = random_grid(rng, height, width)
+        graph = GridGraph(height, width)
+        fill(graph, terminal, capacity)
+        flow = graph.cut()
+        assert flow == scipy_flow(terminal, capacity)
+        # A cut that costs as much as the flow is a least one.
+        assert flow == cut_value(terminal, capacity, graph.sink_side())
+
+
+@pytest.mark.parametrize("shape", [(61, 47), (1, 3000), (200, 300)])
+def test_flow_equals_pymaxflow_on_larger_grids(
+    rng: np.random.Generator, shape: tuple[int, int]
+) -> None:
+    maxflow = pytest.importorskip("maxflow", reason="the peer PyMaxflow is not installed")
+    graph = GridGraph(*shape)
+    for _ in range(6):
+        terminal, capacity = random_grid(rng, *shape)
+        fill(graph, terminal, capacity)
+        peer = maxflow.Graph[int]()
+        nodes = peer.add_grid_nodes(shape)
+        peer.add_grid_tedges(nodes, np.maximum(terminal, 0), np.maximum(-terminal, 0))
+        for direction, (dy, dx) in enumerate(((0, 1), (0, -1), (1, 0), (-1, 0))):
+            structure = np.zeros((3, 3), int)
+            structure[1 + dy, 1 + dx] = 1
+            peer.add_grid_edges(
+                nodes, np.ascontiguousarray(capacity[..., direction]), structure, symmetric=False
+            )
+        flow = graph.cut()
+        assert flow == peer.maxflow()
+        assert flow == cut_value(terminal, capacity, graph.sink_side())
+
+
+def test_ties_stay_on_the_source_side() -> None:
+    graph = GridGraph(2, 2)
+    assert graph.cut() == 0
+    assert not graph.sink_side().any()
+
+
+def test_reused_memory_gives_the_same_cut(rng: np.random.Generator) -> None:
+    grids = [random_grid(rng, 20, 30) for _ in range(5)]
+    used = GridGraph(20, 30)
+    for terminal, capacity in grids:
+        fresh = GridGraph(20, 30)
+        for graph in (used, fresh):
+            fill(graph, terminal, capacity)
+        assert used.cut() == fresh.cut()
+        assert np.array_equal(used.sink_side(), fresh.sink_side())
+
+
+def test_empty_grid_is_refused() -> None:
+    with pytest.raises(ValueError, match="grid size: expected at least 1 x 1, got 0 x 4"):
+        GridGraph(0, 4)

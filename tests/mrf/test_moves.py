@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from dfdbench.mrf.moves import Mover, expansion_offer, jump_offer, snap_offer
+from tests.mrf.conftest import KINDS, random_energy
+
+EXACT = (
+    ("absolute", (expansion_offer(5, 3), jump_offer(5, 2), jump_offer(5, -1), snap_offer(5, 2, 1))),
+    ("quadratic", (jump_offer(5, 2), jump_offer(5, -3))),
+    ("potts", (expansion_offer(5, 0),)),
+    ("truncated-absolute", (expansion_offer(5, 4),)),
+)
+
+
+@pytest.mark.parametrize(("kind", "offers"), EXACT)
+@pytest.mark.parametrize("weighted", [False, True])
+def test_moves_are_the_best_ones(
+    rng: np.random.Generator,
+    kind: str,
+    offers: tuple[np.ndarray[tuple[int], np.dtype[np.int32]], ...],
+    weighted: bool,
+) -> None:
+    for offer in offers * 5:
+        energy = random_energy(rng, 2, 4, 5, kind, weighted)
+        labels = rng.integers(0, 5, (2, 4)).astype(np.int32)
+        before = energy.evaluate(labels)
+        best = min(
+            energy.evaluate(np.where(np.reshape(taken, (2, 4)), offer[labels], labels))
+            for taken in itertools.product([False, True], repeat=8)
+        )
+        change = Mover(energy).move(labels, offer)
+        assert before + change == energy.evaluate(labels) == best
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_move_raises_the_energy(rng: np.random.Generator, kind: str) -> None:
+    energy = random_energy(rng, 9, 11, 8, kind, weighted=True)
+    labels = rng.integers(0, 8, (9, 11)).astype(np.int32)
+    mover = Mover(energy)
+    for _ in range(60):
+        before, value = labels.copy(), energy.evaluate(labels)
+        # Any offer at all, however far from submodular.
+        change = mover.move(labels, rng.integers(0, 8, 8).astype(np.int32))
+        assert energy.evaluate(labels) - value <= change <= 0
+        assert change < 0 or np.array_equal(before, labels)
+
+
+@pytest.mark.parametrize("labels", [2, 3, 8, 13])
+def test_offers_keep_the_order_of_labels(labels: int) -> None:
+    offers = [jump_offer(labels, step) for step in range(-labels, labels + 1)]
+    offers += [
+        snap_offer(labels, p, c) for p in range(1, labels + 3) for c in range(min(p, labels))
+    ]
+    for offer in offers:
+        assert offer.min() >= 0
+        assert offer.max() < labels
+        assert np.all(np.diff(offer) >= 0)

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import correlate
+
+from dfdbench.data_cost import data_cost
+
+SIGMAS = 0.32 + 0.01 * np.arange(256)
+
+
+def reference(
+    infocus: NDArray[np.uint8], defocus: NDArray[np.uint8], sigmas: NDArray[Any], weight: float
+) -> NDArray[np.int64]:
+    """Follow the definition: a 27 x 27 kernel a label, float64, edge repeated, int of the sum."""
+    at = np.arange(-13, 14)
+    costs = np.empty((*infocus.shape[:2], len(sigmas)), np.int64)
+    for label, sigma in enumerate(sigmas):
+        kernel = np.exp(-(at[:, None] ** 2 + at[None, :] ** 2) / (2 * sigma**2))
+        kernel /= kernel.sum()
+        total = np.zeros(infocus.shape[:2])
+        for channel in range(infocus.shape[2]):
+            sharp = infocus[..., channel].astype(np.float64)
+            total += (defocus[..., channel] - correlate(sharp, kernel, mode="nearest")) ** 2
+        costs[..., label] = weight * total
+    return costs
+
+
+def textured(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Noise over steps: the hardest images for a blur, with pure black and white next to it."""
+    image = rng.integers(0, 256, shape)
+    image[shape[0] // 3 : shape[0] // 2] = 255
+    image[:, shape[1] // 2 : shape[1] // 2 + 3] = 0
+    return image.astype(np.uint8)
+
+
+@pytest.mark.parametrize("shape", [(40, 53, 3), (31, 40, 1), (5, 7, 3), (1, 1, 3), (1, 60, 1)])
+def test_costs_equal_the_definition(rng: np.random.Generator, shape: tuple[int, ...]) -> None:
+    infocus, labels = textured(rng, shape), SIGMAS[::5]
+    defocus = np.clip(infocus.astype(int) // 2 + 60 + rng.integers(-3, 4, shape), 0, 255)
+    unary, offset = data_cost(infocus, defocus.astype(np.uint8), labels)
+    exact = reference(infocus, defocus.astype(np.uint8), labels, 12)
+    least = exact.min(-1, keepdims=True)
+    assert unary.dtype == np.uint16
+    # Noise of full contrast: costs run to a million, of which float32 keeps seven digits.
+    error = np.abs(unary - np.minimum(exact - least, 1021))
+    assert error.max() <= 60
+    assert abs(offset - int(least.sum())) <= 8 * least.size
+
+
+def test_small_costs_are_exact_in_all_but_few_cells(rng: np.random.Generator) -> None:
+    # What matters to a solver: the labels whose blur nearly explains the pixel.
+    infocus = textured(rng, (60, 80, 3))
+    at = np.arange(-13, 14)
+    kernel = np.exp(-(at[:, None] ** 2 + at[None, :] ** 2) / (2 * 1.5**2))
+    blurred = [
+        correlate(infocus[..., c].astype(float), kernel / kernel.sum(), mode="nearest")
+        for c in range(3)
+    ]
+    defocus = np.rint(np.stack(blurred, -1)).astype(np.uint8)
+    unary, offset = data_cost(infocus, defocus, SIGMAS, limit=1021)
+    exact = reference(infocus, defocus, SIGMAS, 12)
+    least = exact.min(-1, keepdims=True)
+    below = exact - least < 1021
+    error = np.abs(unary.astype(np.int64) - (exact - least))[below]
+    assert np.mean(error > 1) <= 0.002
+    assert error.max() <= 3
+    assert abs(offset - int(least.sum())) <= 0.01 * least.size
+    assert np.all(unary[~below] >= 1018)
+
+
+@pytest.mark.parametrize(
+    "sigmas",
+    [
+        np.array([0.3, 0.9]),
+        np.linspace(0.05, 0.6, 40),
+        np.linspace(0.1, 9, 60),
+        np.geomspace(0.2, 40, 30),
+        0.32 + 0.01125 * np.arange(256),
+    ],
+)
+def test_any_range_of_sigmas(rng: np.random.Generator, sigmas: NDArray[np.float64]) -> None:
+    # A wide Gaussian is cut off at 13 pixels, not wider.
+    infocus = rng.integers(90, 140, (20, 24, 1)).astype(np.uint8)
+    defocus = rng.integers(100, 130, (20, 24, 1)).astype(np.uint8)
+    unary, _ = data_cost(infocus, defocus, sigmas, weight=1, limit=65535)
+    exact = reference(infocus, defocus, sigmas, 1)
+    relative = exact - exact.min(-1, keepdims=True)
+    assert np.abs(unary - relative).max() <= 1
+
+
+def test_the_least_cost_is_zero_and_the_limit_holds(rng: np.random.Generator) -> None:
+    infocus, defocus = textured(rng, (12, 13, 3)), textured(rng, (12, 13, 3))
+    unary, offset = data_cost(infocus, defocus, SIGMAS[::8], limit=77)
+    assert np.all(unary.min(-1) == 0)
+    assert unary.max() == 77
+    assert isinstance(offset, int)
+    again, same = data_cost(infocus, defocus, SIGMAS[::8], limit=77)
+    assert np.array_equal(unary, again)
+    assert offset == same
+
+
+IMAGE = np.zeros((3, 4, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((IMAGE[0], IMAGE, SIGMAS), r"infocus: expected a shape \(y, x, channel\)"),
+        ((IMAGE[:0], IMAGE[:0], SIGMAS), r"infocus: expected a shape"),
+        ((IMAGE, IMAGE.astype(float), SIGMAS), r"defocus: expected uint8, got float64"),
+        ((IMAGE, IMAGE[:2], SIGMAS), r"defocus: expected the shape \(3, 4, 3\), got \(2, 4, 3\)"),
+        ((IMAGE, IMAGE, SIGMAS[:1]), r"sigmas: expected 2 to 65536 values"),
+        ((IMAGE, IMAGE, SIGMAS[::-1]), r"sigmas: expected ascending values above 0"),
+        ((IMAGE, IMAGE, [0.0, 1.0]), r"sigmas: expected ascending values above 0"),
+        ((IMAGE, IMAGE, [1.0, np.inf]), r"sigmas: expected ascending values above 0"),
+        ((IMAGE, IMAGE, SIGMAS, 0), r"weight: expected above 0"),
+        ((IMAGE, IMAGE, SIGMAS, 12, 65536), r"limit: expected 1 to 65535, got 65536"),
+    ],
+)
+def test_bad_input_is_refused(arguments: tuple[Any, ...], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        data_cost(*arguments)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
