@@ -58,7 +58,7 @@ def test_a_lower_bound_is_given_on_request(pair: tuple[Image, Image, Image]) -> 
 
 def test_depth_is_the_inverse_of_the_recipe(pair: tuple[Image, Image, Image]) -> None:
     infocus, _, depth = pair
-    recipe = BlurRecipe(0.4, 0.02, levels=200, kernel_size=21, invert=False)
+    recipe = BlurRecipe(0.4, 0.008, levels=200, kernel_size=21, invert=False)
     defocus = synthesize(infocus, depth, recipe)
     found, _ = GraphCuts(recipe)(infocus, defocus)
     assert np.abs(found - depth).mean() < 2
