@@ -224,6 +224,11 @@ class StoreWriter:
                         fix="wait for it, or build elsewhere with --store PATH",
                     )
                 ) from error  # fmt: skip
+            try:
+                self._refuse_what_is_not_ours()
+            except StoreError:
+                self._lock.release()
+                raise
             if self._partial.exists() and _attributes_of(self._partial) != self._attributes:
                 shutil.rmtree(self._partial)
             zarr.open_group(self._partial, mode="a", zarr_format=3).attrs.update(self._attributes)
@@ -231,6 +236,30 @@ class StoreWriter:
 
     def __exit__(self, *exception: object) -> None:
         self._lock.release()
+
+    def _refuse_what_is_not_ours(self) -> None:
+        # The store is replaced whole: a folder of photographs must not be what is replaced.
+        for place in (self.path, self._partial):
+            if not place.exists():
+                continue
+            found = _attributes_of(place) or {}
+            if found.get("format") != FORMAT:
+                raise StoreError(
+                    Problem(
+                        "the place is taken by something that is no dfdbench store", str(place),
+                        fix="choose another with --store PATH; nothing was changed",
+                    )
+                )  # fmt: skip
+        for key, what in (("manifest_name", "data set"), ("recipe", "blur recipe")):
+            found = (_attributes_of(self.path) or {}) if self.path.exists() else {}
+            if key in found and found[key] != self._attributes.get(key):
+                raise StoreError(
+                    Problem(
+                        f"the store there holds another {what}", str(self.path),
+                        str(self._attributes.get(key)), str(found[key]),
+                        "choose another place with --store PATH, or delete that store",
+                    )
+                )  # fmt: skip
 
     def digest_of_finished(self, scene: str, signature: str) -> str | None:
         """Return a scene's digest if it was written whole from the same files, else None.

@@ -84,6 +84,32 @@ def test_two_builds_do_not_mix(tiny_manifest: Manifest, tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.parametrize("suffix", ["", ".partial"])
+def test_what_is_no_store_is_never_replaced(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path, suffix: str
+) -> None:
+    source = open_source(tiny_manifest, tiny_folder)
+    folder = tmp_path / f"photographs{suffix}"
+    folder.mkdir()
+    (folder / "only_copy.png").write_text("precious")
+    with pytest.raises(StoreError, match="no dfdbench store"):
+        build_store(tiny_manifest, source, tmp_path / "photographs")
+    assert (folder / "only_copy.png").read_text() == "precious"
+    (tmp_path / "file").write_text("precious")
+    with pytest.raises(StoreError, match="no dfdbench store"):
+        build_store(tiny_manifest, source, tmp_path / "file")
+    assert (tmp_path / "file").read_text() == "precious"
+
+
+def test_a_store_of_another_recipe_is_not_replaced(
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+) -> None:
+    source = open_source(tiny_manifest, tiny_folder)
+    with pytest.raises(StoreError, match="another blur recipe"):
+        build_store(tiny_manifest, source, tiny_store.path, recipe="text")
+    assert Store(tiny_store.path).recipe_name == "published"
+
+
 def test_a_damaged_scene_is_written_again(
     tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
 ) -> None:

@@ -192,7 +192,7 @@ def load_method(
             predict = target(**arguments)
         except MethodError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise MethodError(
                 Problem("the method cannot be constructed", entry, got=_describe(error))
             ) from error
@@ -242,7 +242,7 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
     try:
         with contextlib.redirect_stdout(printed):
             returned = predict(*copies)
-    except Exception as raised:
+    except (Exception, SystemExit) as raised:
         error = f"raised {_describe(raised)}"
         seconds = time.perf_counter() - begin
     else:
@@ -326,7 +326,7 @@ def _import_module(name: str) -> ModuleType:
         raise MethodError(
             Problem("the module cannot be imported", name, got=_describe(error))
         ) from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise MethodError(
             Problem("the module cannot be imported", name, got=_describe(error))
         ) from error
@@ -345,7 +345,7 @@ def _import_file(path: Path) -> ModuleType:
     sys.modules[name] = module
     try:
         specification.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise MethodError(
             Problem("the file cannot be imported", str(path), got=_describe(error))

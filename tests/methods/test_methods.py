@@ -153,9 +153,13 @@ def test_numbers_beside_the_depth_are_kept_if_they_are_numbers() -> None:
     assert call(lambda *_: (np.zeros((4, 6)), 3), IMAGE, IMAGE).depth is None
 
 
-def test_a_method_that_raises_is_caught() -> None:
-    prediction = call(raising, IMAGE, IMAGE)
-    assert prediction.error == "raised RuntimeError: boom"
+def leaving(*_: object) -> None:
+    raise SystemExit(0)
+
+
+def test_a_method_that_raises_or_leaves_is_caught() -> None:
+    assert call(raising, IMAGE, IMAGE).error == "raised RuntimeError: boom"
+    assert call(leaving, IMAGE, IMAGE).error == "raised SystemExit: 0"
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.int64, np.float16, np.float32, np.float64])
