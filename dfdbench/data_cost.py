@@ -44,6 +44,7 @@ def data_cost(
     weight: float = 12,
     limit: int = 1021,
     kernel_size: int = 27,
+    out: NDArray[np.uint16] | None = None,
 ) -> tuple[NDArray[np.uint16], int]:
     """Compute what every label costs at every pixel, Eq. 4.1 with integer costs.
 
@@ -66,6 +67,8 @@ def data_cost(
         four times the largest smoothness cost and one, or more; 1021 is for costs up to 255.
     kernel_size : int, optional
         Side of the square kernel in pixels, odd, whatever the sigma.
+    out : (y, x, label) uint16, optional
+        Memory to write the costs into. On some systems fresh memory takes as long as the costs.
 
     Returns
     -------
@@ -96,7 +99,12 @@ def data_cost(
     kernels = _kernels(nodes, radius)
     border = ((radius, radius), (radius, radius), (0, 0))
     padded = np.pad(sharp, border, mode="edge").transpose(2, 0, 1).astype(np.float32)
-    unary = np.empty((*sharp.shape[:2], len(values)), np.uint16)
+    shape = (*sharp.shape[:2], len(values))
+    unary = np.empty(shape, np.uint16) if out is None else out
+    if unary.shape != shape or unary.dtype != np.uint16 or not unary.flags.c_contiguous:
+        raise InputError(
+            Problem(f"out: expected contiguous uint16 {shape}, got {unary.dtype} {unary.shape}")
+        )
     offset = _fill(
         np.ascontiguousarray(padded),
         np.ascontiguousarray(blurred),

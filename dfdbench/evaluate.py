@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import filelock
 import numpy as np
 import zarr
 from numpy.typing import NDArray
@@ -151,7 +152,10 @@ def run_method(
         )  # fmt: skip
     chosen = available[:limit]
     identity = _identity(store, method, split, keep_predictions, seed)
+    lock = filelock.FileLock(folder.with_name(f".{folder.name}.lock"))
     try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        lock.acquire(timeout=0)
         set_aside = _open_folder(folder, identity, fresh)
         finished = _read_journal(folder)
         reused = sum(pair.id in finished for pair in chosen)
@@ -181,6 +185,13 @@ def run_method(
         ]
         result = _result(store, method, split, pairs, seed)
         save_result(result, folder / RESULT)
+    except filelock.Timeout as error:
+        raise ResultError(
+            Problem(
+                "another run is writing this folder", str(folder),
+                fix="wait for it, or choose another with --out DIR",
+            )
+        ) from error  # fmt: skip
     except OSError as error:
         raise ResultError(
             Problem(
@@ -189,6 +200,8 @@ def run_method(
                 "the same command goes on where it stopped",
             )
         ) from error  # fmt: skip
+    finally:
+        lock.release()
     return Run(result, folder, reused, set_aside)
 
 

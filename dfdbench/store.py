@@ -201,7 +201,7 @@ class StoreWriter:
     def __init__(self, path: Path, manifest: Manifest, attributes: Mapping[str, Any]) -> None:
         self.path = path
         self._partial = path.with_name(path.name + ".partial")
-        self._lock = filelock.FileLock(path.with_name(path.name + ".lock"))
+        self._lock = filelock.FileLock(path.with_name(f".{path.name}.lock"))
         self._attributes = {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,

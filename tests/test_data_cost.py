@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate
 
 from dfdbench.data_cost import data_cost
+from dfdbench.errors import InputError
 
 SIGMAS = 0.32 + 0.01 * np.arange(256)
 
@@ -129,3 +130,17 @@ def test_bad_input_is_refused(arguments: tuple[Any, ...], message: str) -> None:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(7)
+
+
+def test_memory_can_be_given() -> None:
+    random = np.random.default_rng(1)
+    images = random.integers(0, 256, (2, 9, 11, 3)).astype(np.uint8)
+    sigmas = np.linspace(0.4, 2, 16)
+    fresh, offset = data_cost(images[0], images[1], sigmas)
+    given = np.full((9, 11, 16), 7, np.uint16)
+    again, same = data_cost(images[0], images[1], sigmas, out=given)
+    assert again is given
+    assert np.array_equal(again, fresh)
+    assert same == offset
+    with pytest.raises(InputError, match="out: expected contiguous"):
+        data_cost(images[0], images[1], sigmas, out=given[:-1])

@@ -151,6 +151,22 @@ def test_a_folder_with_other_things_is_left_alone(tiny_store: Store, tmp_path: P
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
 
 
+def test_two_runs_do_not_mix(tiny_store: Store, tmp_path: Path) -> None:
+    seen: list[str] = []
+
+    def starting_another(infocus: Any, defocus: Any) -> Any:
+        try:
+            run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
+        except ResultError as error:
+            seen.append(str(error))
+        return infocus[..., 0]
+
+    run = run_method(tiny_store, method(starting_another), "test", tmp_path / "out")
+    assert run.result.complete
+    assert len(seen) == 7
+    assert "another run is writing" in seen[0]
+
+
 def test_a_full_disk_says_that_it_goes_on(
     tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

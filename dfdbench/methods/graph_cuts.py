@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, get_args
 
 import cv2
 import numpy as np
@@ -19,7 +20,7 @@ Image = NDArray[np.uint8]
 
 COLOR_SPACES = ("ycrcb", "rgb")
 SOLVERS = ("split", "expansion", "message-passing")
-QUALITIES = ("fast", "default", "high", "best")
+QUALITIES = get_args(mrf.Quality)
 # The published table is made for 256 labels; the others take `cap` and `scale` of Table 4.1.
 SMOOTHNESS: Mapping[str, Callable[[int, int, int], NDArray[np.int32]]] = MappingProxyType(
     {
@@ -147,6 +148,8 @@ class GraphCuts:
         self._solver, self._quality = solver, quality
         self._offset = 1 if published_offset else 0
         self._bound = lower_bound
+        # A thread's pairs share the memory of their costs, the largest array by far.
+        self._memory = threading.local()
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
@@ -188,12 +191,20 @@ class GraphCuts:
         return mrf.Solution(solution.labels, solution.energy, solution.history, bound)
 
     def energy(self, infocus: Image, defocus: Image) -> mrf.Energy:
-        """Return what is minimised for a pair: Eq. 4.2 with integer costs."""
+        """Return what is minimised for a pair: Eq. 4.2 with integer costs.
+
+        Its costs lie in memory that the next call in this thread writes over.
+        """
         sharp, blurred = self._channels(infocus), self._channels(defocus)
         recipe = self._recipe
+        shape = (*sharp.shape[:2], len(self._levels))
+        memory: NDArray[np.uint16] | None = getattr(self._memory, "costs", None)
+        if memory is None or memory.shape != shape:
+            self._memory.costs = memory = None
+            self._memory.costs = memory = np.empty(shape, np.uint16)
         unary, offset = data_cost(
             sharp, blurred, recipe.sigmas[self._levels], self._weight, self._limit,
-            recipe.kernel_size,
+            recipe.kernel_size, memory,
         )  # fmt: skip
         right, down = None, None
         if self._threshold is not None:

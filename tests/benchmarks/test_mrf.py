@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 from scipy.ndimage import correlate1d
 
 from dfdbench.data_cost import data_cost
+from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.mrf import Energy, Quality, expansion, message_passing, published, split
+from dfdbench.store import Store
 
 LABELS = 256
 SIGMAS = 0.32 + 0.01 * np.arange(LABELS)
@@ -87,10 +90,20 @@ def test_message_passing(benchmark: Any, energy: Energy) -> None:
     benchmark.pedantic(message_passing, (energy, 2), rounds=1)
 
 
-def test_against_pymaxflow(aloe: Callable[[int], Energy]) -> None:
-    """Compare with PyMaxflow's alpha-expansion to convergence on Aloe; takes over a minute."""
+@pytest.fixture(params=["demo", "aloe-exposure1", "aloe-exposure2"])
+def photograph(request: pytest.FixtureRequest, demo_store: Store) -> Energy:
+    """The published energy of a demo pair, and of the two published pairs with step 0.01."""
+    if request.param != "demo":
+        aloe: Callable[[int], Energy] = request.getfixturevalue("aloe")
+        return aloe(int(request.param[-1]))
+    images = demo_store.read(demo_store.manifest.pairs("test")[2])
+    return GraphCuts().energy(images.infocus, images.defocus)
+
+
+def test_against_pymaxflow(request: pytest.FixtureRequest, photograph: Energy) -> None:
+    """Compare with PyMaxflow's alpha-expansion to convergence; a minute and more a pair."""
     maxflow = pytest.importorskip("maxflow", reason="the peer PyMaxflow is not installed")
-    energy = aloe(2)
+    energy = photograph
     index = np.arange(LABELS)
     pairwise = energy.smoothness[np.abs(index[:, None] - index)].astype(np.int64)
     costs = energy.unary.astype(np.int64)
@@ -102,13 +115,11 @@ def test_against_pymaxflow(aloe: Callable[[int], Energy]) -> None:
 
     seconds = cpu(peer)
     reached = energy.evaluate(found["peer"])
-    print(f"\naexpansion_grid: {seconds:.1f} s CPU, energy {reached}")
+    print(f"\n{request.node.name}: aexpansion_grid {seconds:.1f} s CPU, energy {reached}")
     solvers: dict[str, Callable[[], Any]] = {
-        "split fast": lambda: split(energy, "fast"),
-        "split default": lambda: split(energy),
-        "split high": lambda: split(energy, "high"),
-        "split best": lambda: split(energy, "best"),
+        **{f"split {quality}": partial(split, energy, quality) for quality in get_args(Quality)},
         "expansion": lambda: expansion(energy),
+        "message passing, 10 iterations": lambda: message_passing(energy, 10),
     }
     solvers["split fast"]()
     for name, solve in solvers.items():
@@ -116,7 +127,8 @@ def test_against_pymaxflow(aloe: Callable[[int], Energy]) -> None:
         solution = solve()
         own = time.process_time() - start
         change = 100 * (solution.energy / reached - 1)
+        bound = f", lower bound {solution.lower_bound}" if solution.lower_bound else ""
         print(
             f"{name}: {own:.2f} s CPU, 1/{seconds / own:.1f} of aexpansion_grid, "
-            f"energy {solution.energy} ({change:+.4f} %)"
+            f"energy {solution.energy} ({change:+.4f} %){bound}"
         )
