@@ -31,6 +31,7 @@ ENTRY_POINT_GROUP = "dfdbench.methods"
 _BUILT_IN = {
     "constant": "dfdbench.methods.baselines:Constant",
     "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
+    "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
     "local": "dfdbench.methods.baselines:Local",
 }
 # A level this far out of 0..255 is rounding, not a mistake.

@@ -21,15 +21,14 @@ from dfdbench.mrf.moves import Mover, jump_offer, snap_offer
 
 __all__ = ["Quality", "split"]
 
-Quality = Literal["fast", "default", "high", "best"]
+Quality = Literal["fast", "default", "high"]
 
 # The repairs of each quality: a positive number d stands for jumps by d and -d, a negative one
-# for the snaps of that period in all its phases. "best" repeats the last until nothing changes.
+# for the snaps of that period in all its phases.
 REPAIRS: dict[str, tuple[tuple[int, ...], ...]] = {
     "fast": (),
     "default": ((16, 4, -8),),
-    "high": ((16, 8, 4, 2, 1), (-16,)),
-    "best": ((16, 8, 4, 2, 1), (-16, 1)),
+    "high": ((16, 8, 4, 2, 1), (-32,)),
 }
 
 # A table counts as nearly convex if it lies at most this part of its maximum above its convex
@@ -43,7 +42,7 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     """Minimise an energy with a convex smoothness by splitting ranges of labels.
 
     The splits follow the decomposition of convex priors into binary problems (Darbon and Sigelle,
-    JMIV 2006; Kolmogorov and Shioura, Discrete Optimization 2009), with the mean cost of a range
+    JMIV 2006; Kolmogorov and Shioura, Discrete Optimization 2009), with the least cost of a range
     for its cost. The repairs are jump moves and snaps (`moves`). No repair raises the energy.
 
     A smoothness that is not even nearly convex (Potts, truncated at a small difference) gives
@@ -53,9 +52,9 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     ----------
     energy : Energy
         Any smoothness.
-    quality : {"fast", "default", "high", "best"}, optional
-        How much repair: none, enough for about 0.02 % over the least energy known on a
-        photograph, more, or until nothing changes.
+    quality : {"fast", "default", "high"}, optional
+        How much repair: none, a dozen cuts, or some four dozen. On photographs the
+        energies are about 2 %, 0.03 % and 0.01 % over those of `expansion`.
 
     Returns
     -------
@@ -85,11 +84,9 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     mover = Mover(energy, graph)
     history = [energy.evaluate(labels)]
     for repairs in REPAIRS[quality]:
-        changed = True
-        while changed:
-            changes = [mover.move(labels, offer) for offer in _offers(repairs, energy.labels)]
-            changed = quality == "best" and any(changes)
-            history.append(energy.evaluate(labels))
+        for offer in _offers(repairs, energy.labels):
+            mover.move(labels, offer)
+        history.append(energy.evaluate(labels))
     return Solution(labels.astype(label_dtype(energy.labels)), history[-1], tuple(history))
 
 
@@ -124,13 +121,11 @@ def _offers(repairs: tuple[int, ...], labels: int) -> list[NDArray[np.int32]]:
 
 def _halve(energy: Energy, graph: GridGraph) -> NDArray[np.int32]:
     """Find labels by deciding one bit of all of them per cut, the highest first."""
-    right, down = energy.edge_weights()
-    highest = int(energy.smoothness.max()) * int(max(right.max(), down.max(), 1))
-    # What is further above the least than four neighbours can pay for is never taken. Counting
-    # it as no more keeps one bad label from speaking for all of its range.
+    # A range is as good as its best label. Its mean would do for blunt costs, but where one label
+    # alone explains a pixel, the labels beside it must not speak against their range.
     costs = [energy.unary]
     while costs[-1].shape[2] > 2:
-        costs.append(_pair_means(costs[-1], 4 * highest + 1))
+        costs.append(_pair_minima(costs[-1]))
     labels = np.zeros(energy.shape, np.int32)
     for level in range(len(costs) - 1, -1, -1):
         count = costs[level].shape[2]
@@ -147,17 +142,14 @@ def _halve(energy: Energy, graph: GridGraph) -> NDArray[np.int32]:
 
 
 @numba.njit(cache=True, nogil=True)
-def _pair_means(costs: Array, limit: int) -> Array:
+def _pair_minima(costs: Array) -> Array:
     height, width, count = costs.shape
-    means = np.empty((height, width, (count + 1) // 2), costs.dtype)
-    most = np.int32(limit)
+    minima = np.empty((height, width, (count + 1) // 2), costs.dtype)
     for y in range(height):
         for x in range(width):
-            row, pairs = costs[y, x], means[y, x]
+            row, pairs = costs[y, x], minima[y, x]
             for label in range(count // 2):
-                low = min(np.int32(row[2 * label]), most)
-                high = min(np.int32(row[2 * label + 1]), most)
-                pairs[label] = (low + high) >> 1
+                pairs[label] = min(row[2 * label], row[2 * label + 1])
             if count % 2:
-                pairs[count // 2] = min(np.int32(row[count - 1]), most)
-    return means
+                pairs[count // 2] = row[count - 1]
+    return minima

@@ -1,0 +1,83 @@
+"""Graph cuts for a defocus image that is nothing but a rounded blur of the in-focus image."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench import mrf
+from dfdbench.blur import RECIPES, BlurRecipe
+from dfdbench.errors import MethodError, Problem
+from dfdbench.rounded_cost import rounded_cost
+
+Image = NDArray[np.uint8]
+
+# Integer costs of one nat (a factor e of probability), and of a level's difference between
+# neighbours.
+_UNIT = 4
+
+
+class RoundedGraphCuts:
+    """Depth by the interval that rounding leaves: labels within half a grey level are free.
+
+    A synthetic defocus image has no noise: it is the blurred image rounded to whole grey levels.
+    So the true label's residual is at most half a level in every channel, and every label that
+    keeps within that explains a pixel equally well (`rounded_cost`). Of the depth maps that obey,
+    the smoothest is taken: neighbours pay for each level they differ, up to `truncation`, beyond
+    which they belong to different surfaces. Where images have other errors too, the constraint
+    softens by itself.
+
+    Parameters
+    ----------
+    recipe : BlurRecipe
+        How the defocus images were made; in a run, the data set's recipe.
+    truncation : int
+        Difference in levels from which neighbours count as different surfaces.
+
+    Raises
+    ------
+    MethodError
+        For a truncation that is not positive or too large for 16-bit costs.
+
+    Notes
+    -----
+    It lives on exact knowledge of the blur and on the absence of noise, and says little about
+    photographs: docs/graph_cuts.md. Minimised by one sweep of alpha-expansion, which for this
+    prior comes within half a percent of convergence.
+
+    Examples
+    --------
+    >>> from dfdbench.blur import synthesize
+    >>> infocus = np.random.default_rng(1).integers(0, 256, (12, 30, 3)).astype(np.uint8)
+    >>> depth = np.full((12, 30), 90, np.uint8)
+    >>> depth[:, 15:] = 200
+    >>> defocus = synthesize(infocus, depth, RECIPES["published"])
+    >>> bool(np.all(RoundedGraphCuts()(infocus, defocus) == depth))
+    True
+    """
+
+    def __init__(self, recipe: BlurRecipe = RECIPES["published"], truncation: int = 8) -> None:
+        most = (65535 - 1) // (4 * _UNIT)
+        if not isinstance(truncation, int) or not 1 <= truncation <= most:
+            raise MethodError(
+                Problem("wrong parameter", "truncation", f"1 to {most}", str(truncation))
+            )
+        self._recipe = recipe
+        self._kernels = recipe.kernels()
+        self._smoothness = mrf.truncated_absolute(recipe.levels, truncation, _UNIT)
+
+    def warm_up(self, infocus: Image, defocus: Image) -> None:
+        """Compile what the first call would compile."""
+        self(infocus[:32, :32].copy(), defocus[:32, :32].copy())
+
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return depth levels, shape (y, x), for two images of uint8, (y, x, 3) or (y, x)."""
+        if infocus.ndim == 2:
+            infocus, defocus = infocus[..., np.newaxis], defocus[..., np.newaxis]
+        # Four neighbours cannot pay for more than this: such a cost is a prohibition.
+        limit = 4 * int(self._smoothness.max()) + 1
+        unary, offset = rounded_cost(infocus, defocus, self._kernels, _UNIT, limit)
+        energy = mrf.Energy(unary, self._smoothness, offset=offset)
+        # The cheapest labels start, so that no pixel ever has a forbidden one.
+        labels = mrf.expansion(energy, unary.argmin(axis=2), max_sweeps=1).labels
+        return np.asarray(self._recipe.depth_of_level(labels.astype(np.int64)), np.float32)

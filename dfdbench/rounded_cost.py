@@ -1,0 +1,180 @@
+"""Depth from defocus where the defocus image is a rounded blur without noise: cuts by intervals.
+
+Eq. 4.1 takes residuals for Gaussian noise. A synthetic defocus image has none: it is the blurred
+image rounded to whole grey levels, so that the residual of the true label is below half a level in
+every channel, and anything below that is equally likely. What remains is an interval constraint:
+labels whose residuals stay within half a level in all channels are free, others are out.
+
+Where images have other errors than rounding, the constraint softens by itself: pixels that no label
+explains tell how probable such errors are, and how large.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import InputError, Problem
+
+__all__ = ["rounded_cost"]
+
+# Taps below this part of a kernel's whole change no value by a hundredth of TOLERANCE.
+NEGLIGIBLE = 1e-12
+
+# A value is rounded to float32 before it is rounded to a whole one: by at most 2^-17 below 256,
+# plus as much again for float64 sums in another order (far less) and the comparison.
+TOLERANCE = 2.0**-16
+
+# Misfits are stored as whole multiples of 1 / STEPS grey levels, rounded up: only 0 means none.
+STEPS = 256
+
+Array = NDArray[Any]
+
+
+def rounded_cost(
+    infocus: NDArray[np.uint8],
+    defocus: NDArray[np.uint8],
+    kernels: NDArray[np.float64],
+    unit: float,
+    limit: int,
+) -> tuple[NDArray[np.uint16], int]:
+    """Compute what every label costs at every pixel, given that `defocus` was rounded.
+
+    The misfit m of a label is the root of the sum over channels of max(0, abs(residual) - 1/2)^2,
+    its cost 0 where m = 0, else unit * (log(1 / f) + m^2 / (2 v)). Here f is the part of the pixels
+    where every label has a misfit, and v the mean over those pixels and over the channels of the
+    least m^2. Where every pixel has a label without misfit, f is 0, and others cost `limit`.
+
+    Parameters
+    ----------
+    infocus, defocus : (y, x, channel) uint8
+        The two images.
+    kernels : (label, 2 * radius + 1) float64
+        The 1-D kernel of each label, symmetric, of sum 1: `BlurRecipe.kernels`.
+    unit : float
+        Integer cost of one nat, a factor e of probability.
+    limit : int
+        Costs this far above a pixel's least are stored as `limit`, 1 to 65535.
+
+    Returns
+    -------
+    unary : (y, x, label) uint16
+        Costs relative to the least of the pixel.
+    offset : int
+        Sum of the least costs of all pixels.
+
+    Raises
+    ------
+    InputError
+        If a shape, type or value is not as above.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dfdbench.blur import BlurRecipe
+    >>> image = np.zeros((1, 5, 1), np.uint8)
+    >>> image[0, 2] = 100
+    >>> kernels = BlurRecipe(sigma_min=0.1, sigma_step=0.1, levels=4).kernels()
+    >>> unary, offset = rounded_cost(image, image, kernels, unit=4, limit=129)
+    >>> unary[0, 2].tolist(), offset
+    ([0, 0, 129, 129], 0)
+    """
+    sharp, blurred = np.asarray(infocus), np.asarray(defocus)
+    _check(sharp, blurred, kernels, limit)
+    radius = kernels.shape[1] // 2
+    half = np.ascontiguousarray(kernels[:, radius:])
+    border = ((radius, radius), (radius, radius), (0, 0))
+    padded = np.pad(sharp, border, mode="edge").transpose(2, 0, 1).astype(np.float64)
+    unary = np.empty((*sharp.shape[:2], len(half)), np.uint16)
+    planes = np.ascontiguousarray(blurred.transpose(2, 0, 1))
+    lengths = (half > NEGLIGIBLE).sum(1)
+    _misfits(np.ascontiguousarray(padded), planes, half, lengths, unary)
+    least = unary.min(2).astype(np.float64)
+    off = least[least > 0]
+    entry, slope = float(limit), 0.0
+    if off.size:
+        entry = unit * math.log(least.size / off.size)
+        slope = unit * sharp.shape[2] / (2 * float(np.mean(off**2)))
+    return unary, _costs(unary, entry, slope, limit)
+
+
+def _check(infocus: Array, defocus: Array, kernels: Array, limit: int) -> None:
+    problems = []
+    for name, image in (("infocus", infocus), ("defocus", defocus)):
+        if image.ndim != 3 or 0 in image.shape or image.dtype != np.uint8:
+            got = f"{image.dtype} {image.shape}"
+            problems.append(Problem("wrong image", name, "uint8 (y, x, channel)", got))
+    if not problems and infocus.shape != defocus.shape:
+        problems.append(
+            Problem("sizes differ", "defocus", f"the shape {infocus.shape}", f"{defocus.shape}")
+        )
+    if kernels.ndim != 2 or kernels.shape[0] < 2 or kernels.shape[1] % 2 == 0:
+        got = str(kernels.shape)
+        problems.append(Problem("wrong kernels", "kernels", "(label, odd size), 2 or more", got))
+    if not 0 < limit <= 65535:
+        problems.append(Problem("wrong limit", "limit", "1 to 65535", str(limit)))
+    if problems:
+        raise InputError(problems)
+
+
+@numba.njit(cache=True, nogil=True)
+def _misfits(padded: Array, defocus: Array, kernels: Array, lengths: Array, out: Array) -> None:
+    # Blurs in float64 at every label: an interval of half a level leaves no room for the errors of
+    # a faster way. Label by label, a row at a time; no blurred image is stored.
+    channels, height, width = defocus.shape
+    labels = kernels.shape[0]
+    radius = kernels.shape[1] - 1
+    column = np.empty(width + 2 * radius, np.float64)
+    blurred = np.empty(width, np.float64)
+    squares = np.empty((labels, width), np.float64)
+    bound = 0.5 + TOLERANCE
+    for y in range(height):
+        squares[:] = 0
+        for channel in range(channels):
+            rows = padded[channel]
+            for label in range(labels):
+                kernel, row = kernels[label], squares[label]
+                for x in range(width + 2 * radius):
+                    column[x] = kernel[0] * rows[y + radius, x]
+                for tap in range(1, lengths[label]):
+                    above, below = rows[y + radius - tap], rows[y + radius + tap]
+                    factor = kernel[tap]
+                    for x in range(width + 2 * radius):
+                        column[x] += factor * (above[x] + below[x])
+                for x in range(width):
+                    blurred[x] = kernel[0] * column[x + radius] - defocus[channel, y, x]
+                for tap in range(1, lengths[label]):
+                    left, right = column[radius - tap :], column[radius + tap :]
+                    factor = kernel[tap]
+                    for x in range(width):
+                        blurred[x] += factor * (left[x] + right[x])
+                for x in range(width):
+                    excess = max(abs(blurred[x]) - bound, 0.0)
+                    row[x] += excess * excess
+        for x in range(width):
+            for label in range(labels):
+                steps = np.ceil(STEPS * np.sqrt(squares[label, x]))
+                out[y, x, label] = np.uint16(min(steps, 65535.0))
+
+
+@numba.njit(cache=True, nogil=True)
+def _costs(unary: Array, entry: float, slope: float, limit: int) -> int:
+    # Turns misfits into costs in place: the volume is the largest array there is.
+    height, width, labels = unary.shape
+    most = np.float64(limit)
+    offset = 0
+    for y in range(height):
+        for x in range(width):
+            row = unary[y, x]
+            misfit = np.float64(row.min())
+            least = np.rint(entry + slope * misfit * misfit) if misfit > 0 else 0.0
+            offset += int(least)
+            for label in range(labels):
+                misfit = np.float64(row[label])
+                cost = np.rint(entry + slope * misfit * misfit) if misfit > 0 else 0.0
+                row[label] = np.uint16(min(cost - least, most))
+    return offset

@@ -1,0 +1,74 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.blur import RECIPES, BlurRecipe, synthesize
+from dfdbench.check import check_method
+from dfdbench.errors import InputError, MethodError
+from dfdbench.methods import Method
+from dfdbench.methods.graph_cuts import GraphCuts
+from dfdbench.methods.rounded_graph_cuts import RoundedGraphCuts
+from dfdbench.metrics import nmae, nrmse, ssim
+
+Image = NDArray[np.uint8]
+
+
+def test_textured_surfaces_come_out_exact() -> None:
+    infocus = np.random.default_rng(2).integers(0, 256, (40, 60, 3)).astype(np.uint8)
+    depth = np.full((40, 60), 70, np.uint8)
+    depth[10:30, 20:45] = 160
+    depth[15, 30] = 0
+    for recipe in (RECIPES["published"], BlurRecipe(0.4, 0.02, levels=200, invert=False)):
+        found = RoundedGraphCuts(recipe)(infocus, synthesize(infocus, depth, recipe))
+        assert np.mean(found == depth) > 0.99
+        assert np.abs(found - depth).mean() < 0.05
+
+
+def test_other_errors_than_rounding_soften_it() -> None:
+    random = np.random.default_rng(3)
+    infocus = random.integers(0, 256, (40, 60, 3)).astype(np.uint8)
+    depth = np.full((40, 60), 120, np.uint8)
+    defocus = synthesize(infocus, depth, RECIPES["published"]).astype(float)
+    noisy = np.clip(np.rint(defocus + random.normal(0, 2, defocus.shape)), 0, 255)
+    found = RoundedGraphCuts()(infocus, noisy.astype(np.uint8))
+    assert np.abs(found - depth).mean() < 15
+
+
+def test_awkward_images_are_no_trouble() -> None:
+    trials = check_method(Method("rounded", "m:m", RoundedGraphCuts()))
+    assert [trial.error or trial.warning for trial in trials] == [""] * len(trials)
+
+
+def test_a_grey_image_is_one_channel() -> None:
+    infocus = np.random.default_rng(4).integers(0, 256, (30, 40)).astype(np.uint8)
+    depth = np.full((30, 40), 150, np.uint8)
+    found = RoundedGraphCuts()(infocus, synthesize(infocus, depth, RECIPES["published"]))
+    assert np.mean(found == depth) > 0.9
+
+
+def test_wrong_input_is_named() -> None:
+    with pytest.raises(MethodError, match="truncation"):
+        RoundedGraphCuts(truncation=0)
+    image = np.zeros((8, 9, 3), np.uint8)
+    with pytest.raises(InputError, match="sizes differ"):
+        RoundedGraphCuts()(image, image[:-1])
+    with pytest.raises(InputError, match="uint8"):
+        RoundedGraphCuts()(image.astype(float), image)
+
+
+def test_it_beats_the_thesis_energy_on_real_scenes(
+    shared_data: Path, read_image: Callable[[Path], Image]
+) -> None:
+    folder = shared_data / "middlebury/ThirdSize/Dolls"
+    infocus = read_image(folder / "view1.png")
+    depth = read_image(folder / "disp1.png")[..., 0].copy()
+    defocus = synthesize(infocus, depth, RECIPES["published"])
+    found = RoundedGraphCuts()(infocus, defocus)
+    plain, _ = GraphCuts()(infocus, defocus)
+    assert nrmse(depth, found) < 0.016
+    assert nmae(depth, found) < 0.0025
+    assert ssim(depth, found) > 0.987
+    assert nrmse(depth, found) < nrmse(depth, plain)
