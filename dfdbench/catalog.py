@@ -6,7 +6,8 @@ from importlib import resources
 from pathlib import Path
 
 from dfdbench.errors import unknown_name
-from dfdbench.manifest import Manifest, parse_manifest, read_manifest
+from dfdbench.manifest import Manifest
+from dfdbench.manifest_reader import parse_manifest, read_manifest
 
 
 def released_manifests() -> tuple[Manifest, ...]:

@@ -22,7 +22,8 @@ from dfdbench.blur import BlurRecipe, find_recipe
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import Problem, StoreError
 from dfdbench.fingerprint import combine, scene_digests
-from dfdbench.manifest import Manifest, Pair, parse_manifest
+from dfdbench.manifest import Manifest, Pair
+from dfdbench.manifest_reader import parse_manifest
 
 FORMAT = "dfdbench store"
 FORMAT_VERSION = 1

@@ -15,7 +15,8 @@ from dfdbench.blur import RECIPES
 from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
 from dfdbench.data_cost import data_cost
-from dfdbench.manifest import Manifest, parse_manifest
+from dfdbench.manifest import Manifest
+from dfdbench.manifest_reader import parse_manifest
 from dfdbench.mrf import Energy, published
 from dfdbench.sources import open_source
 from dfdbench.store import Store

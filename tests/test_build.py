@@ -11,7 +11,8 @@ from dfdbench.blur import RECIPES, synthesize
 from dfdbench.build import build_store, scene_dataset
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import SourceError, UnknownNameError
-from dfdbench.manifest import Manifest, parse_manifest
+from dfdbench.manifest import Manifest
+from dfdbench.manifest_reader import parse_manifest
 from dfdbench.sources import SceneImages, open_source
 from dfdbench.store import Store
 from tests.conftest import TINY_TOML

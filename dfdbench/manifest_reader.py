@@ -1,0 +1,251 @@
+"""Read a manifest from TOML and check it whole, so that one problem hides no other."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from dfdbench.errors import ManifestError, Problem, unknown_name
+from dfdbench.manifest import ALL_PAIRS, Manifest, Pair, excluded_pairs, grid_of_pairs
+
+
+def read_manifest(path: str | Path) -> Manifest:
+    """Read a manifest file and check it whole.
+
+    Parameters
+    ----------
+    path : str or Path
+        A TOML file.
+
+    Returns
+    -------
+    Manifest
+        Frozen; its `sha256` is that of the file.
+
+    Raises
+    ------
+    ManifestError
+        With every problem found: file, field, expected, got.
+
+    Examples
+    --------
+    >>> from dfdbench.catalog import find_manifest
+    >>> len(find_manifest("middlebury").pairs("test"))
+    54
+    """
+    file = Path(path)
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise ManifestError(
+            Problem("cannot read the manifest", str(file), got=str(error.strerror))
+        ) from error
+    return parse_manifest(content, file.name)
+
+
+def parse_manifest(content: bytes, file: str) -> Manifest:
+    """Check a manifest's bytes and return it; `file` is the name that problems give.
+
+    Raises
+    ------
+    ManifestError
+        With every problem found: file, field, expected, got.
+    """
+    try:
+        text = content.decode("utf-8")
+        raw = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ManifestError(Problem("not a TOML file", file, got=str(error))) from error
+    raw["toml"] = text
+    sections, problems = _validate_sections(raw, file)
+    for check, needs in _CHECKS:
+        if all(need in sections for need in needs):
+            problems.extend(check(sections, file))
+    if problems:
+        raise ManifestError(problems)
+    return Manifest.model_construct(None, **sections)
+
+
+def _validate_sections(raw: dict[str, Any], file: str) -> tuple[dict[str, Any], list[Problem]]:
+    # Section by section, so that one broken field does not hide what is wrong in the others.
+    sections: dict[str, Any] = {}
+    problems: list[Problem] = []
+    for name, field in Manifest.model_fields.items():
+        if name not in raw:
+            if field.is_required():
+                problems.append(Problem("field is missing", f"{file}: {name}"))
+            else:
+                sections[name] = field.get_default(call_default_factory=True)
+            continue
+        annotation: Any = Annotated[field.annotation, field]
+        try:
+            sections[name] = TypeAdapter[Any](annotation).validate_python(raw[name], strict=True)
+        except ValidationError as error:
+            problems.extend(_problem_of(detail, name, file) for detail in error.errors())
+    known = set(Manifest.model_fields)
+    problems.extend(
+        Problem("unknown field", f"{file}: {name}", expected="one of: " + ", ".join(sorted(known)))
+        for name in raw
+        if name not in known
+    )
+    return sections, problems
+
+
+def _problem_of(detail: Mapping[str, Any], section: str, file: str) -> Problem:
+    place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in detail["loc"])
+    missing = detail["type"] == "missing"
+    return Problem(
+        what="field is missing" if missing else "wrong value",
+        where=f"{file}: {section}{place}",
+        expected="" if missing else re.sub(r"^(Input|String|Value) should ", "", detail["msg"]),
+        got="" if missing else repr(detail["input"]),
+    )
+
+
+def _unknown(file: str, field: str, what: str, got: str, known: list[str]) -> Problem:
+    near = unknown_name(what, got, known).problems[0]
+    return Problem(near.what, f"{file}: {field}", near.expected, got, near.fix)
+
+
+def _check_scenes(sections: dict[str, Any], file: str) -> Iterator[Problem]:
+    names = [scene.name for scene in sections["scenes"]]
+    for name, times in Counter(names).items():
+        if times > 1:
+            yield Problem("scene is listed twice", f"{file}: scenes", "each scene once", name)
+    sources = [source.name for source in sections["sources"]]
+    for number, scene in enumerate(sections["scenes"]):
+        if scene.source not in sources:
+            yield _unknown(file, f"scenes[{number}].source", "source", scene.source, sources)
+    if len(names) != sections["scene_count"]:
+        yield Problem(
+            "scenes do not add up", f"{file}: scene_count", str(sections["scene_count"]),
+            f"{len(names)} scenes listed",
+        )  # fmt: skip
+
+
+def _check_axes(sections: dict[str, Any], file: str) -> Iterator[Problem]:
+    axes = sections["axes"]
+    for axis, values in axes.items():
+        if len(set(values)) != len(values):
+            yield Problem("value is listed twice", f"{file}: axes.{axis}", got=str(values))
+    table = sections["table"]
+    named = [("depth.axes", axis) for axis in sections["depth"].axes]
+    named += [("table.blocks", table.blocks)]
+    named += [("table.rows", table.rows)] if table.rows else []
+    for field, axis in named:
+        if axis not in axes:
+            yield _unknown(file, field, "axis", axis, list(axes))
+    for axis, value in (sections["default_lighting"] or {}).items():
+        if axis not in axes:
+            yield _unknown(file, "default_lighting", "axis", axis, list(axes))
+        elif value not in axes[axis]:
+            yield Problem(
+                "no such value", f"{file}: default_lighting.{axis}", str(axes[axis]), str(value)
+            )
+
+
+def _check_exclusions(sections: dict[str, Any], file: str) -> Iterator[Problem]:
+    axes, scenes = sections["axes"], [scene.name for scene in sections["scenes"]]
+    real = set(grid_of_pairs(tuple(scenes), axes))
+    seen: set[Pair] = set()
+    for number, exclusion in enumerate(sections["exclusions"]):
+        field = f"exclusions[{number}]"
+        for axis in exclusion.coordinates:
+            if axis not in axes:
+                yield _unknown(file, f"{field}.coordinates", "axis", axis, list(axes))
+        pairs = list(excluded_pairs([exclusion], axes))
+        for pair in pairs:
+            if pair not in real:
+                yield Problem(
+                    "excluded pair does not exist", f"{file}: {field}",
+                    "a scene and values that the manifest lists", pair.id,
+                )  # fmt: skip
+            elif pair in seen:
+                yield Problem("pair is excluded twice", f"{file}: {field}", got=pair.id)
+        seen.update(pairs)
+        if len(pairs) != exclusion.pairs:
+            yield Problem(
+                "excluded pairs do not add up", f"{file}: {field}.pairs", str(exclusion.pairs),
+                str(len(pairs)),
+            )  # fmt: skip
+    left = len(real - seen)
+    if left != sections["pair_count"]:
+        yield Problem(
+            "pairs do not add up", f"{file}: pair_count", str(sections["pair_count"]),
+            f"{left} after the exclusions",
+        )  # fmt: skip
+
+
+def _check_splits(sections: dict[str, Any], file: str) -> Iterator[Problem]:
+    axes, scenes = sections["axes"], [scene.name for scene in sections["scenes"]]
+    excluded = Counter(pair.scene for pair in excluded_pairs(sections["exclusions"], axes))
+    grid = Counter(pair.scene for pair in grid_of_pairs(tuple(scenes), axes))
+    taken: dict[tuple[str, str], str] = {}
+    names: set[str] = {ALL_PAIRS, *scenes}
+    for number, split in enumerate(sections["splits"]):
+        field = f"splits[{number}]"
+        if split.name in names:
+            yield Problem("split name is taken", f"{file}: {field}.name", got=split.name)
+        names.add(split.name)
+        for scene in split.scenes:
+            if scene not in scenes:
+                yield _unknown(file, f"{field}.scenes", "scene", scene, scenes)
+            other = taken.setdefault((split.partition, scene), split.name)
+            if other != split.name:
+                yield Problem(
+                    "scene is in two splits", f"{file}: {field}.scenes",
+                    f"{scene} in one split of partition {split.partition}",
+                    f"in {other} and {split.name}",
+                )  # fmt: skip
+        if len(set(split.scenes)) != len(split.scenes):
+            yield Problem("scene is listed twice", f"{file}: {field}.scenes", "each scene once")
+        pairs = sum(grid[scene] - excluded[scene] for scene in set(split.scenes))
+        if pairs != split.pairs:
+            yield Problem(
+                "pairs do not add up", f"{file}: {field}.pairs", str(split.pairs), str(pairs)
+            )
+
+
+def _check_folds(sections: dict[str, Any], file: str) -> Iterator[Problem]:
+    scenes = [scene.name for scene in sections["scenes"]]
+    tested = Counter(scene for fold in sections["folds"] for scene in fold.test_scenes)
+    for scene in tested:
+        if scene not in scenes:
+            yield _unknown(file, "folds", "scene", scene, scenes)
+    if not sections["folds"]:
+        return
+    for scene in scenes:
+        if tested[scene] != 1:
+            yield Problem(
+                "folds do not cover each scene once", f"{file}: folds", f"{scene} in one fold",
+                f"in {tested[scene]}",
+            )  # fmt: skip
+    names = {split.name for split in sections["splits"]} | {ALL_PAIRS, *scenes}
+    for number, fold in enumerate(sections["folds"]):
+        if fold.name in names:
+            yield Problem("name is taken", f"{file}: folds[{number}].name", got=fold.name)
+        names.add(fold.name)
+
+
+def _check_checksums(sections: dict[str, Any], file: str) -> Iterator[Problem]:
+    scenes = [scene.name for scene in sections["scenes"]]
+    for path in sections["checksums"]:
+        scene = path.split("/")[0]
+        if scene not in scenes:
+            yield _unknown(file, f'checksums."{path}"', "scene", scene, scenes)
+
+
+_CHECKS: tuple[tuple[Callable[[dict[str, Any], str], Iterator[Problem]], tuple[str, ...]], ...] = (
+    (_check_scenes, ("scenes", "sources", "scene_count")),
+    (_check_axes, ("axes", "depth", "table", "default_lighting")),
+    (_check_exclusions, ("axes", "scenes", "exclusions", "pair_count")),
+    (_check_splits, ("axes", "scenes", "exclusions", "splits")),
+    (_check_folds, ("scenes", "splits", "folds")),
+    (_check_checksums, ("scenes", "checksums")),
+)
