@@ -1,0 +1,52 @@
+"""The command line: parse, call one function, print."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Annotated
+
+import typer
+
+from dfdbench import __version__
+from dfdbench.cli import datasets, methods
+from dfdbench.cli.screen import say
+from dfdbench.errors import DfdbenchError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    help="Build depth-from-defocus data sets, run methods on them, and compare.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command("list")(datasets.list_datasets)
+app.command()(datasets.info)
+app.command()(datasets.build)
+app.command()(methods.run)
+app.command("check-method")(methods.check_method_command)
+
+
+@app.callback(invoke_without_command=True)
+def version_option(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    """Build depth-from-defocus data sets, run methods on them, and compare."""
+    if version:
+        print(f"dfdbench {__version__}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line; a user's mistake ends with a message and status 2."""
+    try:
+        app()
+    except DfdbenchError as error:
+        say(f"error: {error}")
+        sys.exit(2)
+    except BrokenPipeError:
+        # The reader of a pipe (head, say) has enough: that is no mistake.
+        sys.stderr.close()
+        os._exit(0)

@@ -1,0 +1,139 @@
+"""The verbs for methods: run, check-method."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from dfdbench.blur import RECIPES
+from dfdbench.check import check_method
+from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.errors import InputError, Problem
+from dfdbench.evaluate import RESULT, load_for, run_method
+from dfdbench.figures import draw_run
+from dfdbench.methods import load_method
+from dfdbench.protocol import find_protocol
+from dfdbench.report import run_as_csv, run_as_json, run_as_markdown, run_tables
+from dfdbench.store import open_store
+from dfdbench.tables import Table
+
+
+class Format(StrEnum):
+    """How tables are printed."""
+
+    table = "table"
+    markdown = "markdown"
+    json = "json"
+    csv = "csv"
+
+
+Params = Annotated[
+    list[str] | None, typer.Option("--param", help="NAME=VALUE for the method; repeatable.")
+]
+
+
+def run(
+    method: Annotated[
+        str, typer.Option(help="A registered name, module:attribute or file.py:attribute.")
+    ],
+    dataset: Annotated[
+        str, typer.Option(help="A data set's name or a store's path.")
+    ] = "middlebury",
+    split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
+    protocol: Annotated[str, typer.Option(help="Under which the table is shown.")] = "thesis",
+    param: Params = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; default: results/DATASET-SPLIT/METHOD.")
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Only the first N pairs.")] = None,
+    format: Annotated[Format, typer.Option(help="How the tables are printed.")] = Format.table,
+    no_predictions: Annotated[
+        bool, typer.Option("--no-predictions", help="Keep no depth maps, draw no figures.")
+    ] = False,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Evaluate anew, set an earlier run aside.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="For methods that draw random numbers.")] = 0,
+) -> None:
+    """Run a method on a data set and print its tables; a stopped run goes on."""
+    shown = find_protocol(protocol)
+    data = open_store(dataset)
+    data.manifest.scenes_of(split)
+    loaded = load_for(data, method, _parameters(param), seed)
+    folder = out or Path("results") / f"{data.path.stem}-{split}" / _folder_name(method, param)
+    with progress(f"running {method}") as step:
+        done = run_method(data, loaded, split, folder, limit, not no_predictions, fresh, seed, step)
+    if done.set_aside:
+        say(f"an earlier run with other settings was moved to {done.set_aside}")
+    if done.reused:
+        say(f"{done.reused} pairs taken over from an earlier call (--fresh evaluates anew)")
+    if not no_predictions:
+        draw_run(data, done.result, folder, shown.name)
+    if format is Format.table:
+        for table in run_tables(done.result, shown.name):
+            print_table(table)
+    else:
+        write = {Format.markdown: run_as_markdown, Format.json: run_as_json, Format.csv: run_as_csv}
+        print(write[format](done.result, shown.name), end="")
+    say(f"result       {folder / RESULT}")
+    if not no_predictions:
+        say(f"figures      {folder / 'figures'}")
+    failed = sum(pair.status == "failed" for pair in done.result.pairs)
+    if failed:
+        say(f"{failed} pairs failed; the same command tries them again")
+        raise typer.Exit(1)
+
+
+def check_method_command(
+    method: Annotated[str, typer.Argument(help="As for run --method.")],
+    param: Params = None,
+) -> None:
+    """Try a method on awkward inputs and say what is wrong, before an hour is spent."""
+    offers: dict[str, Callable[[], Any]] = {
+        "recipe": lambda: RECIPES["published"],
+        "training_mean": lambda: 128.0,
+        "seed": lambda: 0,
+    }
+    trials = check_method(load_method(method, _parameters(param), offers))
+    rows = tuple(
+        (
+            "FAIL" if trial.error else "odd" if trial.warning else "ok",
+            trial.name, f"{trial.seconds:.3f} s", trial.error or trial.warning,
+        )
+        for trial in trials
+    )  # fmt: skip
+    columns = ("", "input", "time", "what is wrong")
+    print_table(Table(f"{method} on awkward inputs", columns, rows, "llrl"))
+    failed = sum(bool(trial.error) for trial in trials)
+    print(f"{failed} of {len(trials)} trials failed" if failed else "fit for a run")
+    if failed:
+        raise typer.Exit(1)
+
+
+def _parameters(given: list[str] | None) -> dict[str, Any]:
+    parameters: dict[str, Any] = {}
+    problems = []
+    for text in given or []:
+        name, equals, value = text.partition("=")
+        if not name or not equals:
+            problems.append(Problem("not a parameter", "--param", "NAME=VALUE", text))
+            continue
+        try:
+            parameters[name] = json.loads(value)
+        except json.JSONDecodeError:
+            parameters[name] = value
+    if problems:
+        raise InputError(problems)
+    return parameters
+
+
+def _folder_name(method: str, param: list[str] | None) -> str:
+    place, _, attribute = method.rpartition(":")
+    parts = [Path(place).stem if place.endswith(".py") else place, attribute, *(param or [])]
+    name = "-".join(part for part in parts if part)
+    return "".join(c if c.isalnum() or c in "-_.=" else "_" for c in name)

@@ -1,0 +1,59 @@
+"""What every verb prints with: messages, tables, a progress bar."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+from dfdbench.tables import Table, as_rich
+
+_INTERRUPTED = 130
+
+
+def say(text: str) -> None:
+    """Print to standard error: what is not the answer itself."""
+    print(text, file=sys.stderr)
+
+
+def print_table(table: Table) -> None:
+    """Print a table to standard output."""
+    # Piped or captured there is no terminal to fit: lines are as long as they need be.
+    console = Console() if sys.stdout.isatty() else Console(width=200)
+    console.print(as_rich(table))
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar while the block runs; the block calls what it is given with (done, total).
+
+    Ctrl-C ends the command with status 130 and says that it goes on from there.
+    """
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+        TextColumn("left"), TimeRemainingColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(Text(what).plain, total=None)
+
+        def step(done: int, total: int) -> None:
+            progress.update(task, completed=done, total=total)
+
+        try:
+            yield step
+        except KeyboardInterrupt:
+            progress.stop()
+            say("stopped; the same command goes on from here")
+            raise typer.Exit(_INTERRUPTED) from None
