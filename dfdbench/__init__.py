@@ -1,5 +1,26 @@
 """Dataset builder and benchmark suite for depth from defocus."""
 
+from __future__ import annotations
+
 from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dfdbench.location import Place
+    from dfdbench.reading import PairSequence
 
 __version__ = version("dfdbench")
+
+
+def open(
+    name: str, split: str = "all", store: Place | None = None, cache: Path | None = None
+) -> PairSequence:
+    """Open a built data set's pairs; each is read when it is asked for.
+
+    See `dfdbench.reading.open_pairs`, which this is.
+    """
+    # Imported here, so that `import dfdbench` stays quick.
+    from dfdbench.reading import open_pairs
+
+    return open_pairs(name, split, store, cache)

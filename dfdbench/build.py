@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray
+from upath import UPath
 
 from dfdbench.blur import BlurRecipe, find_recipe, synthesize
-from dfdbench.errors import DfdbenchError, Problem, SourceError
+from dfdbench.errors import Problem, SourceError
+from dfdbench.location import Place
 from dfdbench.manifest import Manifest, Pair
-from dfdbench.parallel import for_each
+from dfdbench.parallel import Pool, Threads
 from dfdbench.sources.interface import SceneImages, Source
-from dfdbench.store import StoreWriter
+from dfdbench.store_writer import SceneWriter, StoreWriter
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class BuildReport:
 
     Parameters
     ----------
-    path : Path
+    path : UPath
         The store.
     fingerprint : str
         SHA-256 over what it holds.
@@ -36,7 +37,7 @@ class BuildReport:
         Pairs of the manifest that the source does not have.
     """
 
-    path: Path
+    path: UPath
     fingerprint: str
     scenes_built: tuple[str, ...]
     scenes_kept: tuple[str, ...]
@@ -47,9 +48,9 @@ class BuildReport:
 def build_store(
     manifest: Manifest,
     source: Source,
-    path: Path,
+    place: Place,
     recipe: str | None = None,
-    workers: int = 1,
+    pool: Pool | None = None,
     on_scene: Callable[[int, int], None] | None = None,
 ) -> BuildReport:
     """Build a data set and put it into place whole.
@@ -63,12 +64,13 @@ def build_store(
         What belongs to the data set.
     source : Source
         Where its images come from.
-    path : Path
-        The store to write.
+    place : str, Path or UPath
+        The store to write: a local path or a URL.
     recipe : str, optional
         A blur recipe's name; by default the manifest's.
-    workers : int
-        Scenes made at once; the store does not depend on it.
+    pool : Pool, optional
+        Where scenes are made, and how many at once; one after the other by default. The store
+        does not depend on it. The workers of a cluster need to reach source and store.
     on_scene : callable, optional
         Called with (scenes done, scenes in all).
 
@@ -90,7 +92,7 @@ def build_store(
         raise SourceError(Problem("nothing to build", fix=source.missing_help(missing)))
     done = 0
 
-    def progress() -> None:
+    def progress(*_: object) -> None:
         nonlocal done
         done += 1
         if on_scene:
@@ -102,33 +104,60 @@ def build_store(
         "depth_unit": manifest.depth.unit,
         "options": dict(source.options),
     }
-    with StoreWriter(path, manifest, attributes) as writer:
-
-        def build_scene(scene: str) -> tuple[str, str | None, bool, DfdbenchError | None]:
-            try:
-                signature = source.signature(scene)
-                digest = writer.digest_of_finished(scene, signature)
-                if digest:
-                    return scene, digest, True, None
-                dataset = scene_dataset(manifest, source.read(scene), blur)
-                return scene, writer.write(scene, dataset, signature), False, None
-            except SourceError as error:
-                return scene, None, False, error
-
-        outcomes = for_each(build_scene, scenes, workers, progress)
-        problems = [problem for *_, error in outcomes if error for problem in error.problems]
+    with StoreWriter(place, manifest, attributes) as writer:
+        outcomes = (pool or Threads()).map(
+            _SceneBuilder(manifest, source, blur, writer.scenes), scenes, progress
+        )
+        problems = [problem for outcome in outcomes for problem in outcome.problems]
+        if problems and missing:
+            named = ", ".join(pair.id for pair in missing[:3])
+            problems.append(
+                Problem(f"{len(missing)} pairs are missing besides",
+                        got=f"{named}{' ...' if len(missing) > 3 else ''}",
+                        fix=source.missing_help(missing))
+            )  # fmt: skip
         if problems:
             raise SourceError(problems)
-        digests = {scene: digest for scene, digest, _, _ in outcomes if digest}
+        digests = {outcome.scene: outcome.digest for outcome in outcomes}
         fingerprint = writer.finish(digests, [pair.id for pair in missing])
     return BuildReport(
-        path,
+        writer.path,
         fingerprint,
-        tuple(scene for scene, _, kept, _ in outcomes if not kept),
-        tuple(scene for scene, _, kept, _ in outcomes if kept),
+        tuple(outcome.scene for outcome in outcomes if not outcome.kept),
+        tuple(outcome.scene for outcome in outcomes if outcome.kept),
         len(available),
         missing,
     )
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    scene: str
+    digest: str = ""
+    kept: bool = False
+    problems: tuple[Problem, ...] = ()
+
+
+@dataclass(frozen=True)
+class _SceneBuilder:
+    """Makes one scene; travels to other processes."""
+
+    manifest: Manifest
+    source: Source
+    blur: BlurRecipe
+    writer: SceneWriter
+
+    def __call__(self, scene: str) -> _Outcome:
+        try:
+            signature = self.source.signature(scene)
+            digest = self.writer.digest_of_finished(scene, signature)
+            if digest:
+                return _Outcome(scene, digest, kept=True)
+            dataset = scene_dataset(self.manifest, self.source.read(scene), self.blur)
+            return _Outcome(scene, self.writer.write(scene, dataset, signature))
+        except SourceError as error:
+            # Told together with those of the other scenes.
+            return _Outcome(scene, problems=error.problems)
 
 
 def scene_dataset(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> xarray.Dataset:

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.evaluate import read_prediction
 from dfdbench.manifest import Pair
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result
+from dfdbench.run_folder import read_prediction
 from dfdbench.store import Store
 from dfdbench.summary import ranked
 

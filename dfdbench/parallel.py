@@ -1,53 +1,181 @@
-"""Do one thing for many items at once, through Dask."""
+"""Do one thing for many items at once, through Dask: in threads, in processes, on a cluster."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from typing import Any, Protocol, TypeVar
 
 from dask.base import compute
 from dask.callbacks import Callback
 from dask.delayed import delayed
 
+from dfdbench.errors import InputError, Problem
+
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
+Heard = Callable[[Item, Outcome], None]
+
+_SECONDS_TO_ANSWER = 30
 
 
-def for_each(
-    function: Callable[[Item], Outcome],
-    items: Sequence[Item],
-    workers: int,
-    on_done: Callable[[], None] | None = None,
-) -> list[Outcome]:
-    """Return what a function gives for each item, in the items' order.
+class Pool(Protocol):
+    """Where work is done."""
+
+    def map(
+        self,
+        function: Callable[[Item], Outcome],
+        items: Sequence[Item],
+        on_done: Heard[Item, Outcome] | None = None,
+    ) -> list[Outcome]:
+        """Return what a function gives for each item, in the items' order.
+
+        Parameters
+        ----------
+        function : callable
+            Called once an item. For processes and clusters it has to be picklable.
+        items : sequence
+            What it is called with.
+        on_done : callable, optional
+            Called with (item, outcome) after each item as it is done, in the calling thread.
+        """
+
+
+@dataclass(frozen=True)
+class Threads:
+    """Work in threads of this process.
 
     Parameters
     ----------
-    function : callable
-        Called once an item, from several threads where there are several workers.
-    items : sequence
-        What it is called with.
     workers : int
         How many items are worked on at once.
-    on_done : callable, optional
-        Called after each item, from the calling thread.
 
     Examples
     --------
-    >>> for_each(abs, [-1, -2, -3], workers=2)
+    >>> Threads(2).map(abs, [-1, -2, -3])
     [1, 2, 3]
     """
 
-    def posttask(*_: Any) -> None:
-        if on_done:
-            on_done()
+    workers: int = 1
 
-    tasks = [delayed(function, pure=False)(item) for item in items]
-    pool = ThreadPoolExecutor(workers)
+    def map(
+        self,
+        function: Callable[[Item], Outcome],
+        items: Sequence[Item],
+        on_done: Heard[Item, Outcome] | None = None,
+    ) -> list[Outcome]:
+        """Return what a function gives for each item; see `Pool`."""
+        return _compute(ThreadPoolExecutor(self.workers), function, items, on_done)
+
+
+@dataclass(frozen=True)
+class Processes:
+    """Work in processes of this machine, for what shares no process well.
+
+    Parameters
+    ----------
+    workers : int
+        How many items are worked on at once.
+    """
+
+    workers: int = 1
+
+    def map(
+        self,
+        function: Callable[[Item], Outcome],
+        items: Sequence[Item],
+        on_done: Heard[Item, Outcome] | None = None,
+    ) -> list[Outcome]:
+        """Return what a function gives for each item; see `Pool`."""
+        # Forking a process that has threads (numba's, zarr's) can hang: start afresh.
+        pool = ProcessPoolExecutor(self.workers, mp_context=get_context("spawn"))
+        return _compute(pool, function, items, on_done)
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Work on a `dask.distributed` cluster whose workers have dfdbench installed.
+
+    Parameters
+    ----------
+    address : str
+        The scheduler's, such as ``tcp://node1:8786``.
+    """
+
+    address: str
+
+    def map(
+        self,
+        function: Callable[[Item], Outcome],
+        items: Sequence[Item],
+        on_done: Heard[Item, Outcome] | None = None,
+    ) -> list[Outcome]:
+        """Return what a function gives for each item; see `Pool`.
+
+        Raises
+        ------
+        InputError
+            Where dask.distributed is not installed, or no scheduler answers.
+        """
+        with _client(self.address) as (client, as_completed):
+            futures = client.map(function, items, pure=False, batch_size=1)
+            place = {future.key: number for number, future in enumerate(futures)}
+            outcomes: dict[int, Outcome] = {}
+            try:
+                for future, outcome in as_completed(futures, loop=client.loop, with_results=True):
+                    number = place[future.key]
+                    outcomes[number] = outcome
+                    if on_done:
+                        on_done(items[number], outcome)
+            finally:
+                client.cancel(futures)
+        return [outcomes[number] for number in range(len(items))]
+
+
+def _compute(
+    pool: Executor,
+    function: Callable[[Item], Outcome],
+    items: Sequence[Item],
+    on_done: Heard[Item, Outcome] | None,
+) -> list[Outcome]:
+    names = [f"item-{number}" for number in range(len(items))]
+    item_of = dict(zip(names, items, strict=True))
+
+    def posttask(key: Any, outcome: Any, *_: Any) -> None:
+        if on_done and key in item_of:
+            on_done(item_of[key], outcome)
+
+    tasks = [delayed(function, pure=False)(item_of[name], dask_key_name=name) for name in names]
+    scheduler = "threads" if isinstance(pool, ThreadPoolExecutor) else "processes"
     try:
         with Callback(posttask=posttask):
-            return list(compute(*tasks, scheduler="threads", pool=pool))
+            # One item a task: Dask's processes would else take six at a time.
+            return list(
+                compute(*tasks, scheduler=scheduler, pool=pool, chunksize=1, optimize_graph=False)
+            )
     finally:
         # After Ctrl-C, too: what has begun is finished, so that nothing is left half-written.
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _client(address: str) -> Iterator[tuple[Any, Any]]:
+    try:
+        from distributed import Client, as_completed
+    except ImportError as error:
+        raise InputError(
+            Problem("dask.distributed is not installed", "--scheduler", got=str(error),
+                    fix="pip install 'dfdbench[cluster]', here and on the cluster's workers")
+        ) from error  # fmt: skip
+    try:
+        client = Client(address, timeout=_SECONDS_TO_ANSWER, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            Problem("no scheduler answers", "--scheduler", "such as tcp://node1:8786",
+                    f"{address} ({error})", "start one with: dask scheduler")
+        ) from error  # fmt: skip
+    with client:
+        yield client, as_completed

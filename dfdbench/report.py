@@ -100,8 +100,10 @@ def time_table(result: Result, protocol: str) -> Table:
     if environment.gpu:
         machine += f"; GPU: {environment.gpu}"
     rules = frozenset(number for number, group in enumerate(groups) if group.row is None)
+    alone = all(pair.timed_alone for pair in result.pairs)
+    how = "one at a time" if alone else "several at once: not comparable"
     return Table(
-        "seconds a pair, warm, one at a time", (*labels, "mean", "std"), tuple(rows),
+        f"seconds a pair, warm, {how}", (*labels, "mean", "std"), tuple(rows),
         "l" * len(labels) + "rr", (machine,), rules,
     )  # fmt: skip
 

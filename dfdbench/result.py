@@ -39,8 +39,9 @@ class PairResult(Model):
     """What became of one pair.
 
     `status`: ``ok``; ``failed``, the method gave no usable depth (`error` says why);
-    ``missing``, the store does not hold the pair; ``not-run``, the run was limited. `numbers`
-    are what the method said of its answer, an energy for example.
+    ``missing``, the store does not hold the pair; ``not-run``, the run was limited. Only where
+    `timed_alone` can `seconds` be compared. `numbers` are what the method said of its answer,
+    an energy for example.
     """
 
     id: str
@@ -48,6 +49,7 @@ class PairResult(Model):
     coordinates: dict[str, int]
     status: Literal["ok", "failed", "missing", "not-run"]
     seconds: Finite | None = None
+    timed_alone: bool = True
     prediction_sha256: Sha256 | None = None
     scores: dict[str, PairScores] = Field(default_factory=dict)
     numbers: dict[str, Finite] = Field(default_factory=dict)

@@ -1,32 +1,33 @@
-"""The built data set on disk: one zarr, a group a scene, put into place whole."""
+"""The built data set, read: one zarr, a group a scene."""
 
 from __future__ import annotations
 
-import contextlib
 import os
-import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import filelock
 import numpy as np
-import platformdirs
 import xarray
 import zarr
 from numpy.typing import NDArray
+from upath import UPath
 
 from dfdbench.blur import BlurRecipe, find_recipe
+from dfdbench.cache import STORES, cache_folder
 from dfdbench.catalog import find_manifest
-from dfdbench.errors import Problem, StoreError
-from dfdbench.fingerprint import combine, scene_digests
+from dfdbench.errors import DfdbenchError, Problem, StoreError, unknown_name
+from dfdbench.location import Place, as_location, exists, is_local, zarr_store
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.manifest_reader import parse_manifest
 
 FORMAT = "dfdbench store"
 FORMAT_VERSION = 1
+
+#: Rows and columns of an image.
+Region = tuple[slice, slice]
+WHOLE: Region = (slice(None), slice(None))
 
 
 @dataclass(frozen=True)
@@ -52,14 +53,9 @@ class PairImages:
     valid: NDArray[np.bool_]
 
 
-def cache_folder() -> Path:
-    """Return where data sets are kept: ``DFDBENCH_CACHE``, or the platform's cache folder."""
-    return Path(os.environ.get("DFDBENCH_CACHE") or platformdirs.user_cache_dir("dfdbench"))
-
-
-def default_store(manifest: Manifest) -> Path:
-    """Return where the built data set lies unless a path is given."""
-    return cache_folder() / "stores" / f"{manifest.stem}.zarr"
+def default_store(manifest: Manifest, cache: Path | None = None) -> Path:
+    """Return where the built data set lies unless a place is given."""
+    return cache_folder(cache) / STORES / f"{manifest.stem}.zarr"
 
 
 class Store:
@@ -67,8 +63,8 @@ class Store:
 
     Parameters
     ----------
-    path : Path
-        The zarr folder.
+    place : str, Path or UPath
+        The zarr folder: a local path or a URL.
 
     Raises
     ------
@@ -76,301 +72,202 @@ class Store:
         Where there is none, or it is no dfdbench store, or it is incomplete.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._tree = _open_tree(path)
-        attributes = self._tree.attrs
-        if attributes.get("format") != FORMAT:
-            raise StoreError(
-                Problem("not a data set built by dfdbench", str(path), fix="dfdbench build NAME")
-            )
-        if attributes.get("format_version") != FORMAT_VERSION:
+    def __init__(self, place: Place) -> None:
+        self.path = as_location(place)
+        self._root = _open_root(self.path)
+        self.attributes: dict[str, Any] = dict(self._root.attrs)
+        if self.attributes.get("format") != FORMAT:
             raise StoreError(
                 Problem(
-                    "store of another version", str(path), str(FORMAT_VERSION),
-                    str(attributes.get("format_version")), "build it again",
+                    "not a data set built by dfdbench", str(self.path), fix="dfdbench build NAME"
+                )
+            )
+        if self.attributes.get("format_version") != FORMAT_VERSION:
+            raise StoreError(
+                Problem(
+                    "store of another version", str(self.path), str(FORMAT_VERSION),
+                    str(self.attributes.get("format_version")), "build it again",
                 )
             )  # fmt: skip
-        self.manifest = parse_manifest(attributes["manifest"].encode(), path.name)
+        if "fingerprint" not in self.attributes:
+            raise StoreError(
+                Problem(
+                    "the store is not finished", str(self.path),
+                    fix="run the dfdbench build that began it again: it goes on from there",
+                )
+            )  # fmt: skip
+        self.manifest = parse_manifest(self.attributes["manifest"].encode(), self.path.name)
+        self._arrays: dict[str, zarr.Array[Any]] = {}
+        groups = set(self._root.group_keys())
+        #: The scenes that were built, in the manifest's order.
+        self.scenes = tuple(name for name in self.manifest.scene_names if name in groups)
 
     @property
     def fingerprint(self) -> str:
         """The SHA-256 over everything that the store's arrays hold."""
-        return str(self._tree.attrs["fingerprint"])
+        return str(self.attributes["fingerprint"])
 
     @property
     def recipe_name(self) -> str:
         """The blur recipe's name; empty where the defocus images were captured."""
-        return str(self._tree.attrs["recipe"]["name"])
+        return str(self.attributes["recipe"]["name"])
 
     @property
     def recipe(self) -> BlurRecipe | None:
         """The blur recipe, None where the defocus images were captured."""
-        parameters = self._tree.attrs["recipe"]["parameters"]
+        parameters = self.attributes["recipe"]["parameters"]
         return find_recipe(parameters) if parameters else None
 
-    @property
-    def attributes(self) -> dict[str, Any]:
-        """Manifest hash, recipe, units, options, what is missing, package version."""
-        return {str(name): value for name, value in self._tree.attrs.items()}
-
-    @property
-    def scenes(self) -> tuple[str, ...]:
-        """The scenes that were built, in the manifest's order."""
-        return tuple(name for name in self.manifest.scene_names if name in self._tree.children)
-
     def scene(self, name: str) -> xarray.Dataset:
-        """Return one scene's arrays, read as they are used."""
-        return self._tree[name].to_dataset()
+        """Return one scene's arrays, read as they are used.
+
+        Its attributes tell the digest of each array and of the files that it was made from.
+        """
+        if name not in self.scenes:
+            raise unknown_name("scene of the store", name, self.scenes)
+        return _open_scene(self.path, name)
 
     def pairs(self, split: str) -> tuple[Pair, ...]:
         """Return the pairs of a split that the store holds, in the manifest's order."""
-        available = {name: self._tree[name]["available"].load() for name in self.scenes}
+        wanted = self.manifest.pairs(split)
+        there = {
+            name: np.asarray(self._array(name, "available")[...])
+            for name in {pair.scene for pair in wanted} & set(self.scenes)
+        }
         return tuple(
             pair
-            for pair in self.manifest.pairs(split)
-            if pair.scene in available and bool(available[pair.scene].sel(pair.at))
+            for pair in wanted
+            if pair.scene in there and there[pair.scene][self._index(pair, self.manifest.axes)]
         )
 
-    def read(self, pair: Pair) -> PairImages:
-        """Read one pair's images and ground truth."""
-        depth, valid = self.read_depth(pair)
-        scene = self._tree[pair.scene]
-        return PairImages(
-            pair,
-            np.asarray(scene["infocus"].sel(pair.at).values),
-            np.asarray(scene["defocus"].sel(pair.at).values),
-            depth,
-            valid,
-        )
+    def read(self, pair: Pair, region: Region = WHOLE) -> PairImages:
+        """Read one pair's images and ground truth, or a region of them.
 
-    def read_depth(self, pair: Pair) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """Read one pair's depth levels and where they are known."""
-        scene = self._tree[pair.scene]
-        place = {axis: pair.at[axis] for axis in self.manifest.depth.axes}
-        depth, valid = scene["depth"].sel(place).values, scene["valid"].sel(place).values
-        return np.asarray(depth), np.asarray(valid)
+        Parameters
+        ----------
+        pair : Pair
+            Which pair.
+        region : pair of slice
+            Rows and columns; the whole image by default. Two images, a depth map and its mask
+            are decoded, whatever else the scene holds.
+
+        Raises
+        ------
+        StoreError
+            Where an array cannot be decoded.
+        """
+        depth, valid = self.read_depth(pair, region)
+        index = self._index(pair, self.manifest.axes)
+        infocus = self._part(pair.scene, "infocus", index, region)
+        defocus = self._part(pair.scene, "defocus", index, region)
+        return PairImages(pair, infocus, defocus, depth, valid)
+
+    def read_depth(
+        self, pair: Pair, region: Region = WHOLE
+    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """Read one pair's depth levels and where they are known, or a region of them."""
+        index = self._index(pair, self.manifest.depth.axes)
+        depth = self._part(pair.scene, "depth", index, region)
+        return depth, self._part(pair.scene, "valid", index, region)
+
+    def shape_of(self, scene: str) -> tuple[int, int]:
+        """Return the rows and columns of a scene's images."""
+        rows, columns = self._array(scene, "depth").shape[-2:]
+        return rows, columns
+
+    def _index(self, pair: Pair, axes: Iterable[str]) -> tuple[int, ...]:
+        return tuple(self.manifest.axes[axis].index(pair.at[axis]) for axis in axes)
+
+    def _array(self, scene: str, name: str) -> zarr.Array[Any]:
+        key = f"{scene}/{name}"
+        if key not in self._arrays:
+            array = self._root[key]
+            assert isinstance(array, zarr.Array)
+            self._arrays[key] = array
+        return self._arrays[key]
+
+    def _part(self, scene: str, name: str, index: tuple[int, ...], region: Region) -> NDArray[Any]:
+        try:
+            selection: Any = (*index, *region)
+            return np.asarray(self._array(scene, name)[selection])
+        except (OSError, ValueError, RuntimeError, KeyError) as error:
+            raise StoreError(
+                Problem(
+                    "an array of the store cannot be read", f"{self.path}, {scene}/{name}",
+                    got=str(error), fix=f"dfdbench verify {self.path} tells what is damaged",
+                )
+            ) from error  # fmt: skip
+
+    def __reduce__(self) -> tuple[type[Store], tuple[UPath]]:
+        # Another process opens it anew.
+        return Store, (self.path,)
 
 
-def open_store(name: str, path: Path | None = None) -> Store:
-    """Open a built data set by its name or its path.
+def is_place(name: str) -> bool:
+    """Return whether a text names a store by its path or URL, not a data set.
+
+    Examples
+    --------
+    >>> is_place("demo"), is_place("demo-1.zarr"), is_place("s3://bucket/demo")
+    (False, True, True)
+    """
+    return (name.endswith(".zarr") or os.sep in name) and not name.endswith(".toml")
+
+
+def open_store(name: str, place: Place | None = None, cache: Path | None = None) -> Store:
+    """Open a built data set by its name or its place.
 
     Parameters
     ----------
     name : str
-        A data set's name, or the path of a store.
-    path : Path, optional
+        A data set's name, or the path or URL of a store.
+    place : str, Path or UPath, optional
         Where the store lies, if not in the default place.
+    cache : Path, optional
+        The cache folder in which the default place is; see `dfdbench.cache.cache_folder`.
 
     Raises
     ------
     StoreError
         Where it is not built; the message says how to build it.
     """
-    if path is None and (name.endswith(".zarr") or os.sep in name):
-        path = Path(name)
-    if path is not None:
-        return Store(path)
+    if place is None and is_place(name):
+        place = name
+    if place is not None:
+        return Store(place)
     manifest = find_manifest(name)
-    place = default_store(manifest)
-    if not place.exists():
+    default = default_store(manifest, cache)
+    if not default.exists():
         other = "" if manifest.short == "demo" else ", or use the small one: --dataset demo"
         raise StoreError(
             Problem(
-                f"data set {manifest.short} is not built", str(place),
+                f"data set {manifest.short} is not built", str(default),
                 fix=f"dfdbench build {manifest.short}{other}",
             )
         )  # fmt: skip
-    return Store(place)
+    return Store(default)
 
 
-class StoreWriter:
-    """Builds a store beside its place, scene by scene, and moves it there when it is done.
-
-    Use as a context manager: it holds a lock, so that two builds cannot mix.
-
-    Parameters
-    ----------
-    path : Path
-        Where the finished store goes.
-    manifest : Manifest
-        The data set; its text and hash are kept in the store.
-    attributes : mapping
-        What the store says of itself; a partial store with other attributes is not gone on with.
-    """
-
-    def __init__(self, path: Path, manifest: Manifest, attributes: Mapping[str, Any]) -> None:
-        self.path = path
-        self._partial = path.with_name(path.name + ".partial")
-        self._lock = filelock.FileLock(path.with_name(f".{path.name}.lock"))
-        self._attributes = {
-            "format": FORMAT,
-            "format_version": FORMAT_VERSION,
-            "dfdbench_version": version("dfdbench"),
-            "manifest_name": manifest.stem,
-            "manifest_sha256": manifest.sha256,
-            "manifest": manifest.toml,
-            **attributes,
-        }
-
-    def __enter__(self) -> StoreWriter:
-        with _disk_errors(self.path):
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                self._lock.acquire(timeout=0)
-            except filelock.Timeout as error:
-                raise StoreError(
-                    Problem(
-                        "another build is writing this store", str(self.path),
-                        fix="wait for it, or build elsewhere with --store PATH",
-                    )
-                ) from error  # fmt: skip
-            try:
-                self._refuse_what_is_not_ours()
-            except StoreError:
-                self._lock.release()
-                raise
-            if self._partial.exists() and _attributes_of(self._partial) != self._attributes:
-                shutil.rmtree(self._partial)
-            zarr.open_group(self._partial, mode="a", zarr_format=3).attrs.update(self._attributes)
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._lock.release()
-
-    def _refuse_what_is_not_ours(self) -> None:
-        # The store is replaced whole: a folder of photographs must not be what is replaced.
-        for place in (self.path, self._partial):
-            if not place.exists():
-                continue
-            found = _attributes_of(place) or {}
-            if found.get("format") != FORMAT:
-                raise StoreError(
-                    Problem(
-                        "the place is taken by something that is no dfdbench store", str(place),
-                        fix="choose another with --store PATH; nothing was changed",
-                    )
-                )  # fmt: skip
-        for key, what in (("manifest_name", "data set"), ("recipe", "blur recipe")):
-            found = (_attributes_of(self.path) or {}) if self.path.exists() else {}
-            if key in found and found[key] != self._attributes.get(key):
-                raise StoreError(
-                    Problem(
-                        f"the store there holds another {what}", str(self.path),
-                        str(self._attributes.get(key)), str(found[key]),
-                        "choose another place with --store PATH, or delete that store",
-                    )
-                )  # fmt: skip
-
-    def digest_of_finished(self, scene: str, signature: str) -> str | None:
-        """Return a scene's digest if it was written whole from the same files, else None.
-
-        The arrays are read back and hashed, so that a damaged scene is written again.
-        """
-        for place in (self._partial, self.path):
-            digest = self._verified(place, scene, signature)
-            if digest and place == self.path:
-                shutil.copytree(place / scene, self._partial / scene, dirs_exist_ok=True)
-            if digest:
-                return digest
-        return None
-
-    def _verified(self, place: Path, scene: str, signature: str) -> str | None:
-        if not (place / scene).is_dir() or _attributes_of(place, self._attributes) != (
-            self._attributes
-        ):
-            return None
-        try:
-            dataset = xarray.open_zarr(place, group=scene, consolidated=False, chunks=None)
-            attributes = dataset.attrs
-            if attributes.get("source_sha256") != signature or "digest" not in attributes:
-                return None
-            digest = combine(scene_digests(dataset))
-        except (OSError, ValueError, KeyError, RuntimeError):
-            return None
-        return digest if digest == attributes["digest"] else None
-
-    def write(self, scene: str, dataset: xarray.Dataset, signature: str) -> str:
-        """Write one scene; return its digest. A scene counts as written once it bears it."""
-        folder = self._partial / scene
-        digests = scene_digests(dataset)
-        with _disk_errors(self.path):
-            shutil.rmtree(folder, ignore_errors=True)
-            dataset.to_zarr(
-                self._partial,
-                group=scene,
-                mode="w",
-                zarr_format=3,
-                consolidated=False,
-                encoding={
-                    str(name): {"chunks": _image_chunks(variable)}
-                    for name, variable in dataset.data_vars.items()
-                },
-            )
-            group = zarr.open_group(self._partial, path=scene, mode="r+")
-            group.attrs.update(
-                {"array_digests": digests, "source_sha256": signature, "digest": combine(digests)}
-            )
-        return combine(digests)
-
-    def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:
-        """Move the store into its place whole; return its fingerprint."""
-        fingerprint = combine(digests)
-        with _disk_errors(self.path):
-            for stray in self._partial.iterdir():
-                if stray.is_dir() and stray.name not in digests:
-                    shutil.rmtree(stray)
-            zarr.open_group(self._partial, mode="r+").attrs.update(
-                {"fingerprint": fingerprint, "missing_pairs": missing}
-            )
-            old = self.path.with_name(self.path.name + ".old")
-            shutil.rmtree(old, ignore_errors=True)
-            if self.path.exists():
-                self.path.rename(old)
-            self._partial.rename(self.path)
-            shutil.rmtree(old, ignore_errors=True)
-        return fingerprint
-
-
-def _image_chunks(variable: xarray.DataArray) -> tuple[int, ...]:
-    whole = {"y", "x", "channel"} & set(map(str, variable.dims))
-    if not whole:
-        return variable.shape
-    return tuple(
-        variable.sizes[dimension] if dimension in whole else 1 for dimension in variable.dims
+def _open_scene(location: UPath, name: str) -> xarray.Dataset:
+    scene: xarray.Dataset = xarray.open_zarr(
+        zarr_store(location), group=name, consolidated=False, chunks=None
     )
+    return scene
 
 
-def _attributes_of(place: Path, like: Mapping[str, Any] | None = None) -> dict[str, Any] | None:
+def _open_root(location: UPath) -> zarr.Group:
     try:
-        attributes = dict(zarr.open_group(place, mode="r").attrs)
-    except (OSError, ValueError, KeyError):
-        return None
-    return attributes if like is None else {key: attributes.get(key) for key in like}
-
-
-def _open_tree(path: Path) -> xarray.DataTree:
-    if not path.exists():
-        raise StoreError(
-            Problem("no such store", str(path), fix="dfdbench build NAME --store PATH")
-        )
-    try:
-        return xarray.open_datatree(path, engine="zarr", consolidated=False, chunks=None)
-    except (OSError, ValueError, KeyError) as error:
-        raise StoreError(
-            Problem("cannot read the store", str(path), got=str(error), fix="build it again")
-        ) from error
-
-
-@contextlib.contextmanager
-def _disk_errors(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise StoreError(
-            Problem(
-                "cannot write the store", str(path), got=error.strerror or str(error),
-                fix="make room or choose another place with --store PATH; "
-                "the same command goes on where it stopped",
+        if not exists(location):
+            raise StoreError(
+                Problem("no such store", str(location), fix="dfdbench build NAME --store PATH")
             )
-        ) from error  # fmt: skip
+        return zarr.open_group(zarr_store(location), mode="r")
+    except DfdbenchError:
+        raise
+    except Exception as error:
+        # What an object store's library raises is its own: unreachable, forbidden, no bucket.
+        if is_local(location) and not isinstance(error, (OSError, ValueError, KeyError)):
+            raise
+        raise StoreError(
+            Problem("cannot read the store", str(location), got=str(error), fix="build it again")
+        ) from error

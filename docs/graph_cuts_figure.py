@@ -14,9 +14,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.evaluate import RESULT, read_prediction
 from dfdbench.manifest import Pair
 from dfdbench.result import load_result
+from dfdbench.run_folder import RESULT, read_prediction
 from dfdbench.store import PairImages, Store
 
 REGIONS = ("unknown pixels", "near a depth edge", "flat colour", "the rest")

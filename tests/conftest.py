@@ -18,6 +18,7 @@ from dfdbench.data_cost import data_cost
 from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.mrf import Energy, published
+from dfdbench.parallel import Threads
 from dfdbench.sources import open_source
 from dfdbench.store import Store
 
@@ -156,7 +157,7 @@ def tiny_store(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> St
 def demo_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     manifest = find_manifest("demo")
     path = tmp_path_factory.mktemp("demo") / "demo-1.zarr"
-    build_store(manifest, open_source(manifest), path, workers=2)
+    build_store(manifest, open_source(manifest), path, pool=Threads(2))
     return Store(path)
 
 

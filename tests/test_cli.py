@@ -85,7 +85,7 @@ def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -
     [
         (["info", "midlebury"], "did you mean middlebury"),
         (["info", "middlebury", "--pairs", "tst"], "did you mean test"),
-        (["build", "middlebury"], "--source DIR"),
+        (["build", "middlebury", "--offline"], "--source DIR"),
         (["build", "realworld"], "cannot build realworld-1"),
         (["build", "demo", "--recipe", "text"], "--store PATH"),
         (["run", "--method", "mymodule:predict"], "--dataset demo"),

@@ -7,13 +7,15 @@ import pytest
 
 from dfdbench.build import build_store
 from dfdbench.errors import ResultError, StoreError
-from dfdbench.evaluate import RESULT, load_for, read_prediction, run_method, training_mean
+from dfdbench.evaluate import run_method
 from dfdbench.fingerprint import array_digest
 from dfdbench.manifest import Manifest
 from dfdbench.methods import Method
+from dfdbench.pair_evaluation import load_for, training_mean
 from dfdbench.protocol import PROTOCOLS, score
 from dfdbench.result import load_result
-from dfdbench.sources.middlebury import MiddleburyFolder
+from dfdbench.run_folder import RESULT, read_prediction
+from dfdbench.sources.middlebury import MiddleburyScenes
 from dfdbench.store import Store
 
 
@@ -122,7 +124,7 @@ def test_pairs_that_the_store_lacks_are_missing(
 ) -> None:
     (tiny_folder / "Two/Illum1/Exp0/view1.png").unlink()
     path = tmp_path / "s.zarr"
-    build_store(tiny_manifest, MiddleburyFolder(tiny_manifest, tiny_folder), path)
+    build_store(tiny_manifest, MiddleburyScenes(tiny_manifest, tiny_folder), path)
     run = run_method(Store(path), method(Counting()), "test", tmp_path / "out")
     assert [pair.status for pair in run.result.pairs].count("missing") == 1
     assert run.result.averages is None
@@ -130,7 +132,7 @@ def test_pairs_that_the_store_lacks_are_missing(
         for png in (tiny_folder / scene).rglob("*.png"):
             png.unlink()
     other = tmp_path / "o.zarr"
-    build_store(tiny_manifest, MiddleburyFolder(tiny_manifest, tiny_folder), other)
+    build_store(tiny_manifest, MiddleburyScenes(tiny_manifest, tiny_folder), other)
     with pytest.raises(StoreError, match="no pair of split test"):
         run_method(Store(other), method(Counting()), "test", tmp_path / "o")
 
@@ -173,7 +175,7 @@ def test_a_full_disk_says_that_it_goes_on(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("dfdbench.evaluate._keep", full)
+    monkeypatch.setattr("dfdbench.evaluate.keep_prediction", full)
     with pytest.raises(ResultError, match="goes on where it stopped"):
         run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
 

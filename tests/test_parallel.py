@@ -1,30 +1,86 @@
+from __future__ import annotations
+
+import os
 import threading
 import time
+from collections.abc import Iterator
 
 import pytest
+from distributed import LocalCluster
 
-from dfdbench.parallel import for_each
+from dfdbench.errors import InputError
+from dfdbench.parallel import Cluster, Pool, Processes, Threads
 
 
-@pytest.mark.parametrize("workers", [1, 2, 5])
-def test_answers_come_in_the_items_order(workers: int) -> None:
-    seen: list[int] = []
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with LocalCluster(  # type: ignore[no-untyped-call]
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        yield str(cluster.scheduler_address)
 
-    def slow_first(item: int) -> int:
-        time.sleep(0.02 if item == 0 else 0)
-        return item * item
 
-    answers = for_each(slow_first, range(12), workers, on_done=lambda: seen.append(1))
+@pytest.fixture(params=["one thread", "three threads", "processes", "cluster"])
+def pool(request: pytest.FixtureRequest) -> Pool:
+    if request.param == "cluster":
+        return Cluster(request.getfixturevalue("address"))
+    pools: dict[str, Pool] = {
+        "one thread": Threads(1),
+        "three threads": Threads(3),
+        "processes": Processes(2),
+    }
+    return pools[request.param]
+
+
+def square_slowly(item: int) -> int:
+    time.sleep(0.02 if item == 0 else 0)
+    return item * item
+
+
+def fail(item: int) -> int:
+    raise ValueError(f"no {item}")
+
+
+def process_of(_: int) -> int:
+    time.sleep(0.3)
+    return os.getpid()
+
+
+def test_answers_come_in_the_items_order(pool: Pool) -> None:
+    seen: list[tuple[int, int]] = []
+    answers = pool.map(square_slowly, range(12), lambda item, answer: seen.append((item, answer)))
     assert answers == [item * item for item in range(12)]
-    assert len(seen) == 12
+    assert sorted(seen) == [(item, item * item) for item in range(12)]
 
 
-def test_workers_work_at_once_and_errors_come_through() -> None:
+def test_errors_come_through(pool: Pool) -> None:
+    with pytest.raises(ValueError, match=r"no [12]"):
+        pool.map(fail, [1, 2])
+
+
+def test_nothing_to_do(pool: Pool) -> None:
+    assert pool.map(fail, []) == []
+
+
+def test_threads_work_at_once() -> None:
     barrier = threading.Barrier(2, timeout=10)
-    for_each(lambda _: barrier.wait(), range(2), workers=2)
+    assert len(Threads(2).map(lambda _: barrier.wait(), range(2))) == 2
 
-    def fail(_: int) -> None:
-        raise ValueError("no")
 
-    with pytest.raises(ValueError, match="no"):
-        for_each(fail, [1, 2], workers=2)
+@pytest.mark.parametrize("kind", ["processes", "cluster"])
+def test_processes_are_others(kind: str, request: pytest.FixtureRequest) -> None:
+    others: Pool = (
+        Processes(2) if kind == "processes" else Cluster(request.getfixturevalue("address"))
+    )
+    found = set(others.map(process_of, range(4)))
+    assert len(found) == 2
+    assert os.getpid() not in found
+
+
+def test_no_scheduler_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dfdbench.parallel._SECONDS_TO_ANSWER", 1)
+    with pytest.raises(InputError, match="no scheduler answers") as caught:
+        Cluster("tcp://127.0.0.1:9").map(abs, [1])
+    assert "tcp://127.0.0.1:9" in str(caught.value)
+    with pytest.raises(InputError, match="no scheduler answers"):
+        Cluster("nonsense://x").map(abs, [1])

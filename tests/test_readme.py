@@ -31,7 +31,7 @@ def place(demo_store: Store, tmp_path: Path) -> Path:
     # The demo store of the session stands in for the one that `build demo` would make.
     stores = tmp_path / "cache/stores"
     stores.mkdir(parents=True)
-    (stores / "demo-1.zarr").symlink_to(demo_store.path)
+    (stores / "demo-1.zarr").symlink_to(str(demo_store.path))
     (tmp_path / "mymodule.py").write_text(blocks("python")[0])
     return tmp_path
 

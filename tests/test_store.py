@@ -1,4 +1,3 @@
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +8,11 @@ import zarr
 from dfdbench.blur import RECIPES, synthesize
 from dfdbench.build import build_store
 from dfdbench.errors import StoreError
+from dfdbench.location import as_location, remove
 from dfdbench.manifest import Manifest
 from dfdbench.sources import open_source
-from dfdbench.store import Store, StoreWriter, open_store
+from dfdbench.store import Store, open_store
+from dfdbench.store_writer import StoreWriter
 
 
 def test_a_store_says_what_it_is(tiny_store: Store, tiny_manifest: Manifest) -> None:
@@ -28,14 +29,14 @@ def test_a_store_says_what_it_is(tiny_store: Store, tiny_manifest: Manifest) -> 
 
 
 def test_it_opens_as_a_plain_datatree(tiny_store: Store) -> None:
-    tree = xarray.open_datatree(tiny_store.path, engine="zarr", consolidated=False)
+    tree = xarray.open_datatree(str(tiny_store.path), engine="zarr", consolidated=False)
     scene = tree["Two"]
     assert scene["infocus"].dims == ("view", "illumination", "exposure", "y", "x", "channel")
     assert scene["infocus"].dtype == scene["defocus"].dtype == scene["depth"].dtype == np.uint8
     assert scene["depth"].dims == scene["valid"].dims == ("view", "y", "x")
     assert scene["available"].dims == ("view", "illumination", "exposure")
     assert not bool(tree["Three"]["available"].sel(view=5, illumination=1, exposure=1))
-    assert zarr.open_array(tiny_store.path / "Two/infocus").chunks == (1, 1, 1, 24, 31, 3)
+    assert zarr.open_array(str(tiny_store.path / "Two/infocus")).chunks == (1, 1, 1, 24, 31, 3)
 
 
 def test_a_pair_is_what_the_files_hold(tiny_store: Store) -> None:
@@ -143,4 +144,4 @@ def test_a_full_disk_is_told_and_nothing_is_lost(
     report = build_store(tiny_manifest, source, other)
     assert report.scenes_kept == tuple(written)
     assert report.fingerprint == tiny_store.fingerprint
-    shutil.rmtree(other)
+    remove(as_location(other))

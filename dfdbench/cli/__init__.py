@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from dfdbench import __version__
-from dfdbench.cli import datasets, methods
+from dfdbench.cli import building, datasets, methods
 from dfdbench.cli.screen import say
 from dfdbench.errors import DfdbenchError
 
@@ -24,9 +24,15 @@ app = typer.Typer(
 )
 app.command("list")(datasets.list_datasets)
 app.command()(datasets.info)
-app.command()(datasets.build)
+app.command()(building.build)
+app.command()(datasets.verify)
+app.command()(building.export)
 app.command()(methods.run)
 app.command("check-method")(methods.check_method_command)
+cache_app = typer.Typer(rich_markup_mode=None, invoke_without_command=True)
+cache_app.callback()(datasets.cache_verb)
+cache_app.command("clear")(datasets.clear_cache)
+app.add_typer(cache_app, name="cache")
 
 
 @app.callback(invoke_without_command=True)

@@ -1,31 +1,33 @@
-"""The verbs for data sets: list, info, build."""
+"""The verbs that look at data sets: list, info, verify, cache."""
 
 from __future__ import annotations
 
-import os
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from rich.filesize import decimal
 
-from dfdbench.blur import RECIPES
-from dfdbench.build import BuildReport, build_store
+from dfdbench.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.catalog import find_manifest, released_manifests
+from dfdbench.cli.options import Cache, Workers, pool_of
 from dfdbench.cli.screen import print_table, progress, say
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError, Problem, unknown_name
+from dfdbench.location import size_of
 from dfdbench.manifest import Manifest
 from dfdbench.methods import registered_methods
-from dfdbench.sources import open_source
-from dfdbench.store import default_store
+from dfdbench.store import Store, default_store, is_place, open_store
 from dfdbench.tables import Table
+from dfdbench.verify import verify_store
 
 
-def list_datasets() -> None:
+def list_datasets(cache: Cache = None) -> None:
     """List the data sets and the registered methods."""
     rows = tuple(
         (
             manifest.short, manifest.stem, str(manifest.scene_count), str(manifest.pair_count),
-            "yes" if default_store(manifest).exists() else "no", manifest.title,
+            "yes" if default_store(manifest, cache).exists() else "no", manifest.title,
         )
         for manifest in released_manifests()
     )  # fmt: skip
@@ -37,60 +39,141 @@ def list_datasets() -> None:
 
 
 def info(
-    name: Annotated[str, typer.Argument(help="A data set's name or a manifest's path.")],
+    name: Annotated[
+        str, typer.Argument(help="A data set's name, a manifest's path, or a store's place.")
+    ],
     pairs: Annotated[
         str | None, typer.Option(help="List the pairs of this split, fold or scene, one a line.")
     ] = None,
+    cache: Cache = None,
 ) -> None:
-    """Show what a data set consists of."""
-    manifest = find_manifest(name)
+    """Show what a data set consists of, or what a built one holds."""
+    store = Store(name) if is_place(name) else None
+    manifest = store.manifest if store else find_manifest(name)
     if pairs is not None:
-        for pair in manifest.pairs(pairs):
+        for pair in store.pairs(pairs) if store else manifest.pairs(pairs):
             print(pair.id)
-        return
-    _show_manifest(manifest)
+    elif store:
+        _show_store(store)
+    else:
+        _show_manifest(manifest, cache)
 
 
-def build(
-    name: Annotated[str, typer.Argument(help="A data set's name or a manifest's path.")],
-    source: Annotated[
-        Path | None, typer.Option(help="Folder with the files, in the site's layout.")
-    ] = None,
-    store: Annotated[Path | None, typer.Option(help="Where to build; default: the cache.")] = None,
-    recipe: Annotated[str | None, typer.Option(help=f"Blur recipe: {', '.join(RECIPES)}.")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Scenes made at once.")] = os.cpu_count() or 1,
-    default_lighting: Annotated[
-        bool,
-        typer.Option("--default-lighting", help="Take SCENE/view1.png for Illum1/Exp2."),
-    ] = False,
-    allow_missing: Annotated[
-        bool, typer.Option("--allow-missing", help="Succeed although pairs are missing.")
-    ] = False,
+def verify(
+    name: Annotated[str, typer.Argument(help="A data set's name, or a store's path or URL.")],
+    workers: Workers = None,
+    cache: Cache = None,
 ) -> None:
-    """Build a data set; what is finished already is kept."""
-    manifest = find_manifest(name)
-    place = store or default_store(manifest)
-    if recipe not in (None, manifest.recipe) and store is None:
-        raise InputError(
-            Problem(
-                "another blur recipe makes another data set", "--recipe", str(manifest.recipe),
-                str(recipe), "name its place: --store PATH",
+    """Recompute a store's fingerprint and compare it with the recorded one."""
+    store = open_store(name, cache=cache)
+    with progress("reading scenes") as step:
+        found = verify_store(store, pool_of(workers), step)
+    print(f"store        {store.path}")
+    print(f"read         {found.arrays} arrays of {found.scenes} scenes")
+    print(f"recorded     {found.recorded}")
+    print(f"recomputed   {found.recomputed or 'not possible: an array cannot be read'}")
+    for difference in found.differences:
+        place = f"{difference.scene}/{difference.array}".rstrip("/")
+        print(f"differs      {place}: {difference.what}")
+    if not found.sound:
+        say(f"error: the store is not what was built\n"
+            f"  fix       dfdbench build {store.manifest.short} writes the scenes that differ "
+            "again")  # fmt: skip
+        raise typer.Exit(1)
+    print("sound        the store holds what was built")
+
+
+def cache_verb(context: typer.Context, cache: Cache = None) -> None:
+    """List what lies in the cache: downloads and built data sets; `clear` removes it."""
+    if context.invoked_subcommand is not None:
+        return
+    folder = cache_folder(cache)
+    entries = cache_entries(folder)
+    rows = tuple(
+        (entry.kind, entry.name, str(entry.files), decimal(entry.size)) for entry in entries
+    )
+    total = sum(entry.size for entry in entries)
+    title = f"{folder}: {decimal(total)}"
+    print_table(Table(title, ("kind", "name", "files", "size"), rows, "llrr"))
+
+
+def clear_cache(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(help="downloads, stores, or names that `dfdbench cache` lists."),
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    cache: Cache = None,
+) -> None:
+    """Remove downloads or built data sets from the cache; all of them if none is named."""
+    entries = cache_entries(cache_folder(cache))
+    known = {*KINDS, *(entry.name for entry in entries)}
+    for name in names or ():
+        if name not in known:
+            raise unknown_name("entry of the cache", name, known)
+    wanted = set(names or KINDS)
+    chosen = tuple(entry for entry in entries if wanted & {entry.kind, entry.name})
+    for entry in chosen:
+        say(f"  {entry.path}  {entry.files} files, {decimal(entry.size)}")
+    if not chosen:
+        print("nothing to remove")
+        return
+    if not yes:
+        if not sys.stdin.isatty():
+            raise InputError(
+                Problem("nobody can be asked", "dfdbench cache clear", fix="say --yes")
             )
-        )  # fmt: skip
-    files = open_source(manifest, source, default_lighting)
-    with progress("building scenes") as step:
-        report = build_store(manifest, files, place, recipe, workers, step)
-    kept = f", {len(report.scenes_kept)} kept from before" if report.scenes_kept else ""
-    print(f"built {manifest.stem}: {report.pairs} pairs, {len(report.scenes_built)} scenes{kept}")
-    print(f"store        {report.path}")
-    print(f"fingerprint  {report.fingerprint}")
-    if report.missing:
-        say(_missing_text(manifest, report, files.missing_help(report.missing)))
-        if not allow_missing:
-            raise typer.Exit(2)
+        typer.confirm("Remove them?", abort=True)
+    remove_entries(chosen)
+    print(f"removed {len(chosen)} entries, {decimal(sum(entry.size for entry in chosen))}")
 
 
-def _show_manifest(manifest: Manifest) -> None:
+def _show_store(store: Store) -> None:
+    attributes = store.attributes
+    options = ", ".join(_option(*item) for item in attributes["options"].items() if item[1])
+    recipe = attributes["recipe"]
+    parameters = ", ".join(f"{key} {value}" for key, value in recipe["parameters"].items())
+    missing = attributes.get("missing_pairs", [])
+    lines = [
+        f"{store.manifest.title}",
+        f"  store        {store.path}",
+        f"  size         {decimal(size_of(store.path))}",
+        f"  fingerprint  {store.fingerprint}",
+        f"  manifest     {store.manifest.stem}  sha256 {attributes['manifest_sha256']}",
+        f"  recipe       {recipe['name']}: {parameters}",
+        f"  degradation  {attributes['degradation']}",
+        f"  depth        {attributes['depth_unit']}",
+        f"  options      {options or 'none'}",
+        f"  built by     dfdbench {attributes['dfdbench_version']}",
+        f"  pairs        {len(store.pairs('all'))} of {store.manifest.pair_count}, "
+        f"{len(missing)} missing",
+    ]
+    print("\n".join(lines))
+    rows = []
+    for scene in store.scenes:
+        found = store.scene(scene).attrs
+        rows_, columns = store.shape_of(scene)
+        pairs = str(len(store.pairs(scene)))
+        rows.append(
+            (
+                scene,
+                f"{rows_} × {columns}",
+                pairs,
+                found["source_sha256"][:16],
+                found["digest"][:16],
+            )
+        )
+    heading = ("scene", "y × x", "pairs", "made from", "digest")
+    print_table(Table("scenes", heading, tuple(rows), "lrrll"))
+
+
+def _option(name: str, value: Any) -> str:
+    if isinstance(value, dict):
+        value = ", ".join(f"{key} {inner}" for key, inner in value.items())
+    return f"{name.replace('_', ' ')} {value}"
+
+
+def _show_manifest(manifest: Manifest, cache: Path | None) -> None:
     lines = [
         f"{manifest.title}",
         f"  manifest   {manifest.stem}  sha256 {manifest.sha256}",
@@ -120,27 +203,6 @@ def _show_manifest(manifest: Manifest) -> None:
         lines.append(f"  licence    {source.licence}")
     citations = dict.fromkeys(cite for source in manifest.sources for cite in source.citations)
     lines += [f"  cite       {citation}" for citation in citations]
-    place = default_store(manifest)
+    place = default_store(manifest, cache)
     lines.append(f"  store      {place} ({'built' if place.exists() else 'not built'})")
     print("\n".join(lines))
-
-
-def _missing_text(manifest: Manifest, report: BuildReport, fix: str) -> str:
-    by_scene: dict[str, list[str]] = {}
-    for pair in report.missing:
-        by_scene.setdefault(pair.scene, []).append(pair.id.partition("/")[2])
-    whole = [s for s in by_scene if len(by_scene[s]) == len(manifest.pairs_of_scene(s))]
-    lines = [
-        f"missing: {len(report.missing)} of {manifest.pair_count} pairs, left out of the store"
-    ]
-    if whole:
-        lines.append(f"  no image at all   {', '.join(whole)}")
-    alike: dict[str, list[str]] = {}
-    for scene, places in by_scene.items():
-        if scene not in whole:
-            alike.setdefault(", ".join(places), []).append(scene)
-    for listed, scenes in alike.items():
-        lines.append(f"  {', '.join(scenes)}: {listed.count(',') + 1} pairs each")
-        lines.append(f"    {listed}")
-    lines.append(f"  fix               {fix}")
-    return "\n".join(lines)

@@ -12,13 +12,16 @@ import typer
 
 from dfdbench.blur import RECIPES
 from dfdbench.check import check_method
+from dfdbench.cli.options import Cache, Scheduler, pool_of_processes
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError, Problem
-from dfdbench.evaluate import RESULT, load_for, run_method
+from dfdbench.evaluate import run_method
 from dfdbench.figures import draw_run
 from dfdbench.methods import load_method
+from dfdbench.pair_evaluation import load_for
 from dfdbench.protocol import find_protocol
 from dfdbench.report import run_as_csv, run_as_json, run_as_markdown, run_tables
+from dfdbench.run_folder import RESULT
 from dfdbench.store import open_store
 from dfdbench.tables import Table
 
@@ -59,15 +62,23 @@ def run(
         bool, typer.Option("--fresh", help="Evaluate anew, set an earlier run aside.")
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="For methods that draw random numbers.")] = 0,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Pairs at once; their times are not comparable.")
+    ] = None,
+    scheduler: Scheduler = None,
+    cache: Cache = None,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run goes on."""
     shown = find_protocol(protocol)
-    data = open_store(dataset)
+    data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
     loaded = load_for(data, method, _parameters(param), seed)
     folder = out or Path("results") / f"{data.path.stem}-{split}" / _folder_name(method, param)
     with progress(f"running {method}") as step:
-        done = run_method(data, loaded, split, folder, limit, not no_predictions, fresh, seed, step)
+        done = run_method(
+            data, loaded, split, folder, limit, not no_predictions, fresh, seed,
+            pool_of_processes(workers, scheduler), step,
+        )  # fmt: skip
     if done.set_aside:
         say(f"an earlier run with other settings was moved to {done.set_aside}")
     if done.reused:

@@ -8,10 +8,13 @@ from contextlib import contextmanager
 
 import typer
 from rich.console import Console
+from rich.filesize import decimal
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -41,19 +44,38 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
 
     Ctrl-C ends the command with status 130 and says that it goes on from there.
     """
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-        TextColumn("left"), TimeRemainingColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(Text(what).plain, total=None)
+    with _bar(what) as (bar, task):
 
         def step(done: int, total: int) -> None:
-            progress.update(task, completed=done, total=total)
+            bar.update(task, completed=done, total=total)
 
+        yield step
+
+
+@contextmanager
+def download_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
+    """Show files and bytes while the block runs; it calls with (files, files in all, bytes)."""
+    with _bar(what, TextColumn("files, {task.fields[received]}")) as (bar, task):
+
+        def step(done: int, total: int, received: int) -> None:
+            bar.update(task, completed=done, total=total, received=decimal(received))
+
+        yield step
+
+
+@contextmanager
+def _bar(what: str, *between: ProgressColumn) -> Iterator[tuple[Progress, TaskID]]:
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *between,
+        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+    )  # fmt: skip
+    console = Console(stderr=True)
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
         try:
-            yield step
+            yield bar, bar.add_task(Text(what).plain, total=None, received="0 bytes")
         except KeyboardInterrupt:
-            progress.stop()
+            bar.stop()
             say("stopped; the same command goes on from here")
             raise typer.Exit(_INTERRUPTED) from None

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from dfdbench.errors import Problem, SourceError
 from dfdbench.manifest import Manifest
 from dfdbench.sources.demo import DemoScenes
 from dfdbench.sources.interface import SceneImages, Source
-from dfdbench.sources.middlebury import MiddleburyFolder
+from dfdbench.sources.middlebury import MiddleburyScenes
+from dfdbench.sources.middlebury_download import Download, download_middlebury
 
-__all__ = ["SceneImages", "Source", "open_source"]
+__all__ = ["Download", "SceneImages", "Source", "download_middlebury", "open_source"]
 
 
 def open_source(
-    manifest: Manifest, folder: Path | None = None, default_lighting: bool = False
+    manifest: Manifest,
+    folder: Path | None = None,
+    default_lighting: bool = False,
+    checksums: Mapping[str, str] | None = None,
 ) -> Source:
     """Return the source that a manifest names.
 
@@ -24,8 +29,8 @@ def open_source(
         The data set.
     folder : Path, optional
         Where its files lie, for a data set that is read from disk.
-    default_lighting : bool
-        See `MiddleburyFolder`.
+    default_lighting, checksums
+        See `MiddleburyScenes`.
 
     Raises
     ------
@@ -41,18 +46,8 @@ def open_source(
         return DemoScenes(manifest)
     if manifest.reader == "middlebury":
         if folder is None:
-            addresses = ", ".join(source.url for source in manifest.sources)
-            raise SourceError(
-                Problem(
-                    f"{manifest.short} is read from a folder, and none is named",
-                    expected="a copy of the scenes in the site's layout, "
-                    "SCENE/Illum1/Exp0/view1.png and SCENE/disp1.png",
-                    fix=f"fetch the scenes from {addresses}, then "
-                    f"dfdbench build {manifest.short} --source DIR; "
-                    "or try the small set: dfdbench build demo",
-                )
-            )
-        return MiddleburyFolder(manifest, folder, default_lighting)
+            raise SourceError(Problem(f"{manifest.short} is read from a folder: name one"))
+        return MiddleburyScenes(manifest, folder, default_lighting, checksums)
     raise SourceError(
         Problem(
             f"this version cannot build {manifest.stem}: it has no reader for its files",

@@ -1,4 +1,4 @@
-"""Read the Middlebury 2005 and 2006 scenes from a folder in the site's layout."""
+"""Read the Middlebury 2005 and 2006 scenes from disk, in the site's layout or its archives."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.checksums import check_checksum, sha256
 from dfdbench.errors import Problem, SourceError
 from dfdbench.manifest import Manifest, Pair
+from dfdbench.png import decode_depth, decode_image
 from dfdbench.sources.interface import SceneImages
+from dfdbench.sources.scene_files import find_scene
 
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+Levels = NDArray[np.uint8]
 
 
-class MiddleburyFolder:
+class MiddleburyScenes:
     """Middlebury scenes on disk: ``SCENE/Illum1/Exp0/view1.png``, ``SCENE/disp1.png``.
 
     Parameters
@@ -26,11 +28,13 @@ class MiddleburyFolder:
     manifest : Manifest
         The Middlebury manifest.
     folder : Path
-        The folder that holds the scenes, or one above it: ``ThirdSize``, ``scenes2005``, or
-        their parent.
+        The folder that holds the scenes or the archives ``SCENE-2views.zip``, or one above it:
+        ``ThirdSize``, ``scenes2005``, or their parent.
     default_lighting : bool
         Take ``SCENE/view1.png``, the site's default lighting, for the lighting that the manifest
-        names, where the file of that lighting itself is absent.
+        names, where the file of that lighting itself is absent. Archives hold no other.
+    checksums : mapping of str to str
+        The SHA-256 of files by name; one that differs is refused.
 
     Raises
     ------
@@ -38,20 +42,27 @@ class MiddleburyFolder:
         Where the folder holds no scene of the manifest.
     """
 
-    def __init__(self, manifest: Manifest, folder: Path, default_lighting: bool = False) -> None:
+    def __init__(
+        self,
+        manifest: Manifest,
+        folder: Path,
+        default_lighting: bool = False,
+        checksums: Mapping[str, str] | None = None,
+    ) -> None:
         self._manifest = manifest
-        self._folder = folder
         self._default_lighting = default_lighting
+        self._checksums = checksums or {}
         self._scenes = {
-            scene.name: place
+            scene.name: files
             for scene in manifest.scenes
-            if (place := self._find_scene(scene.name, scene.source))
+            if (files := find_scene(scene.name, scene.source, folder))
         }
         if not self._scenes:
             raise SourceError(
                 Problem(
                     "no scene found", str(folder),
-                    expected="folders such as Aloe or scenes2005/ThirdSize/Art",
+                    expected="folders such as Aloe or scenes2005/ThirdSize/Art, or archives such "
+                    "as Aloe-2views.zip",
                     got="none" if folder.is_dir() else "no such folder",
                 )
             )  # fmt: skip
@@ -64,48 +75,54 @@ class MiddleburyFolder:
 
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return the pairs whose image and depth map are there."""
-        return tuple(
-            pair
-            for pair in self._manifest.pairs()
-            if self._image_path(pair) and self._depth_path(pair.scene, pair.at["view"]).exists()
-        )
+        problems: list[Problem] = []
+        available = []
+        for scene in self._scenes:
+            try:
+                available += [
+                    pair
+                    for pair in self._manifest.pairs_of_scene(scene)
+                    if self._image_name(pair) and self._scenes[scene].has(depth_name(pair.at))
+                ]
+            except SourceError as error:
+                problems += error.problems
+        if problems:
+            raise SourceError(problems)
+        return tuple(available)
 
     def signature(self, scene: str) -> str:
         """Return the SHA-256 over the scene's files that a build reads."""
         digest = hashlib.sha256()
-        for path in self._files(scene):
-            digest.update(path.relative_to(self._scenes[scene]).as_posix().encode())
-            digest.update(hashlib.sha256(_read_bytes(path)).digest())
+        for name in self._names(scene):
+            digest.update(name.encode())
+            digest.update(bytes.fromhex(sha256(self._scenes[scene].read(name))))
         return digest.hexdigest()
 
     def read(self, scene: str) -> SceneImages:
         """Read one scene; every file that is damaged or does not fit is told at once."""
         problems: list[Problem] = []
-        axes = self._manifest.axes
-        depths = {}
-        for view in axes["view"]:
-            path = self._depth_path(scene, view)
-            if path.exists():
-                depths[view] = self._decode(path, cv2.IMREAD_GRAYSCALE, problems)
-        images: dict[Pair, NDArray[np.uint8]] = {}
-        for pair in self._manifest.pairs_of_scene(scene):
-            image_path = self._image_path(pair)
-            if image_path and pair.at["view"] in depths:
-                image = self._decode(image_path, cv2.IMREAD_COLOR_RGB, problems)
-                if image is not None:
-                    images[pair] = image
+        depths = {
+            view: self._depth(scene, depth_name({"view": view}), problems)
+            for view in self._manifest.axes["view"]
+            if self._scenes[scene].has(depth_name({"view": view}))
+        }
         read = {view: depth for view, depth in depths.items() if depth is not None}
         shape = next(iter(read.values())).shape if read else (0, 0)
         problems += [
-            Problem("size differs", str(self._image_path(pair)), f"{shape}", f"{image.shape[:2]}")
-            for pair, image in images.items()
-            if read and image.shape[:2] != shape
-        ]
-        problems += [
-            Problem("size differs", str(self._depth_path(scene, view)), f"{shape}", f"{got.shape}")
-            for view, got in read.items()
-            if got.shape != shape
-        ]
+            Problem("size differs from the other view's",
+                    self._scenes[scene].where(depth_name({"view": view})), f"{shape}",
+                    f"{depth.shape}")
+            for view, depth in read.items()
+            if depth.shape != shape
+        ]  # fmt: skip
+        images: dict[Pair, Levels] = {}
+        for pair in self._manifest.pairs_of_scene(scene):
+            name = self._image_name(pair)
+            if name and pair.at["view"] in depths:
+                size = (shape[0], shape[1]) if read else None
+                image = self._image(scene, name, size, problems)
+                if image is not None:
+                    images[pair] = image
         if problems:
             raise SourceError(problems)
         return self._assemble(read, images, shape)
@@ -115,13 +132,12 @@ class MiddleburyFolder:
         urls = {source.name: source.url for source in self._manifest.sources}
         source_of = {scene.name: scene.source for scene in self._manifest.scenes}
         first = missing[0]
-        address = f"{urls[source_of[first.scene]]}/{first.scene}/{_relative_path(first)}"
-        lighting = self._manifest.default_lighting or {}
+        address = f"{urls[source_of[first.scene]]}/{first.scene}/{image_name(first.at)}"
         default = any(
             not self._default_lighting
-            and self._scenes.get(pair.scene)
-            and all(pair.at[axis] == value for axis, value in lighting.items())
-            and (self._scenes[pair.scene] / f"view{pair.at['view']}.png").exists()
+            and pair.scene in self._scenes
+            and is_default_lighting(self._manifest, pair)
+            and self._scenes[pair.scene].has(default_image_name(pair.at))
             for pair in missing
         )
         hint = "; --default-lighting takes the view1.png beside them for Illum1/Exp2"
@@ -130,59 +146,50 @@ class MiddleburyFolder:
             f"{hint if default else ''}; --allow-missing accepts what is there"
         )
 
-    def _find_scene(self, name: str, source: str) -> Path | None:
-        candidates = (
-            self._folder / name,
-            self._folder / "ThirdSize" / name,
-            self._folder / source / "ThirdSize" / name,
-        )
-        return next((place for place in candidates if place.is_dir()), None)
-
-    def _image_path(self, pair: Pair) -> Path | None:
+    def _image_name(self, pair: Pair) -> str | None:
         if pair.scene not in self._scenes:
             return None
-        place = self._scenes[pair.scene]
-        path = place / _relative_path(pair)
-        if path.exists():
-            return path
-        lighting = self._manifest.default_lighting or {}
-        if self._default_lighting and all(pair.at[axis] == lighting[axis] for axis in lighting):
-            default = place / f"view{pair.at['view']}.png"
-            return default if default.exists() else None
+        files = self._scenes[pair.scene]
+        if files.has(image_name(pair.at)):
+            return image_name(pair.at)
+        if self._default_lighting and is_default_lighting(self._manifest, pair):
+            default = default_image_name(pair.at)
+            return default if files.has(default) else None
         return None
 
-    def _depth_path(self, scene: str, view: int) -> Path:
-        return self._scenes[scene] / f"disp{view}.png"
+    def _names(self, scene: str) -> list[str]:
+        depths = [depth_name({"view": view}) for view in self._manifest.axes["view"]]
+        images = [self._image_name(pair) for pair in self._manifest.pairs_of_scene(scene)]
+        there = [name for name in depths if self._scenes[scene].has(name)]
+        return there + [name for name in images if name]
 
-    def _files(self, scene: str) -> list[Path]:
-        depths = [self._depth_path(scene, view) for view in self._manifest.axes["view"]]
-        images = [self._image_path(pair) for pair in self._manifest.pairs_of_scene(scene)]
-        return [path for path in depths if path.exists()] + [path for path in images if path]
+    def _content(self, scene: str, name: str) -> bytes:
+        files = self._scenes[scene]
+        content = files.read(name)
+        check_checksum(f"{scene}/{name}", content, self._checksums, files.where(name))
+        return content
 
-    def _decode(self, path: Path, mode: int, problems: list[Problem]) -> NDArray[np.uint8] | None:
-        content = _read_bytes(path)
-        if not content.startswith(_PNG_SIGNATURE):
-            got = "an empty file" if not content else f"bytes {content[:8]!r}"
-            problems.append(Problem("not a PNG file", str(path), got=got, fix="fetch it again"))
+    def _depth(self, scene: str, name: str, problems: list[Problem]) -> Levels | None:
+        unknown = self._manifest.depth.unknown
+        try:
+            where = self._scenes[scene].where(name)
+            return decode_depth(self._content(scene, name), where, unknown)
+        except SourceError as error:
+            problems += error.problems
             return None
-        stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-        # A truncated PNG decodes to an image whose end is missing: the end mark tells.
-        if stored is None or b"IEND" not in content[-16:]:
-            problems.append(
-                Problem("PNG file is damaged", str(path), got=f"{len(content)} bytes, cut short",
-                        fix="fetch it again")
-            )  # fmt: skip
+
+    def _image(
+        self, scene: str, name: str, size: tuple[int, int] | None, problems: list[Problem]
+    ) -> Levels | None:
+        try:
+            where = self._scenes[scene].where(name)
+            return decode_image(self._content(scene, name), where, size)
+        except SourceError as error:
+            problems += error.problems
             return None
-        if stored.dtype != np.uint8:
-            problems.append(Problem("wrong depth of colour", str(path), "8 bit", str(stored.dtype)))
-            return None
-        return np.asarray(cv2.imdecode(np.frombuffer(content, np.uint8), mode), dtype=np.uint8)
 
     def _assemble(
-        self,
-        depths: Mapping[int, NDArray[np.uint8]],
-        images: Mapping[Pair, NDArray[np.uint8]],
-        shape: tuple[int, ...],
+        self, depths: Mapping[int, Levels], images: Mapping[Pair, Levels], shape: tuple[int, ...]
     ) -> SceneImages:
         axes = self._manifest.axes
         extent = tuple(len(values) for values in axes.values())
@@ -198,15 +205,28 @@ class MiddleburyFolder:
         return SceneImages(infocus, depth, depth != unknown, available)
 
 
-def _relative_path(pair: Pair) -> str:
-    at = pair.at
+def image_name(at: Mapping[str, int]) -> str:
+    """Return an in-focus image's file name below its scene, as the site has it.
+
+    Examples
+    --------
+    >>> image_name({"view": 5, "illumination": 3, "exposure": 0})
+    'Illum3/Exp0/view5.png'
+    """
     return f"Illum{at['illumination']}/Exp{at['exposure']}/view{at['view']}.png"
 
 
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise SourceError(
-            Problem("cannot read the file", str(path), got=error.strerror or str(error))
-        ) from error
+def default_image_name(at: Mapping[str, int]) -> str:
+    """Return the file name of a view in the site's default lighting."""
+    return f"view{at['view']}.png"
+
+
+def depth_name(at: Mapping[str, int]) -> str:
+    """Return the file name of a view's depth map below its scene."""
+    return f"disp{at['view']}.png"
+
+
+def is_default_lighting(manifest: Manifest, pair: Pair) -> bool:
+    """Return whether a pair has the lighting that the site's default images have."""
+    lighting = manifest.default_lighting
+    return lighting is not None and all(pair.at[axis] == lighting[axis] for axis in lighting)

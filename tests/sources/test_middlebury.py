@@ -7,7 +7,7 @@ import pytest
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import SourceError
 from dfdbench.manifest import Manifest
-from dfdbench.sources.middlebury import MiddleburyFolder
+from dfdbench.sources.middlebury import MiddleburyScenes
 from tests.conftest import write_png
 
 
@@ -18,9 +18,10 @@ def test_images_are_read_as_rgb_and_zero_depth_is_unknown(
     red[..., 2] = 255  # OpenCV writes blue first
     write_png(tiny_folder / "One/Illum1/Exp0/view1.png", red)
     depth = np.full((24, 30), 90, np.uint8)
+    depth[0, 0] = 91
     depth[3, 4] = 0
     write_png(tiny_folder / "One/disp1.png", depth)
-    images = MiddleburyFolder(tiny_manifest, tiny_folder).read("One")
+    images = MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
     assert images.infocus[0, 0, 0, 5, 5].tolist() == [255, 0, 0]
     assert images.depth[0, 3, 4] == 0
     assert np.argwhere(~images.valid[0]).tolist() == [[3, 4]]
@@ -33,7 +34,7 @@ def test_the_folder_may_be_the_scenes_or_one_above(
     root = tmp_path / "root"
     (root / above).parent.mkdir(parents=True, exist_ok=True)
     tiny_folder.rename(root / above)
-    assert len(MiddleburyFolder(tiny_manifest, root).available_pairs()) == 11
+    assert len(MiddleburyScenes(tiny_manifest, root).available_pairs()) == 11
 
 
 def test_default_lighting_counts_only_when_asked_for(
@@ -41,11 +42,11 @@ def test_default_lighting_counts_only_when_asked_for(
 ) -> None:
     lit = tiny_folder / "One/Illum1/Exp1/view1.png"
     lit.rename(tiny_folder / "One/view1.png")
-    plain = MiddleburyFolder(tiny_manifest, tiny_folder)
+    plain = MiddleburyScenes(tiny_manifest, tiny_folder)
     missing = set(tiny_manifest.pairs()) - set(plain.available_pairs())
     assert [pair.id for pair in missing] == ["One/view1/illumination1/exposure1"]
     assert "--default-lighting" in plain.missing_help(tuple(missing))
-    asked = MiddleburyFolder(tiny_manifest, tiny_folder, default_lighting=True)
+    asked = MiddleburyScenes(tiny_manifest, tiny_folder, default_lighting=True)
     assert set(asked.available_pairs()) == set(tiny_manifest.pairs())
     assert asked.options["default_lighting_as"] == {"illumination": 1, "exposure": 1}
     assert plain.options["default_lighting_as"] is None
@@ -64,7 +65,7 @@ def test_the_default_image_of_aloe_is_its_lighting_1_2(shared_data: Path) -> Non
 
 def test_where_to_get_what_is_missing(tiny_manifest: Manifest, tiny_folder: Path) -> None:
     (tiny_folder / "Two/Illum1/Exp0/view5.png").unlink()
-    source = MiddleburyFolder(tiny_manifest, tiny_folder)
+    source = MiddleburyScenes(tiny_manifest, tiny_folder)
     missing = tuple(set(tiny_manifest.pairs()) - set(source.available_pairs()))
     help_text = source.missing_help(missing)
     assert "https://example.org/tiny/Two/Illum1/Exp0/view5.png" in help_text
@@ -84,7 +85,7 @@ def test_damaged_images_are_told_apart(
 ) -> None:
     (tiny_folder / "One/Illum1/Exp0/view1.png").write_bytes(content)
     with pytest.raises(SourceError, match=told) as caught:
-        MiddleburyFolder(tiny_manifest, tiny_folder).read("One")
+        MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
     assert "view1.png" in str(caught.value)
 
 
@@ -94,7 +95,7 @@ def test_every_truncation_is_noticed(tiny_manifest: Manifest, tiny_folder: Path)
     for end in (9, 50, len(whole) // 2, len(whole) - 13, len(whole) - 1):
         path.write_bytes(whole[:end])
         with pytest.raises(SourceError, match="damaged"):
-            MiddleburyFolder(tiny_manifest, tiny_folder).read("One")
+            MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
 
 
 def test_flipped_bytes_are_noticed(tiny_manifest: Manifest, tiny_folder: Path) -> None:
@@ -103,26 +104,26 @@ def test_flipped_bytes_are_noticed(tiny_manifest: Manifest, tiny_folder: Path) -
     content[len(content) // 2] ^= 0xFF
     path.write_bytes(bytes(content))
     with pytest.raises(SourceError, match="damaged"):
-        MiddleburyFolder(tiny_manifest, tiny_folder).read("One")
+        MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
 
 
 def test_sixteen_bit_images_are_refused(tiny_manifest: Manifest, tiny_folder: Path) -> None:
     done, content = cv2.imencode(".png", np.zeros((24, 30), np.uint16))
     assert done
     (tiny_folder / "One/disp1.png").write_bytes(content.tobytes())
-    with pytest.raises(SourceError, match="uint16"):
-        MiddleburyFolder(tiny_manifest, tiny_folder).read("One")
+    with pytest.raises(SourceError, match="16 bit"):
+        MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
 
 
 def test_a_depth_map_of_another_size_is_named(tiny_manifest: Manifest, tiny_folder: Path) -> None:
-    write_png(tiny_folder / "One/disp5.png", np.zeros((24, 31), np.uint8))
+    write_png(tiny_folder / "One/disp5.png", np.arange(24 * 31).reshape(24, 31).astype(np.uint8))
     with pytest.raises(SourceError, match="size differs") as caught:
-        MiddleburyFolder(tiny_manifest, tiny_folder).read("One")
+        MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
     assert "disp5.png" in str(caught.value)
 
 
 def test_a_folder_without_scenes(tiny_manifest: Manifest, tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="no scene found"):
-        MiddleburyFolder(tiny_manifest, tmp_path)
+        MiddleburyScenes(tiny_manifest, tmp_path)
     with pytest.raises(SourceError, match="no such folder"):
-        MiddleburyFolder(tiny_manifest, tmp_path / "none")
+        MiddleburyScenes(tiny_manifest, tmp_path / "none")

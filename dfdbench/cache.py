@@ -1,0 +1,72 @@
+"""The folder in which downloads and built data sets are kept, and what is in it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import platformdirs
+
+DOWNLOADS = "downloads"
+STORES = "stores"
+#: What the cache holds, by the name of its folder.
+KINDS = (DOWNLOADS, STORES)
+
+
+@dataclass(frozen=True)
+class CacheEntry:
+    """One thing in the cache.
+
+    Parameters
+    ----------
+    kind : str
+        ``"downloads"`` or ``"stores"``.
+    name : str
+        The data set's name, or the store's.
+    files, size : int
+        How many files it has, and their bytes.
+    path : Path
+        Where it lies.
+    """
+
+    kind: str
+    name: str
+    files: int
+    size: int
+    path: Path
+
+
+def cache_folder(folder: Path | None = None) -> Path:
+    """Return a folder if one is given, else ``DFDBENCH_CACHE``, else the platform's cache folder.
+
+    Examples
+    --------
+    >>> cache_folder(Path("mine")) == Path("mine")
+    True
+    """
+    return folder or Path(
+        os.environ.get("DFDBENCH_CACHE") or platformdirs.user_cache_dir("dfdbench")
+    )
+
+
+def cache_entries(folder: Path) -> tuple[CacheEntry, ...]:
+    """Return what a cache folder holds, by kind and name.
+
+    A build that was stopped leaves ``NAME.zarr.partial``, which the next one goes on with.
+    """
+    entries = []
+    for kind in KINDS:
+        place = folder / kind
+        for path in sorted(place.iterdir()) if place.is_dir() else ():
+            if path.is_dir():
+                sizes = [file.stat().st_size for file in path.rglob("*") if file.is_file()]
+                entries.append(CacheEntry(kind, path.name, len(sizes), sum(sizes), path))
+    return tuple(entries)
+
+
+def remove_entries(entries: tuple[CacheEntry, ...]) -> None:
+    """Remove what `cache_entries` found."""
+    for entry in entries:
+        shutil.rmtree(entry.path)

@@ -1,0 +1,105 @@
+"""The known SHA-256 of a data set's files: in its manifest, and in a lock file beside them."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+
+from dfdbench.errors import Problem, SourceError
+from dfdbench.files import write_whole
+from dfdbench.manifest import Manifest
+
+_LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")
+
+
+def sha256(content: bytes) -> str:
+    """Return the SHA-256 of some bytes, in hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def lock_name(manifest: Manifest) -> str:
+    """Return the name of a data set's lock file, such as ``middlebury-third-1.lock``."""
+    return f"{manifest.stem}.lock"
+
+
+def known_checksums(manifest: Manifest, folder: Path | None = None) -> dict[str, str]:
+    """Return the SHA-256 of files by their names, ``SCENE/...``.
+
+    The manifest's own come first, then those of the lock file released with it, then those of
+    the lock file that the first complete download wrote.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The data set.
+    folder : Path, optional
+        Where its downloads lie.
+
+    Raises
+    ------
+    SourceError
+        Where a lock file is damaged.
+    """
+    known: dict[str, str] = {}
+    if folder is not None and (folder / lock_name(manifest)).exists():
+        path = folder / lock_name(manifest)
+        known |= parse_checksums(path.read_text(encoding="utf-8"), str(path))
+    released = resources.files("dfdbench.manifests") / lock_name(manifest)
+    if released.is_file():
+        known |= parse_checksums(released.read_text(encoding="utf-8"), lock_name(manifest))
+    return known | manifest.checksums
+
+
+def parse_checksums(text: str, where: str) -> dict[str, str]:
+    """Return the SHA-256 by name from text as ``sha256sum`` writes it.
+
+    Raises
+    ------
+    SourceError
+        With every line that is not of that form.
+
+    Examples
+    --------
+    >>> parse_checksums("0" * 64 + "  Art/disp1.png", "here")["Art/disp1.png"][:4]
+    '0000'
+    """
+    known, problems = {}, []
+    for number, line in enumerate(text.splitlines(), 1):
+        if match := _LINE.fullmatch(line):
+            known[match[2]] = match[1]
+        else:
+            problems.append(
+                Problem("not a line of checksums", f"{where}, line {number}",
+                        "SHA-256, two blanks, a name", line[:80], "delete the lock file")
+            )  # fmt: skip
+    if problems:
+        raise SourceError(problems)
+    return known
+
+
+def write_checksums(path: Path, checksums: Mapping[str, str]) -> None:
+    """Write a lock file; ``sha256sum --check`` reads it."""
+    lines = [f"{digest}  {name}\n" for name, digest in sorted(checksums.items())]
+    write_whole(path, "".join(lines))
+
+
+def check_checksum(name: str, content: bytes, known: Mapping[str, str], where: str) -> None:
+    """Refuse a file that is not the one that is known by its name.
+
+    Raises
+    ------
+    SourceError
+        Where its SHA-256 is known and another.
+    """
+    expected = known.get(name)
+    if expected is not None and sha256(content) != expected:
+        raise SourceError(
+            Problem(
+                "the file is not the one of this data set", where, f"SHA-256 {expected}",
+                f"{sha256(content)}, {len(content)} bytes",
+                "fetch the site's own file again; the same pixels encoded anew do not count",
+            )
+        )  # fmt: skip

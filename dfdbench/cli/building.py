@@ -1,0 +1,167 @@
+"""The verbs that make data sets and write them elsewhere: build, export."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dfdbench.blur import RECIPES
+from dfdbench.build import BuildReport, build_store
+from dfdbench.cache import DOWNLOADS, cache_folder
+from dfdbench.catalog import find_manifest
+from dfdbench.checksums import known_checksums
+from dfdbench.cli.options import Cache, Scheduler, Workers, pool_of
+from dfdbench.cli.screen import download_progress, progress, say
+from dfdbench.download import SET_ASIDE
+from dfdbench.errors import InputError, Problem
+from dfdbench.export import export_png
+from dfdbench.manifest import Manifest
+from dfdbench.sources import Source, download_middlebury, open_source
+from dfdbench.store import default_store, open_store
+
+
+def build(
+    name: Annotated[str, typer.Argument(help="A data set's name or a manifest's path.")],
+    source: Annotated[
+        Path | None,
+        typer.Option(help="Folder with the files, in the site's layout or its zip archives."),
+    ] = None,
+    store: Annotated[
+        str | None, typer.Option(help="Where to build, a path or a URL; default: the cache.")
+    ] = None,
+    recipe: Annotated[str | None, typer.Option(help=f"Blur recipe: {', '.join(RECIPES)}.")] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    default_lighting: Annotated[
+        bool,
+        typer.Option(
+            "--default-lighting",
+            help="Take the site's default images for Illum1/Exp2; fetch no others.",
+        ),
+    ] = False,
+    allow_missing: Annotated[
+        bool, typer.Option("--allow-missing", help="Succeed although pairs are missing.")
+    ] = False,
+    mirror: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="URL",
+            help="Ask this address before the site; repeatable; also DFDBENCH_MIRROR.",
+        ),
+    ] = None,
+    offline: Annotated[
+        bool, typer.Option("--offline", help="Fetch nothing; use what was fetched before.")
+    ] = False,
+    cache: Cache = None,
+) -> None:
+    """Build a data set; what is fetched or finished already is kept."""
+    manifest = find_manifest(name)
+    place = store or default_store(manifest, cache)
+    if recipe not in (None, manifest.recipe) and store is None:
+        raise InputError(
+            Problem(
+                "another blur recipe makes another data set", "--recipe", str(manifest.recipe),
+                str(recipe), "name its place: --store PATH",
+            )
+        )  # fmt: skip
+    pool = pool_of(workers, scheduler)
+    if source is None and manifest.reader == "middlebury":
+        files = _fetched(manifest, default_lighting, mirror, offline, cache)
+    else:
+        _refuse_to_fetch(manifest, mirror, offline)
+        files = open_source(manifest, source, default_lighting, known_checksums(manifest))
+    with progress("building scenes") as step:
+        report = build_store(manifest, files, place, recipe, pool, step)
+    kept = f", {len(report.scenes_kept)} kept from before" if report.scenes_kept else ""
+    print(f"built {manifest.stem}: {report.pairs} pairs, {len(report.scenes_built)} scenes{kept}")
+    print(f"store        {report.path}")
+    print(f"fingerprint  {report.fingerprint}")
+    if report.missing:
+        say(_missing_text(manifest, report, files.missing_help(report.missing)))
+        if not allow_missing:
+            raise typer.Exit(2)
+
+
+def export(
+    name: Annotated[str, typer.Argument(help="A data set's name, or a store's path or URL.")],
+    png: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write PNG files into.")],
+    split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "all",
+    cache: Cache = None,
+) -> None:
+    """Write the pairs as PNG files, laid out and named as the thesis's."""
+    store = open_store(name, cache=cache)
+    store.manifest.scenes_of(split)
+    with progress("writing pairs") as step:
+        count = export_png(store, png, split, step)
+    print(f"{count} pairs lie in {png}")
+
+
+def _fetched(
+    manifest: Manifest,
+    default_lighting: bool,
+    mirror: list[str] | None,
+    offline: bool,
+    cache: Path | None,
+) -> Source:
+    mirrors = [*(mirror or ()), *os.environ.get("DFDBENCH_MIRROR", "").split()]
+    folder = cache_folder(cache) / DOWNLOADS / manifest.stem
+    before = _count_set_aside(folder)
+    try:
+        with download_progress(f"fetching {manifest.short}") as step:
+            done = download_middlebury(manifest, folder, mirrors, offline, default_lighting, step)
+    finally:
+        refused = _count_set_aside(folder) - before
+        if refused:
+            say(f"{refused} files were refused and set aside in {folder / SET_ASIDE}")
+    if done.new:
+        say(f"fetched {done.new} files into {folder}, {done.kept} were there")
+    if done.lock:
+        say(f"their checksums are kept in {done.lock}")
+    if not done.new and not done.kept:
+        raise InputError(
+            Problem(
+                f"no file of {manifest.short} is there", str(folder),
+                got="--offline asks nobody" if offline else "the site has none of them",
+                fix="build once without --offline, or name a copy: --source DIR" if offline else
+                "name a --mirror URL, or a copy on disk: --source DIR",
+            )
+        )  # fmt: skip
+    return open_source(manifest, folder, default_lighting, known_checksums(manifest, folder))
+
+
+def _count_set_aside(folder: Path) -> int:
+    return sum(path.is_file() for path in (folder / SET_ASIDE).rglob("*"))
+
+
+def _refuse_to_fetch(manifest: Manifest, mirror: list[str] | None, offline: bool) -> None:
+    given = [name for name, value in (("--mirror", mirror), ("--offline", offline)) if value]
+    if given:
+        raise InputError(
+            Problem(
+                f"{manifest.short} is not fetched here", " and ".join(given), fix="leave it out"
+            )
+        )
+
+
+def _missing_text(manifest: Manifest, report: BuildReport, fix: str) -> str:
+    by_scene: dict[str, list[str]] = {}
+    for pair in report.missing:
+        by_scene.setdefault(pair.scene, []).append(pair.id.partition("/")[2])
+    whole = [s for s in by_scene if len(by_scene[s]) == len(manifest.pairs_of_scene(s))]
+    lines = [
+        f"missing: {len(report.missing)} of {manifest.pair_count} pairs, left out of the store"
+    ]
+    if whole:
+        lines.append(f"  no image at all   {', '.join(whole)}")
+    alike: dict[str, list[str]] = {}
+    for scene, places in by_scene.items():
+        if scene not in whole:
+            alike.setdefault(", ".join(places), []).append(scene)
+    for listed, scenes in alike.items():
+        lines.append(f"  {', '.join(scenes)}: {listed.count(',') + 1} pairs each")
+        lines.append(f"    {listed}")
+    lines.append(f"  fix               {fix}")
+    return "\n".join(lines)

@@ -1,0 +1,105 @@
+"""Write a store's pairs as PNG files in the layout of the thesis's published images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur import BlurRecipe
+from dfdbench.errors import Problem, StoreError
+from dfdbench.files import write_whole
+from dfdbench.sources.middlebury import depth_name, image_name
+from dfdbench.store import Store
+
+
+def export_png(
+    store: Store,
+    folder: Path,
+    split: str = "all",
+    on_pair: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write pairs as ``SCENE/Illum1/Exp2/view1.png`` and, beside it, the defocus image.
+
+    The defocus image is named after its recipe, ``view1_lin_0.32_2.88.png`` for ``published``;
+    the depth map is ``SCENE/disp1.png``. Decoded, the files equal the store's arrays. Files that
+    are there already with the same content are left as they are.
+
+    Parameters
+    ----------
+    store : Store
+        A data set whose pairs have view, illumination and exposure, and a blur recipe.
+    folder : Path
+        Where to.
+    split : str
+        Which pairs.
+    on_pair : callable, optional
+        Called with (pairs done, pairs in all).
+
+    Returns
+    -------
+    int
+        How many pairs were written or found.
+
+    Raises
+    ------
+    StoreError
+        Where the data set has no such layout, the store no pair of the split, a file of that
+        name holds something else, or the disk does not take it.
+    """
+    recipe = store.recipe
+    if recipe is None or set(store.manifest.axes) != {"view", "illumination", "exposure"}:
+        raise StoreError(
+            Problem("the thesis's layout is for synthetic pairs by view, illumination, exposure",
+                    str(store.path), got=f"pairs by {', '.join(store.manifest.axes)}")
+        )  # fmt: skip
+    pairs = store.pairs(split)
+    if not pairs:
+        raise StoreError(Problem(f"the store holds no pair of split {split}", str(store.path)))
+    for number, pair in enumerate(pairs, 1):
+        images = store.read(pair)
+        scene = folder / pair.scene
+        infocus = scene / image_name(pair.at)
+        _write(infocus, images.infocus)
+        _write(infocus.with_stem(f"{infocus.stem}_{blur_name(recipe)}"), images.defocus)
+        _write(scene / depth_name(pair.at), images.depth)
+        if on_pair:
+            on_pair(number, len(pairs))
+    return len(pairs)
+
+
+def blur_name(recipe: BlurRecipe) -> str:
+    """Return what the thesis's files call a blur: linear, the least sigma, the step times levels.
+
+    Examples
+    --------
+    >>> from dfdbench.blur import RECIPES
+    >>> blur_name(RECIPES["published"]), blur_name(RECIPES["text"])
+    ('lin_0.32_2.88', 'lin_0.32_2.56')
+    """
+    return f"lin_{recipe.sigma_min:.2f}_{recipe.sigma_step * recipe.levels:.2f}"
+
+
+def _write(path: Path, image: NDArray[np.uint8]) -> None:
+    stored = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
+    _, encoded = cv2.imencode(".png", stored)
+    content = encoded.tobytes()
+    try:
+        if path.exists():
+            if path.read_bytes() == content:
+                return
+            there = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            if there is not None and np.array_equal(there, stored):
+                return
+            raise StoreError(
+                Problem("a file of that name holds something else", str(path),
+                        fix="export into another folder; nothing was overwritten")
+            )  # fmt: skip
+        write_whole(path, content)
+    except OSError as error:
+        raise StoreError(
+            Problem("cannot write the image", str(path), got=error.strerror or str(error))
+        ) from error

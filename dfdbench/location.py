@@ -1,0 +1,142 @@
+"""A place that holds a data set: a local folder, or the URL of an object store."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import zarr.abc.store
+import zarr.storage
+from upath import UPath
+
+from dfdbench.errors import InputError, Problem
+
+#: What a place may be given as.
+Place = str | Path | UPath
+
+_LOCAL = ("", "file", "local")
+
+
+def as_location(place: Place) -> UPath:
+    """Return a place as a path that fsspec can reach.
+
+    Parameters
+    ----------
+    place : str, Path or UPath
+        A local path, or a URL such as ``s3://bucket/folder/demo.zarr``.
+
+    Raises
+    ------
+    InputError
+        Where no installed library reaches places of this kind.
+
+    Examples
+    --------
+    >>> as_location("memory://folder/demo.zarr").name
+    'demo.zarr'
+    >>> is_local(as_location("folder/demo.zarr"))
+    True
+    """
+    try:
+        location = UPath(place)
+        _ = location.fs
+    except (ImportError, ValueError) as error:
+        raise InputError(
+            Problem(
+                "cannot reach places of this kind", str(place), got=str(error),
+                fix="install what fsspec needs for it; for s3:// that is dfdbench[s3]",
+            )
+        ) from error  # fmt: skip
+    if location.protocol in _LOCAL:
+        return UPath(location.path)
+    if not location.name:
+        raise InputError(
+            Problem("the URL names no folder", str(place), "such as s3://bucket/demo.zarr")
+        )
+    return location
+
+
+def is_local(location: UPath) -> bool:
+    """Return whether a place is on a file system of this machine."""
+    return location.protocol in _LOCAL
+
+
+def zarr_store(location: UPath) -> zarr.abc.store.Store:
+    """Return what zarr reads and writes a place through."""
+    if is_local(location):
+        return zarr.storage.LocalStore(Path(location.path))
+    # Another process may have written since this one last looked: listings are not kept.
+    options = {**location.storage_options, "use_listings_cache": False}
+    return zarr.storage.FsspecStore.from_url(str(location), storage_options=options)
+
+
+def exists(location: UPath) -> bool:
+    """Return whether there is a file or a folder at a place, now."""
+    location.fs.invalidate_cache()
+    return location.exists()
+
+
+def folders_in(location: UPath) -> tuple[str, ...]:
+    """Return the names of the folders at a place, sorted."""
+    location.fs.invalidate_cache()
+    return tuple(sorted(place.name for place in location.iterdir() if place.is_dir()))
+
+
+def size_of(location: UPath) -> int:
+    """Return the bytes that all files below a place have together."""
+    location.fs.invalidate_cache()
+    return sum(item["size"] for item in location.fs.find(location.path, detail=True).values())
+
+
+def remove(location: UPath) -> None:
+    """Remove a folder and all in it; a place where nothing is stays as it is."""
+    if is_local(location):
+        shutil.rmtree(location.path, ignore_errors=True)
+    elif exists(location):
+        location.fs.rm(location.path, recursive=True)
+
+
+def copy_folder(source: UPath, target: UPath, last: str = "") -> None:
+    """Copy a folder's files; the one named `last`, directly in it, after all others.
+
+    Parameters
+    ----------
+    source, target : UPath
+        Folders on the same file system.
+    last : str
+        The file without which the copy is not taken for a whole.
+    """
+    if is_local(source):
+        shutil.copytree(source.path, target.path, dirs_exist_ok=True)
+        return
+    source.fs.invalidate_cache()
+    root = source.path.rstrip("/")
+    names = [path[path.index(root) + len(root) :] for path in source.fs.find(source.path)]
+    early = [name for name in names if name != f"/{last}"]
+    for chosen in (early, [name for name in names if name not in early]):
+        if chosen:
+            source.fs.copy(
+                [root + name for name in chosen],
+                [target.path.rstrip("/") + name for name in chosen],
+            )
+
+
+def move_folder(source: UPath, target: UPath, last: str) -> None:
+    """Move a folder over another; a reader sees the old one, none, or the new one.
+
+    A local folder is renamed. Object stores cannot rename: the old one's file `last` goes
+    first and the new one's comes last, and what has no such file is not taken for a whole.
+    """
+    if is_local(source):
+        old = target.with_name(target.name + ".old")
+        remove(old)
+        if exists(target):
+            Path(target.path).rename(old.path)
+        Path(source.path).rename(target.path)
+        remove(old)
+        return
+    if exists(target / last):
+        (target / last).unlink()
+    remove(target)
+    copy_folder(source, target, last)
+    remove(source)

@@ -1,0 +1,182 @@
+"""Evaluate one pair: call the method, score what it gives; in this process or another."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+import threading
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import Problem, StoreError
+from dfdbench.fingerprint import array_digest
+from dfdbench.location import is_local
+from dfdbench.manifest import Pair
+from dfdbench.methods import Method, Prediction, call, load_method
+from dfdbench.protocol import PROTOCOLS, score
+from dfdbench.result import PairResult, PairScores
+from dfdbench.store import PairImages, Store
+
+#: What became of a pair, and its depth map where there is one.
+Evaluated = tuple[PairResult, NDArray[np.float32] | None]
+
+
+def load_for(store: Store, name: str, parameters: Mapping[str, Any], seed: int = 0) -> Method:
+    """Load a method and hand it the facts of the data set that it asks for.
+
+    A class with a parameter ``recipe`` gets the data set's blur recipe, one with
+    ``training_mean`` the mean depth of the training split, one with ``seed`` the run's seed.
+    """
+    return load_method(
+        name,
+        parameters,
+        {
+            "recipe": lambda: store.recipe,
+            "training_mean": lambda: training_mean(store),
+            "seed": lambda: seed,
+        },
+    )
+
+
+def training_mean(store: Store) -> float:
+    """Return the mean depth level over the known pixels of the training split's depth maps.
+
+    Raises
+    ------
+    StoreError
+        Where the store holds no training pair.
+    """
+    total, count = 0, 0
+    seen: set[tuple[str, tuple[int, ...]]] = set()
+    for pair in store.pairs("train"):
+        place = (pair.scene, tuple(pair.at[axis] for axis in store.manifest.depth.axes))
+        if place not in seen:
+            seen.add(place)
+            depth, valid = store.read_depth(pair)
+            total += int(depth[valid].astype(np.int64).sum())
+            count += int(valid.sum())
+    if not count:
+        raise StoreError(Problem("the store holds no training depth", str(store.path)))
+    return total / count
+
+
+class PairEvaluator:
+    """Calls a method on one pair after the other, and scores each.
+
+    Parameters
+    ----------
+    store : Store
+        The data set.
+    method : Method
+        From `load_for`.
+    seed : int
+        Set in `random` and `numpy.random` before each pair.
+    """
+
+    def __init__(self, store: Store, method: Method, seed: int) -> None:
+        self._store = store
+        self._method = method
+        self._seed = seed
+        self._warm = False
+        self._one_at_a_time = threading.Lock()
+
+    def __call__(self, pair: Pair) -> Evaluated:
+        """Evaluate one pair."""
+        images = self._store.read(pair)
+        # Seeds and standard output belong to the whole process.
+        with self._one_at_a_time:
+            if not self._warm and self._method.warm_up:
+                _seed(self._seed)
+                call(self._method.warm_up, images.infocus, images.defocus)
+            self._warm = True
+            _seed(self._seed)
+            prediction = call(self._method.predict, images.infocus, images.defocus)
+        return _record(self._store, images, prediction), prediction.depth
+
+
+@dataclass(frozen=True)
+class RemoteEvaluator:
+    """Does the same in another process, which opens the store and loads the method itself.
+
+    Parameters
+    ----------
+    place : str
+        The store's path or URL.
+    entry, parameters : str
+        The method, and what the user set, as JSON.
+    seed : int
+        As for `PairEvaluator`.
+    """
+
+    place: str
+    entry: str
+    parameters: str
+    seed: int
+
+    @classmethod
+    def of(cls, store: Store, method: Method, seed: int) -> RemoteEvaluator:
+        """Return the evaluator for a store and a method that are open here."""
+        place = store.path.absolute() if is_local(store.path) else store.path
+        return cls(str(place), method.entry, json.dumps(method.parameters), seed)
+
+    def __call__(self, pair: Pair) -> Evaluated:
+        """Evaluate one pair; its time is marked as not comparable."""
+        record, depth = _evaluator_here(self)(pair)
+        return record.model_copy(update={"timed_alone": False}), depth
+
+
+@lru_cache(maxsize=1)
+def _evaluator_here(remote: RemoteEvaluator) -> PairEvaluator:
+    # A process keeps what it has loaded: graph cuts compile, networks read their weights.
+    store = Store(remote.place)
+    method = load_for(store, remote.entry, json.loads(remote.parameters), remote.seed)
+    return PairEvaluator(store, method, remote.seed)
+
+
+def _record(store: Store, images: PairImages, prediction: Prediction) -> PairResult:
+    warnings = []
+    if prediction.printed:
+        first = prediction.printed.strip().splitlines()[:1]
+        warnings.append(f"printed {len(prediction.printed)} characters: {''.join(first)[:80]}")
+    blank = blank_record(images.pair, "failed")
+    if prediction.depth is None:
+        return blank.model_copy(update={"error": prediction.error, "warnings": warnings})
+    crop = store.manifest.network_crop
+    scores = {
+        name: score(protocol, images.depth, images.valid, prediction.depth, crop)
+        for name, protocol in PROTOCOLS.items()
+    }
+    return blank.model_copy(
+        update={
+            "status": "ok",
+            "seconds": prediction.seconds,
+            "prediction_sha256": array_digest("depth", ("y", "x"), prediction.depth),
+            "scores": {
+                name: PairScores(
+                    **{
+                        metric: None if math.isnan(value) else value
+                        for metric, value in asdict(scored).items()
+                    }
+                )
+                for name, scored in scores.items()
+            },
+            "numbers": prediction.numbers,
+            "warnings": warnings,
+        }
+    )
+
+
+def blank_record(pair: Pair, status: str) -> PairResult:
+    """Return the record of a pair that was not evaluated."""
+    return PairResult(id=pair.id, scene=pair.scene, coordinates=pair.at, status=status)  # type: ignore[arg-type]
+
+
+def _seed(seed: int) -> None:
+    random.seed(seed)
+    np.random.seed(seed)

@@ -1,0 +1,92 @@
+"""Read the pairs of a built data set, one by one, as they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import overload
+
+import xarray
+
+from dfdbench.location import Place
+from dfdbench.manifest import Pair
+from dfdbench.store import WHOLE, PairImages, Region, Store, open_store
+
+
+class PairSequence(Sequence[PairImages]):
+    """The pairs of a split; each is read when it is asked for, and none is kept.
+
+    Parameters
+    ----------
+    store : Store
+        The data set.
+    pairs : tuple of Pair
+        Which of its pairs.
+    """
+
+    def __init__(self, store: Store, pairs: tuple[Pair, ...]) -> None:
+        self.store = store
+        self.pairs = pairs
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    @overload
+    def __getitem__(self, index: int) -> PairImages: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> PairSequence: ...
+
+    def __getitem__(self, index: int | slice) -> PairImages | PairSequence:
+        if isinstance(index, slice):
+            return PairSequence(self.store, self.pairs[index])
+        return self.store.read(self.pairs[index])
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} pairs of {self.store.path}>"
+
+    def crop(self, index: int, region: Region = WHOLE) -> PairImages:
+        """Return a region of one pair, decoding no other pair's images.
+
+        Parameters
+        ----------
+        index : int
+            Which pair.
+        region : pair of slice
+            Rows and columns.
+        """
+        return self.store.read(self.pairs[index], region)
+
+    def scene(self, name: str) -> xarray.Dataset:
+        """Return all of a scene as lazily read arrays with named dimensions."""
+        return self.store.scene(name)
+
+
+def open_pairs(
+    name: str, split: str = "all", store: Place | None = None, cache: Path | None = None
+) -> PairSequence:
+    """Open a built data set's pairs; this is ``dfdbench.open``.
+
+    Parameters
+    ----------
+    name : str
+        A data set's name, or the path or URL of a store.
+    split : str
+        A split, a fold, a scene, or ``"all"``.
+    store, cache
+        Where it lies, if not in the default place; see `dfdbench.store.open_store`.
+
+    Returns
+    -------
+    PairSequence
+        Its items are `PairImages`: ``infocus``, ``defocus``, ``depth``, ``valid``, ``pair``.
+
+    Raises
+    ------
+    StoreError
+        Where the data set is not built.
+    UnknownNameError
+        Where there is no such data set or split.
+    """
+    opened = open_store(name, store, cache)
+    return PairSequence(opened, opened.pairs(split))

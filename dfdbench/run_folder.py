@@ -1,0 +1,129 @@
+"""The folder of a run: its identity, a journal of finished pairs, the predicted depth maps."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from dfdbench.errors import Problem, ResultError
+from dfdbench.files import write_whole
+from dfdbench.manifest import Manifest, Pair
+from dfdbench.result import PairResult
+
+_IDENTITY = "run.json"
+_JOURNAL = "pairs.jsonl"
+PREDICTIONS = "predictions.zarr"
+RESULT = "result.json"
+
+
+def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> Path | None:
+    """Make a run's folder, or find it as an earlier call of the same run left it.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the run goes.
+    identity : mapping
+        What must be the same for pairs of an earlier call to be taken over.
+    fresh : bool
+        Take nothing over.
+
+    Returns
+    -------
+    Path or None
+        Where an earlier run that was another, or is not to be gone on with, was moved.
+
+    Raises
+    ------
+    ResultError
+        Where the folder holds something else.
+    """
+    set_aside = None
+    if folder.exists() and any(folder.iterdir()):
+        if not (folder / _IDENTITY).exists():
+            raise ResultError(
+                Problem(
+                    "the folder holds something else than a run", str(folder),
+                    fix="choose another with --out DIR",
+                )
+            )  # fmt: skip
+        before = json.loads((folder / _IDENTITY).read_text(encoding="utf-8"))
+        if fresh or before != identity:
+            set_aside = folder.with_name(folder.name + ".previous")
+            if set_aside.exists():
+                shutil.rmtree(set_aside)
+            folder.rename(set_aside)
+    folder.mkdir(parents=True, exist_ok=True)
+    if not (folder / _IDENTITY).exists():
+        write_whole(folder / _IDENTITY, json.dumps(identity, indent=1) + "\n")
+    return set_aside
+
+
+def read_journal(folder: Path) -> dict[str, PairResult]:
+    """Return the pairs that an earlier call finished, by id.
+
+    A line cut short by a kill is left out, and so are failed pairs: both are tried again.
+    """
+    path = folder / _JOURNAL
+    finished = {}
+    if path.exists():
+        for line in path.read_text(encoding="utf-8").splitlines():
+            try:
+                record = PairResult.model_validate_json(line)
+            except ValueError:
+                continue
+            if record.status == "ok":
+                finished[record.id] = record
+        whole = "".join(record.model_dump_json() + "\n" for record in finished.values())
+        write_whole(path, whole)
+    return finished
+
+
+def add_to_journal(folder: Path, record: PairResult) -> None:
+    """Note a pair as finished."""
+    with (folder / _JOURNAL).open("a", encoding="utf-8") as journal:
+        journal.write(record.model_dump_json() + "\n")
+
+
+def keep_prediction(
+    folder: Path, manifest: Manifest, pair: Pair, depth: NDArray[np.float32]
+) -> None:
+    """Keep a predicted depth map, shape (y, x)."""
+    axes = manifest.axes
+    group = zarr.open_group(folder / PREDICTIONS, path=pair.scene, mode="a", zarr_format=3)
+    if "depth" not in group:
+        group.create_array(
+            "depth",
+            shape=(*(len(values) for values in axes.values()), *depth.shape),
+            chunks=(*(1 for _ in axes), *depth.shape),
+            dtype="float32",
+            fill_value=math.nan,
+            dimension_names=(*axes, "y", "x"),
+            attributes={"axes": axes},
+        )
+    array = group["depth"]
+    assert isinstance(array, zarr.Array)
+    index = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
+    array[index] = depth
+
+
+def read_prediction(folder: Path, pair: Pair) -> NDArray[np.float32] | None:
+    """Return a depth map that a run kept, shape (y, x), or None where there is none."""
+    place = folder / PREDICTIONS / pair.scene
+    if not place.exists():
+        return None
+    array = zarr.open_group(place, mode="r")["depth"]
+    assert isinstance(array, zarr.Array)
+    axes = array.attrs["axes"]
+    assert isinstance(axes, dict)
+    index = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
+    depth = np.asarray(array[index], np.float32)
+    return None if np.isnan(depth).all() else depth

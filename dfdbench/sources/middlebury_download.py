@@ -1,0 +1,259 @@
+"""Bring the Middlebury scenes from their site, or a mirror of it, into a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from dfdbench.archive import archive_members
+from dfdbench.checksums import check_checksum, known_checksums, lock_name, sha256, write_checksums
+from dfdbench.download import Fate, Progress, WantedFile, fetch
+from dfdbench.errors import Problem, SourceError
+from dfdbench.location import as_location
+from dfdbench.lock import hold
+from dfdbench.manifest import Manifest, Scene
+from dfdbench.png import decode_depth, decode_image, png_size
+from dfdbench.sources.middlebury import depth_name, image_name, is_default_lighting
+from dfdbench.transfer import Patience
+
+_NAMES_SHOWN = 10
+
+_Check = Callable[[str, Path, str], None]
+
+
+@dataclass(frozen=True)
+class Download:
+    """What a download did.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files lie, in the site's layout.
+    new, kept : int
+        Files fetched now, and found whole from before.
+    missing : tuple of str
+        Files that no address has, or that are not there where nobody may be asked.
+    lock : Path or None
+        The lock file, where this call was the first that was complete.
+    """
+
+    folder: Path
+    new: int
+    kept: int
+    missing: tuple[str, ...]
+    lock: Path | None
+
+
+def download_middlebury(
+    manifest: Manifest,
+    folder: Path,
+    mirrors: Sequence[str] = (),
+    offline: bool = False,
+    default_lighting: bool = False,
+    on_progress: Progress | None = None,
+    patience: Patience | None = None,
+) -> Download:
+    """Bring a data set's files into a folder; check all that are there.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The Middlebury manifest.
+    folder : Path
+        Where the files go, as ``SCENE/Illum1/Exp0/view1.png``.
+    mirrors : sequence of str
+        Addresses to ask before the site itself; each stands for ``.../stereo/data``.
+    offline : bool
+        Ask nobody; only check what is there.
+    default_lighting : bool
+        Bring only the site's default lighting, as one archive a scene; scenes whose archive
+        cannot be had come file by file.
+    on_progress : callable, optional
+        Told of (files done, files in all, bytes received).
+    patience : Patience, optional
+        With slow and failing servers.
+
+    Raises
+    ------
+    SourceError
+        With every file that is damaged or could not be reached; the missing are counted beside
+        them. What came is kept.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    taken = SourceError(
+        Problem("another download into this folder is running", str(folder), fix="wait for it")
+    )
+    with hold(as_location(folder / f".{lock_name(manifest)}.lock"), taken):
+        site = _Site(manifest, folder, tuple(mirrors), known_checksums(manifest, folder))
+        stages = _Stages(folder, on_progress, patience, offline)
+        fates = _bring_default(site, stages) if default_lighting else _bring_all(site, stages)
+        lock = _write_lock(manifest, folder, fates)
+    _refuse(fates, folder)
+    return Download(
+        folder,
+        sum(fate.kind == "new" for fate in fates),
+        sum(fate.kind == "kept" for fate in fates),
+        tuple(fate.name for fate in fates if fate.kind == "missing"),
+        lock,
+    )
+
+
+@dataclass(frozen=True)
+class _Site:
+    """Which files there are, where they may be had, and how each is checked."""
+
+    manifest: Manifest
+    folder: Path
+    mirrors: tuple[str, ...]
+    checksums: Mapping[str, str]
+
+    def depths(self, scene: Scene) -> list[WantedFile]:
+        names = [depth_name({"view": view}) for view in self.manifest.axes["view"]]
+        return [self._file(scene, name, self._check_depth) for name in names]
+
+    def images(self, scene: Scene, default_only: bool = False) -> list[WantedFile]:
+        return [
+            self._file(scene, image_name(pair.at), self._check_image)
+            for pair in self.manifest.pairs_of_scene(scene.name)
+            if not default_only or is_default_lighting(self.manifest, pair)
+        ]
+
+    def archive(self, scene: Scene) -> WantedFile:
+        name = f"{scene.name}-2views.zip"
+        addresses = self._addresses(scene, f"zip-2views/{name}")
+        return WantedFile(
+            name, addresses, lambda path, where: self._check_archive(name, path, where)
+        )
+
+    def _file(self, scene: Scene, name: str, check: _Check) -> WantedFile:
+        full = f"{scene.name}/{name}"
+        addresses = self._addresses(scene, full)
+        return WantedFile(full, addresses, partial(check, full))
+
+    def _addresses(self, scene: Scene, path: str) -> tuple[str, ...]:
+        url = next(s.url for s in self.manifest.sources if s.name == scene.source).rstrip("/")
+        below = "/".join(url.split("/")[-2:])
+        bases = [*(f"{mirror.rstrip('/')}/{below}" for mirror in self.mirrors), url]
+        return tuple(f"{base}/{path}" for base in bases)
+
+    def _check_depth(self, name: str, path: Path, where: str) -> None:
+        content = path.read_bytes()
+        if not self._is_known(name, content, where):
+            decode_depth(content, where, self.manifest.depth.unknown)
+
+    def _check_image(self, name: str, path: Path, where: str) -> None:
+        content = path.read_bytes()
+        if self._is_known(name, content, where):
+            return
+        view = path.name.removeprefix("view").split(".")[0]
+        depth = self.folder / name.split("/")[0] / depth_name({"view": int(view)})
+        size = png_size(depth.read_bytes(), str(depth)) if depth.exists() else None
+        decode_image(content, where, size)
+
+    def _check_archive(self, name: str, path: Path, where: str) -> None:
+        if not self._is_known(name, path.read_bytes(), where):
+            archive_members(path, where)
+
+    def _is_known(self, name: str, content: bytes, where: str) -> bool:
+        check_checksum(name, content, self.checksums, where)
+        return name in self.checksums
+
+
+class _Stages:
+    """Calls of `fetch` that follow one another and show one progress."""
+
+    def __init__(
+        self,
+        folder: Path,
+        on_progress: Progress | None,
+        patience: Patience | None,
+        offline: bool,
+    ) -> None:
+        self._folder = folder
+        self._on_progress = on_progress
+        self._patience = patience
+        self._offline = offline
+        self._files = 0
+        self._bytes = 0
+
+    def bring(self, wanted: list[WantedFile], to_follow: int = 0) -> list[Fate]:
+        """Fetch some files, of which so many others will follow."""
+        files, received = self._files, self._bytes
+
+        def step(done: int, total: int, count: int) -> None:
+            self._files, self._bytes = files + done, received + count
+            if self._on_progress:
+                self._on_progress(self._files, files + total + to_follow, self._bytes)
+
+        return list(fetch(wanted, self._folder, step, self._patience, self._offline))
+
+
+def _bring_all(site: _Site, stages: _Stages) -> list[Fate]:
+    # Depth maps first: an image is checked against the size of its own.
+    scenes = site.manifest.scenes
+    depths = [file for scene in scenes for file in site.depths(scene)]
+    images = [file for scene in scenes for file in site.images(scene)]
+    return stages.bring(depths, len(images)) + stages.bring(images)
+
+
+def _bring_default(site: _Site, stages: _Stages) -> list[Fate]:
+    single = {
+        scene.name: (site.depths(scene), site.images(scene, default_only=True))
+        for scene in site.manifest.scenes
+    }
+    whole = [
+        scene.name
+        for scene in site.manifest.scenes
+        if all((site.folder / file.name).exists() for kind in single[scene.name] for file in kind)
+    ]
+    archives = [scene for scene in site.manifest.scenes if scene.name not in whole]
+    fates = stages.bring([site.archive(scene) for scene in archives])
+    had = {fate.name for fate in fates if fate.kind in ("new", "kept")}
+    alone = [scene.name for scene in archives if site.archive(scene).name not in had] + whole
+    depths = [file for name in alone for file in single[name][0]]
+    images = [file for name in alone for file in single[name][1]]
+    later = stages.bring(depths, len(images)) + stages.bring(images)
+    return [fate for fate in fates if fate.name in had] + later
+
+
+def _write_lock(manifest: Manifest, folder: Path, fates: list[Fate]) -> Path | None:
+    path = folder / lock_name(manifest)
+    had = {fate.name for fate in fates if fate.kind in ("new", "kept")}
+    known = known_checksums(manifest, folder)
+    if len(had) < len(fates) or had <= set(known):
+        return None
+    found = {name: sha256((folder / name).read_bytes()) for name in had - set(known)}
+    write_checksums(path, known | found)
+    return path
+
+
+def _refuse(fates: list[Fate], folder: Path) -> None:
+    problems = [
+        problem
+        for kind in ("damaged", "unreachable")
+        for problem in _told_once([fate for fate in fates if fate.kind == kind], kind)
+    ]
+    missing = [fate.name for fate in fates if fate.kind == "missing"]
+    if problems and missing:
+        problems.append(Problem(f"{len(missing)} files are missing: no address has them",
+                                str(folder), got=_listed(missing)))  # fmt: skip
+    if problems:
+        raise SourceError(problems)
+
+
+def _told_once(fates: list[Fate], kind: str) -> list[Problem]:
+    # A server that is down fails every file alike: the first few tell enough.
+    problems = [problem for fate in fates for problem in fate.problems]
+    if kind == "damaged" or len(problems) <= _NAMES_SHOWN:
+        return problems
+    names = [fate.name for fate in fates]
+    rest = Problem(f"{len(fates)} files in all could not be had", got=_listed(names),
+                   fix="the same command goes on from here")  # fmt: skip
+    return [*problems[:3], rest]
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - _NAMES_SHOWN} more" if len(names) > _NAMES_SHOWN else ""
+    return ", ".join(names[:_NAMES_SHOWN]) + more

@@ -1,0 +1,241 @@
+"""Write a built data set: scene by scene beside its place, then moved there whole."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+import xarray
+import zarr
+from upath import UPath
+
+from dfdbench.errors import DfdbenchError, Problem, StoreError
+from dfdbench.fingerprint import combine, scene_digests
+from dfdbench.location import (
+    Place,
+    as_location,
+    copy_folder,
+    exists,
+    folders_in,
+    is_local,
+    move_folder,
+    remove,
+    zarr_store,
+)
+from dfdbench.lock import Check, hold
+from dfdbench.manifest import Manifest
+from dfdbench.store import FORMAT, FORMAT_VERSION
+
+_METADATA = "zarr.json"
+
+
+@dataclass(frozen=True)
+class SceneWriter:
+    """Writes single scenes; several may do so at once, in other processes too.
+
+    Parameters
+    ----------
+    path : UPath
+        Where the finished store goes, and an earlier one may lie.
+    partial : UPath
+        Where it is written.
+    attributes : mapping
+        What the store says of itself; scenes of stores that say something else are not kept.
+    """
+
+    path: UPath
+    partial: UPath
+    attributes: Mapping[str, Any]
+
+    def digest_of_finished(self, scene: str, signature: str) -> str | None:
+        """Return a scene's digest if it was written whole from the same files, else None.
+
+        The arrays are read back and hashed, so that a damaged scene is written again.
+        """
+        for place in (self.partial, self.path):
+            digest = self._verified(place, scene, signature)
+            if digest and place == self.path:
+                with disk_errors(self.path):
+                    copy_folder(place / scene, self.partial / scene, _METADATA)
+            if digest:
+                return digest
+        return None
+
+    def write(self, scene: str, dataset: xarray.Dataset, signature: str) -> str:
+        """Write one scene; return its digest. A scene counts as written once it bears it."""
+        digests = scene_digests(dataset)
+        with disk_errors(self.path):
+            remove(self.partial / scene)
+            dataset.to_zarr(
+                zarr_store(self.partial),
+                group=scene,
+                mode="w",
+                zarr_format=3,
+                consolidated=False,
+                encoding={
+                    str(name): {"chunks": _image_chunks(variable)}
+                    for name, variable in dataset.data_vars.items()
+                },
+            )
+            group = zarr.open_group(zarr_store(self.partial), path=scene, mode="r+")
+            group.attrs.update(
+                {"array_digests": digests, "source_sha256": signature, "digest": combine(digests)}
+            )
+        return combine(digests)
+
+    def _verified(self, place: UPath, scene: str, signature: str) -> str | None:
+        if not _says(place, self.attributes):
+            return None
+        try:
+            dataset = xarray.open_zarr(
+                zarr_store(place), group=scene, consolidated=False, chunks=None
+            )
+            attributes = dataset.attrs
+            if attributes.get("source_sha256") != signature or "digest" not in attributes:
+                return None
+            digest = combine(scene_digests(dataset))
+        except (OSError, ValueError, KeyError, RuntimeError):
+            return None
+        return digest if digest == attributes["digest"] else None
+
+
+class StoreWriter:
+    """Builds a store beside its place and moves it there when it is done.
+
+    Use as a context manager: it holds a lock, so that two builds cannot mix.
+
+    Parameters
+    ----------
+    place : str, Path or UPath
+        Where the finished store goes.
+    manifest : Manifest
+        The data set; its text and hash are kept in the store.
+    attributes : mapping
+        What the store says of itself; a partial store with other attributes is not gone on with.
+    """
+
+    def __init__(self, place: Place, manifest: Manifest, attributes: Mapping[str, Any]) -> None:
+        self.path = as_location(place)
+        self._partial = self.path.with_name(self.path.name + ".partial")
+        self._attributes = {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "dfdbench_version": version("dfdbench"),
+            "manifest_name": manifest.stem,
+            "manifest_sha256": manifest.sha256,
+            "manifest": manifest.toml,
+            **attributes,
+        }
+        self.scenes = SceneWriter(self.path, self._partial, self._attributes)
+        self._held = contextlib.ExitStack()
+        self._check_held: Check = lambda: None
+
+    def __enter__(self) -> StoreWriter:
+        taken = StoreError(
+            Problem(
+                "another build is writing this store", str(self.path),
+                fix="wait for it, or build elsewhere with --store PATH",
+            )
+        )  # fmt: skip
+        with disk_errors(self.path), contextlib.ExitStack() as held:
+            if is_local(self.path):
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+            lock = self.path.with_name(f".{self.path.name}.lock")
+            self._check_held = held.enter_context(hold(lock, taken))
+            self._refuse_what_is_not_ours()
+            if not _says(self._partial, self._attributes):
+                remove(self._partial)
+            partial = zarr.open_group(zarr_store(self._partial), mode="a", zarr_format=3)
+            partial.attrs.update(self._attributes)
+            self._held = held.pop_all()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._held.close()
+
+    def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:
+        """Move the store into its place whole; return its fingerprint."""
+        fingerprint = combine(digests)
+        with disk_errors(self.path):
+            self._check_held()
+            for stray in set(folders_in(self._partial)) - set(digests):
+                remove(self._partial / stray)
+            zarr.open_group(zarr_store(self._partial), mode="r+").attrs.update(
+                {"fingerprint": fingerprint, "missing_pairs": missing}
+            )
+            move_folder(self._partial, self.path, _METADATA)
+        return fingerprint
+
+    def _refuse_what_is_not_ours(self) -> None:
+        # The store is replaced whole: a folder of photographs must not be what is replaced.
+        for place in (self.path, self._partial):
+            if not exists(place):
+                continue
+            found = _attributes_of(place) or {}
+            if found.get("format") != FORMAT and not self._is_interrupted_move(place, found):
+                raise StoreError(
+                    Problem(
+                        "the place is taken by something that is no dfdbench store", str(place),
+                        fix="choose another with --store PATH; nothing was changed",
+                    )
+                )  # fmt: skip
+        found = (_attributes_of(self.path) or {}) if exists(self.path) else {}
+        for key, what in (("manifest_name", "data set"), ("recipe", "blur recipe")):
+            if key in found and found[key] != self._attributes.get(key):
+                raise StoreError(
+                    Problem(
+                        f"the store there holds another {what}", str(self.path),
+                        str(self._attributes.get(key)), str(found[key]),
+                        "choose another place with --store PATH, or delete that store",
+                    )
+                )  # fmt: skip
+
+    def _is_interrupted_move(self, place: UPath, found: Mapping[str, Any]) -> bool:
+        # In an object store the new store's metadata comes last; until then its twin is whole.
+        twin = _attributes_of(self._partial) or {}
+        return place == self.path and not is_local(place) and not found and "fingerprint" in twin
+
+
+@contextlib.contextmanager
+def disk_errors(location: UPath) -> Iterator[None]:
+    """Tell what keeps the block from writing a place, so that the user can mend it."""
+    try:
+        yield
+    except DfdbenchError:
+        raise
+    except Exception as error:
+        # What an object store's library raises is its own: unreachable, forbidden, no bucket.
+        if is_local(location) and not isinstance(error, OSError):
+            raise
+        raise StoreError(
+            Problem(
+                "cannot write the store", str(location),
+                got=getattr(error, "strerror", None) or str(error),
+                fix="make room or choose another place with --store PATH; "
+                "the same command goes on where it stopped",
+            )
+        ) from error  # fmt: skip
+
+
+def _image_chunks(variable: xarray.DataArray) -> tuple[int, ...]:
+    whole = {"y", "x", "channel"} & set(map(str, variable.dims))
+    if not whole:
+        return variable.shape
+    return tuple(
+        variable.sizes[dimension] if dimension in whole else 1 for dimension in variable.dims
+    )
+
+
+def _attributes_of(place: UPath) -> dict[str, Any] | None:
+    try:
+        return dict(zarr.open_group(zarr_store(place), mode="r").attrs)
+    except (OSError, ValueError, KeyError):
+        return None
+
+
+def _says(place: UPath, attributes: Mapping[str, Any]) -> bool:
+    found = _attributes_of(place) or {}
+    return {key: found.get(key) for key in attributes} == attributes

@@ -1,0 +1,144 @@
+"""Recompute a store's fingerprint and name the arrays that are not what was built."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dfdbench.fingerprint import array_digest, combine
+from dfdbench.parallel import Pool, Threads
+from dfdbench.store import Store
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Something in a store that is not as it was built.
+
+    Parameters
+    ----------
+    scene, array : str
+        Where; `array` is empty where it concerns the whole scene.
+    what : str
+        What is wrong with it.
+    """
+
+    scene: str
+    array: str
+    what: str
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What a store holds against what it says it holds.
+
+    Parameters
+    ----------
+    recorded, recomputed : str
+        The fingerprint in its attributes, and that of its arrays; the latter is empty where an
+        array cannot be read.
+    scenes, arrays : int
+        How many were looked at.
+    differences : tuple of Difference
+        All that was found.
+    """
+
+    recorded: str
+    recomputed: str
+    scenes: int
+    arrays: int
+    differences: tuple[Difference, ...]
+
+    @property
+    def sound(self) -> bool:
+        """Whether the store holds what was built."""
+        return not self.differences and self.recorded == self.recomputed
+
+
+def verify_store(
+    store: Store, pool: Pool | None = None, on_scene: Callable[[int, int], None] | None = None
+) -> Verification:
+    """Recompute the fingerprint of a store from its arrays.
+
+    Parameters
+    ----------
+    store : Store
+        What to look at.
+    pool : Pool, optional
+        Where scenes are read, and how many at once.
+    on_scene : callable, optional
+        Called with (scenes done, scenes in all).
+    """
+    done = 0
+
+    def step(*_: object) -> None:
+        nonlocal done
+        done += 1
+        if on_scene:
+            on_scene(done, len(store.scenes))
+
+    looked_at = (pool or Threads()).map(_SceneVerifier(store), store.scenes, step)
+    missing = [
+        Difference(scene, "", "the scene is missing")
+        for scene in _scenes_expected(store)
+        if scene not in store.scenes
+    ]
+    differences = [difference for scene in looked_at for difference in scene.differences]
+    digests = {scene.name: scene.digest for scene in looked_at}
+    return Verification(
+        store.fingerprint,
+        combine(digests) if all(digests.values()) else "",
+        len(looked_at),
+        sum(scene.arrays for scene in looked_at),
+        tuple(missing + differences),
+    )
+
+
+@dataclass(frozen=True)
+class _Scene:
+    name: str
+    digest: str
+    arrays: int
+    differences: tuple[Difference, ...]
+
+
+@dataclass(frozen=True)
+class _SceneVerifier:
+    store: Store
+
+    def __call__(self, scene: str) -> _Scene:
+        try:
+            dataset = self.store.scene(scene)
+        except (OSError, ValueError, KeyError, RuntimeError) as error:
+            return _Scene(scene, "", 0, (Difference(scene, "", f"cannot be opened: {error}"),))
+        recorded = dict(dataset.attrs.get("array_digests", {}))
+        found: dict[str, str] = {}
+        differences = []
+        for name in sorted(map(str, dataset.variables)):
+            variable = dataset[name]
+            try:
+                values = np.asarray(variable.values)
+            except (OSError, ValueError, RuntimeError) as error:
+                differences.append(Difference(scene, name, f"cannot be decoded: {error}"))
+                continue
+            found[name] = array_digest(name, tuple(map(str, variable.dims)), values)
+            if name not in recorded:
+                differences.append(Difference(scene, name, "was not there when it was built"))
+            elif found[name] != recorded[name]:
+                differences.append(Difference(scene, name, "holds other values"))
+        unread = {difference.array for difference in differences}
+        differences += [
+            Difference(scene, name, "is missing")
+            for name in sorted(set(recorded) - set(found) - unread)
+        ]
+        if found == recorded and combine(found) != dataset.attrs.get("digest"):
+            differences.append(Difference(scene, "", "its recorded digests contradict each other"))
+        whole = len(found) == len(dataset.variables)
+        return _Scene(scene, combine(found) if whole else "", len(found), tuple(differences))
+
+
+def _scenes_expected(store: Store) -> tuple[str, ...]:
+    missing = set(store.attributes.get("missing_pairs", ()))
+    there = {pair.scene for pair in store.manifest.pairs() if pair.id not in missing}
+    return tuple(scene for scene in store.manifest.scene_names if scene in there)
