@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import threading
 from collections import Counter
 from collections.abc import Callable
@@ -21,6 +22,7 @@ _TRY_AGAIN = frozenset({408, 416, 425, 429})
 _NOT_THERE = frozenset({403, 404, 410})
 _LONGEST_PAUSE = 60.0
 _FAILURES_TO_GIVE_UP = 3
+_CONNECTION = re.compile(r"^<?\w*Connection\w*[(]?[^:]*: ")
 _LATER = "try again later: what has come is kept; or name a --mirror URL"
 
 
@@ -109,7 +111,10 @@ class Transfer:
         SourceError
             Where the disk does not take it.
         """
-        host = urlsplit(address).netloc
+        try:
+            host = urlsplit(address).netloc
+        except ValueError as error:
+            raise UnreachableError(_no_address(address, error)) from error
         if self._failures[host] >= _FAILURES_TO_GIVE_UP:
             raise UnreachableError(
                 Problem("the server was given up", address,
@@ -155,9 +160,7 @@ class Transfer:
             requests.exceptions.InvalidSchema,
             requests.exceptions.MissingSchema,
         ) as error:
-            raise UnreachableError(
-                Problem("not an address", address, "https://HOST/FOLDER", _short(error))
-            ) from error
+            raise UnreachableError(_no_address(address, error)) from error
         except requests.exceptions.RequestException as error:
             raise _FailedTryError(_short(error)) from error
         except OSError as error:
@@ -239,5 +242,14 @@ def _tls_problem(address: str, error: Exception) -> Problem:
     )  # fmt: skip
 
 
+def _no_address(address: str, error: Exception) -> Problem:
+    return Problem("not an address", address, "https://HOST/FOLDER", _short(error))
+
+
 def _short(error: Any) -> str:
-    return f"{type(error).__name__}: {error}"[:300]
+    # The reason lies at the bottom of what urllib3 wraps in its pools and retries.
+    cause = error
+    while cause.args and isinstance(getattr(cause.args[0], "reason", cause.args[0]), Exception):
+        cause = getattr(cause.args[0], "reason", cause.args[0])
+    text = _CONNECTION.sub("", str(cause))
+    return f"{type(cause).__name__}: {text}"[:300]

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import logging
 import os
-from collections.abc import Callable
+import uuid
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import boto3
 import cv2
 import numpy as np
 import pytest
+from moto.server import ThreadedMotoServer
 from numpy.typing import NDArray
+from upath import UPath
 
 from dfdbench.blur import RECIPES
 from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
 from dfdbench.data_cost import data_cost
+from dfdbench.location import as_location
 from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.mrf import Energy, published
@@ -159,6 +165,36 @@ def demo_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     path = tmp_path_factory.mktemp("demo") / "demo-1.zarr"
     build_store(manifest, open_source(manifest), path, pool=Threads(2))
     return Store(path)
+
+
+@pytest.fixture(scope="session")
+def object_store() -> Iterator[str]:
+    """The URL of a bucket in an S3-compatible server on the loopback."""
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    _, port = server.get_host_and_port()
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in {
+            "AWS_ACCESS_KEY_ID": "test",
+            "AWS_SECRET_ACCESS_KEY": "test",
+            "AWS_DEFAULT_REGION": "us-east-1",
+            "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
+        }.items():
+            patch.setenv(name, value)
+        boto3.client("s3").create_bucket(Bucket="bench")
+        yield "s3://bench"
+    server.stop()
+
+
+@pytest.fixture(params=["disk", "memory", "s3"])
+def place(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[str], UPath]:
+    """Places by name: in a folder, in memory, in an object store."""
+    if request.param == "s3":
+        base = f"{request.getfixturevalue('object_store')}/{uuid.uuid4().hex}"
+    else:
+        base = str(tmp_path) if request.param == "disk" else f"memory://{uuid.uuid4().hex}"
+    return lambda name: as_location(f"{base}/{name}")
 
 
 @pytest.fixture

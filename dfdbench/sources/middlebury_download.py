@@ -195,7 +195,10 @@ def _bring_all(site: _Site, stages: _Stages) -> list[Fate]:
     scenes = site.manifest.scenes
     depths = [file for scene in scenes for file in site.depths(scene)]
     images = [file for scene in scenes for file in site.images(scene)]
-    return stages.bring(depths, len(images)) + stages.bring(images)
+    fates = stages.bring(depths, len(images))
+    if all(fate.kind == "unreachable" for fate in fates):
+        return fates
+    return fates + stages.bring(images)
 
 
 def _bring_default(site: _Site, stages: _Stages) -> list[Fate]:

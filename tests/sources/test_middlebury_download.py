@@ -1,0 +1,208 @@
+"""The site's layout served on the loopback, with what can go wrong on the way."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from dfdbench.build import build_store
+from dfdbench.checksums import known_checksums
+from dfdbench.errors import SourceError
+from dfdbench.manifest import Manifest
+from dfdbench.manifest_reader import parse_manifest
+from dfdbench.sources import open_source
+from dfdbench.sources.middlebury_download import Download, download_middlebury
+from dfdbench.store import Store
+from dfdbench.transfer import Patience
+from tests.conftest import TINY_TOML
+from tests.site import Site, served
+
+BELOW = "data/scenes/ThirdSize"
+QUICK = Patience(tries=4, pause=0.01, silence=0.5)
+FILES = 6 + 11  # depth maps and images of the tiny set
+
+
+@pytest.fixture
+def site(tiny_folder: Path, tmp_path: Path) -> Iterator[Site]:
+    place = tmp_path / "server" / BELOW
+    place.parent.mkdir(parents=True)
+    tiny_folder.rename(place)
+    with served(tmp_path / "server") as site:
+        yield site
+
+
+@pytest.fixture
+def manifest(site: Site) -> Manifest:
+    text = TINY_TOML.replace("https://example.org/tiny", f"{site.address}/{BELOW}")
+    return parse_manifest(text.encode(), "tiny-1.toml")
+
+
+def fingerprint(manifest: Manifest, done: Download, tmp_path: Path) -> str:
+    known = known_checksums(manifest, done.folder)
+    source = open_source(manifest, done.folder, checksums=known)
+    return build_store(manifest, source, tmp_path / "built.zarr").fingerprint
+
+
+@pytest.fixture
+def reference(manifest: Manifest, site: Site, tmp_path: Path) -> str:
+    source = open_source(manifest, site.folder / BELOW)
+    return build_store(manifest, source, tmp_path / "reference.zarr").fingerprint
+
+
+def test_everything_comes_and_later_builds_ask_nobody(
+    manifest: Manifest, site: Site, reference: str, tmp_path: Path
+) -> None:
+    done = download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+    assert (done.new, done.kept, done.missing) == (FILES, 0, ())
+    assert done.lock == tmp_path / "in/tiny-1.lock"
+    assert len(done.lock.read_text().splitlines()) == FILES
+    assert fingerprint(manifest, done, tmp_path) == reference
+    asked = len(site.requests)
+    again = download_middlebury(manifest, tmp_path / "in", offline=True)
+    assert (again.new, again.kept, again.lock) == (0, FILES, None)
+    assert len(site.requests) == asked
+
+
+def test_all_that_mends_itself(
+    manifest: Manifest, site: Site, reference: str, tmp_path: Path
+) -> None:
+    faults = {
+        "One/disp1.png": ["500", "500"],
+        "One/Illum1/Exp0/view1.png": ["truncate"],
+        "Two/Illum1/Exp1/view5.png": ["wrong"],
+        "Two/disp5.png": ["stall"],
+        "Three/Illum1/Exp0/view1.png": ["redirect"],
+        "Three/Illum1/Exp0/view5.png": ["truncate", "503", "stall"],
+    }
+    for name, listed in faults.items():
+        site.faults[f"/{BELOW}/{name}"] = list(listed)
+    done = download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+    assert done.new == FILES
+    assert fingerprint(manifest, done, tmp_path) == reference
+    for name, listed in faults.items():
+        assert len(site.asked_for(f"/{BELOW}/{name}")) == len(listed) + 1
+    aside = [path for path in (tmp_path / "in/set-aside").rglob("*") if path.is_file()]
+    assert [path.name.split(".")[0] for path in aside] == ["view5"]
+
+
+def test_missing_and_damaged_are_told_in_one_report(
+    manifest: Manifest, site: Site, tmp_path: Path
+) -> None:
+    site.faults[f"/{BELOW}/One/Illum1/Exp0/view1.png"] = ["404"]
+    site.faults[f"/{BELOW}/Two/disp1.png"] = ["wrong"] * 9
+    site.faults[f"/{BELOW}/Two/Illum1/Exp0/view5.png"] = ["500"] * 99
+    with pytest.raises(SourceError) as caught:
+        download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+    told = [problem.what for problem in caught.value.problems]
+    assert told == [
+        "not a PNG file",
+        "the server does not send the file",
+        "1 files are missing: no address has them",
+    ]
+    assert "One/Illum1/Exp0/view1.png" in str(caught.value)
+    site.faults.clear()
+    assert download_middlebury(manifest, tmp_path / "in", patience=QUICK).new == 3
+
+
+def test_an_image_of_another_size_than_its_depth_map_is_refused(
+    manifest: Manifest, site: Site, tmp_path: Path
+) -> None:
+    other = site.folder / BELOW / "Two/Illum1/Exp0/view1.png"
+    (site.folder / BELOW / "One/Illum1/Exp0/view1.png").write_bytes(other.read_bytes())
+    with pytest.raises(SourceError, match="size differs"):
+        download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+
+
+def test_the_lock_file_is_held_to(manifest: Manifest, site: Site, tmp_path: Path) -> None:
+    done = download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+    image = done.folder / "One/Illum1/Exp0/view1.png"
+    right = image.read_bytes()
+    image.write_bytes((done.folder / "One/Illum1/Exp1/view1.png").read_bytes())
+    with pytest.raises(SourceError, match="not the one of this data set"):
+        fingerprint(manifest, done, tmp_path)
+    assert download_middlebury(manifest, tmp_path / "in", patience=QUICK).new == 1
+    assert image.read_bytes() == right
+    # A file that the site has changed since is refused as well.
+    image.unlink()
+    served_ = site.folder / BELOW / "One/Illum1/Exp0/view1.png"
+    served_.write_bytes((done.folder / "One/Illum1/Exp1/view1.png").read_bytes())
+    with pytest.raises(SourceError, match="not the one of this data set"):
+        download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+
+
+def test_an_incomplete_download_locks_nothing(
+    manifest: Manifest, site: Site, tmp_path: Path
+) -> None:
+    site.faults[f"/{BELOW}/One/Illum1/Exp0/view1.png"] = ["404"]
+    done = download_middlebury(manifest, tmp_path / "in", patience=QUICK)
+    assert done.missing == ("One/Illum1/Exp0/view1.png",)
+    assert done.lock is None
+    assert not (tmp_path / "in/tiny-1.lock").exists()
+
+
+def test_a_mirror_stands_for_the_site(
+    manifest: Manifest, site: Site, reference: str, tmp_path: Path
+) -> None:
+    with served(tmp_path / "server/data") as mirror:
+        done = download_middlebury(manifest, tmp_path / "in", [mirror.address], patience=QUICK)
+        assert len(mirror.requests) == FILES
+    assert site.requests == []
+    assert fingerprint(manifest, done, tmp_path) == reference
+
+
+def archives(site: Site) -> Path:
+    """The default lighting of each scene in an archive, as the site has them."""
+    place = site.folder / BELOW / "zip-2views"
+    place.mkdir()
+    for scene in ("One", "Two", "Three"):
+        folder = site.folder / BELOW / scene
+        with zipfile.ZipFile(place / f"{scene}-2views.zip", "w") as file:
+            for view in (1, 5):
+                file.write(folder / f"disp{view}.png", f"{scene}/disp{view}.png")
+                file.write(folder / f"Illum1/Exp1/view{view}.png", f"{scene}/view{view}.png")
+    return place
+
+
+def test_default_lighting_comes_in_archives(manifest: Manifest, site: Site, tmp_path: Path) -> None:
+    archives(site)
+    done = download_middlebury(manifest, tmp_path / "in", default_lighting=True, patience=QUICK)
+    assert done.new == len(site.requests) == 3
+    source = open_source(manifest, done.folder, default_lighting=True)
+    store = build_store(manifest, source, tmp_path / "zips.zarr")
+    # Three's view 5 is left out of the set at that lighting.
+    assert store.pairs == 5
+    plain = open_source(manifest, site.folder / BELOW)
+    build_store(manifest, plain, tmp_path / "plain.zarr")
+    pair = Store(tmp_path / "plain.zarr").pairs("One")[1]
+    one, other = Store(tmp_path / "zips.zarr").read(pair), Store(tmp_path / "plain.zarr").read(pair)
+    assert (one.defocus == other.defocus).all()
+
+
+def test_an_archive_that_tries_to_escape_is_set_aside_and_its_files_come_one_by_one(
+    manifest: Manifest, site: Site, tmp_path: Path
+) -> None:
+    with zipfile.ZipFile(archives(site) / "Two-2views.zip", "a") as file:
+        file.writestr("../../escaped.png", "gotcha")
+    done = download_middlebury(manifest, tmp_path / "in", default_lighting=True, patience=QUICK)
+    assert done.new == 2 + 4
+    assert not list(tmp_path.rglob("escaped*"))
+    aside = [path.name for path in (tmp_path / "in/set-aside").rglob("*") if path.is_file()]
+    assert len(aside) == 1
+    assert aside[0].startswith("Two-2views.zip.")
+    source = open_source(manifest, done.folder, default_lighting=True)
+    assert build_store(manifest, source, tmp_path / "a.zarr").pairs == 5
+
+
+def test_archives_on_disk_are_a_source_and_untrusted_ones_are_refused(
+    manifest: Manifest, site: Site, tmp_path: Path
+) -> None:
+    place = archives(site)
+    source = open_source(manifest, place.parent / "zip-2views", default_lighting=True)
+    assert len(source.available_pairs()) == 5
+    with zipfile.ZipFile(place / "One-2views.zip", "a") as file:
+        file.writestr("/etc/escaped.png", "gotcha")
+    with pytest.raises(SourceError, match="leads out of it"):
+        open_source(manifest, place, default_lighting=True).available_pairs()

@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import pytest
+from upath import UPath
+
+from dfdbench.errors import Problem, StoreError
+from dfdbench.location import exists, is_local
+from dfdbench.lock import hold
+
+TAKEN = StoreError(Problem("taken"))
+
+
+def test_only_one_holds_a_place(place: Callable[[str], UPath]) -> None:
+    lock = place(".a.lock")
+    with hold(lock, TAKEN) as check:
+        check()
+        with pytest.raises(StoreError, match="taken"), hold(lock, TAKEN):
+            pass
+        check()
+    with hold(lock, TAKEN):
+        pass
+
+
+def test_a_failure_gives_the_place_free(place: Callable[[str], UPath]) -> None:
+    lock = place(".a.lock")
+    with pytest.raises(ValueError, match="mine"), hold(lock, TAKEN):
+        raise ValueError("mine")
+    with hold(lock, TAKEN):
+        pass
+
+
+def leave(lock: UPath, host: str, process: int, renewed: float) -> None:
+    content = {"owner": "other", "host": host, "process": process, "renewed": renewed}
+    lock.write_bytes(json.dumps(content).encode())
+
+
+def finished_process() -> int:
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+@pytest.mark.parametrize(
+    ("host", "process", "age", "held"),
+    [
+        (socket.gethostname(), finished_process(), 0, False),
+        (socket.gethostname(), os.getpid(), 999, True),
+        ("another", 1, 5, True),
+        ("another", 1, 61, False),
+    ],
+)
+def test_what_a_killed_build_left_is_taken_over(
+    place: Callable[[str], UPath], host: str, process: int, age: float, held: bool
+) -> None:
+    lock = place(".a.lock")
+    if is_local(lock):
+        pytest.skip("on disk the lock ends with its process")
+    leave(lock, host, process, time.time() - age)
+    if held:
+        with pytest.raises(StoreError, match="taken"), hold(lock, TAKEN):
+            pass
+        assert json.loads(lock.read_bytes())["owner"] == "other"
+    else:
+        with hold(lock, TAKEN):
+            assert json.loads(lock.read_bytes())["process"] == os.getpid()
+        assert not exists(lock)
+
+
+def test_a_lease_is_renewed_and_its_loss_is_noticed(place: Callable[[str], UPath]) -> None:
+    lock = place(".a.lock")
+    if is_local(lock):
+        pytest.skip("on disk the lock ends with its process")
+    with hold(lock, TAKEN, lease=0.4) as check:
+        first = json.loads(lock.read_bytes())["renewed"]
+        deadline = time.monotonic() + 10
+        while json.loads(lock.read_bytes())["renewed"] == first and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert json.loads(lock.read_bytes())["renewed"] > first
+        leave(lock, "another", 1, time.time())
+        with pytest.raises(StoreError, match="taken"):
+            check()
+    # Another's lock is not removed.
+    assert json.loads(lock.read_bytes())["owner"] == "other"

@@ -1,0 +1,114 @@
+"""Stores on disk, in memory and in an S3-compatible object store, written and read alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from upath import UPath
+
+from dfdbench.build import build_store
+from dfdbench.errors import StoreError
+from dfdbench.location import copy_folder, exists, folders_in
+from dfdbench.manifest import Manifest
+from dfdbench.parallel import Threads
+from dfdbench.sources import open_source
+from dfdbench.store import Store
+from dfdbench.store_writer import StoreWriter
+from dfdbench.verify import verify_store
+
+
+def test_the_same_store_wherever_it_lies(
+    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+) -> None:
+    source = open_source(tiny_manifest, tiny_folder)
+    report = build_store(tiny_manifest, source, place("s.zarr"), pool=Threads(2))
+    assert report.fingerprint == tiny_store.fingerprint
+    store = Store(str(place("s.zarr")))
+    assert store.scenes == tiny_store.scenes
+    pair = store.pairs("test")[2]
+    region = (slice(3, 9), slice(20, 27))
+    expected = tiny_store.read(pair)
+    assert np.array_equal(store.read(pair).defocus, expected.defocus)
+    assert np.array_equal(store.read(pair, region).infocus, expected.infocus[region])
+    assert np.array_equal(store.read(pair, region).valid, expected.valid[region])
+    assert store.scene("Two")["infocus"].dims[0] == "view"
+    assert verify_store(store).sound
+    assert not exists(place("s.zarr.partial"))
+    assert not exists(place(".s.zarr.lock")) or place("s.zarr").protocol == ""
+    again = build_store(tiny_manifest, source, place("s.zarr"))
+    assert again.scenes_kept == tiny_store.scenes
+    assert again.fingerprint == tiny_store.fingerprint
+
+
+def test_two_builds_do_not_mix(place: Callable[[str], UPath], tiny_manifest: Manifest) -> None:
+    with (
+        StoreWriter(place("a.zarr"), tiny_manifest, {}),
+        pytest.raises(StoreError, match="another build"),
+        StoreWriter(place("a.zarr"), tiny_manifest, {}),
+    ):
+        pass
+    with StoreWriter(place("a.zarr"), tiny_manifest, {}):
+        pass
+
+
+def test_a_build_that_failed_goes_on(
+    place: Callable[[str], UPath],
+    tiny_manifest: Manifest,
+    tiny_folder: Path,
+    tiny_store: Store,
+) -> None:
+    image = tiny_folder / "Three/Illum1/Exp0/view1.png"
+    right = image.read_bytes()
+    image.write_bytes(right[:-20])
+    with pytest.raises(Exception, match="damaged"):
+        build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), place("s.zarr"))
+    assert not exists(place("s.zarr"))
+    assert {"One", "Two"} <= set(folders_in(place("s.zarr.partial")))
+    image.write_bytes(right)
+    source = open_source(tiny_manifest, tiny_folder)
+    report = build_store(tiny_manifest, source, place("s.zarr"))
+    assert report.scenes_kept == ("One", "Two")
+    assert report.fingerprint == tiny_store.fingerprint
+
+
+def test_a_move_cut_short_is_gone_on_with(
+    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+) -> None:
+    if place("s.zarr").protocol == "":
+        pytest.skip("on disk a folder is renamed at once")
+    source = open_source(tiny_manifest, tiny_folder)
+    build_store(tiny_manifest, source, place("s.zarr"))
+    # As a kill leaves it: the new store whole beside its place, a part of it there.
+    copy_folder(place("s.zarr"), place("s.zarr.partial"))
+    (place("s.zarr") / "zarr.json").unlink()
+    (place("s.zarr") / "One/zarr.json").unlink()
+    with pytest.raises(StoreError):
+        Store(place("s.zarr"))
+    report = build_store(tiny_manifest, source, place("s.zarr"))
+    assert report.scenes_built == ()
+    assert Store(place("s.zarr")).fingerprint == tiny_store.fingerprint
+
+
+def test_what_is_no_store_is_never_replaced(
+    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path
+) -> None:
+    folder = place("photographs")
+    if folder.protocol == "":
+        Path(folder.path).mkdir()
+    (folder / "only_copy.png").write_bytes(b"precious")
+    with pytest.raises(StoreError, match="no dfdbench store"):
+        build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), folder)
+    assert (folder / "only_copy.png").read_bytes() == b"precious"
+
+
+def test_an_object_store_that_does_not_answer(
+    tiny_manifest: Manifest, tiny_folder: Path, object_store: str
+) -> None:
+    source = open_source(tiny_manifest, tiny_folder)
+    with pytest.raises(StoreError, match="cannot write the store"):
+        build_store(tiny_manifest, source, "s3://no-such-bucket/s.zarr")
+    with pytest.raises(StoreError, match="no such store"):
+        Store(f"{object_store}/nothing.zarr")
