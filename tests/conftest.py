@@ -12,6 +12,7 @@ import boto3
 import cv2
 import numpy as np
 import pytest
+from distributed import LocalCluster
 from moto.server import ThreadedMotoServer
 from numpy.typing import NDArray
 from upath import UPath
@@ -185,6 +186,15 @@ def object_store() -> Iterator[str]:
         boto3.client("s3").create_bucket(Bucket="bench")
         yield "s3://bench"
     server.stop()
+
+
+@pytest.fixture(scope="session")
+def cluster(object_store: str) -> Iterator[str]:
+    """The address of a scheduler with two worker processes, which know the object store."""
+    with LocalCluster(  # type: ignore[no-untyped-call]
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        yield str(cluster.scheduler_address)
 
 
 @pytest.fixture(params=["disk", "memory", "s3"])

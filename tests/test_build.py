@@ -13,7 +13,7 @@ from dfdbench.catalog import find_manifest
 from dfdbench.errors import SourceError, UnknownNameError
 from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
-from dfdbench.parallel import Threads
+from dfdbench.parallel import Cluster, Pool, Processes, Threads
 from dfdbench.sources import SceneImages, open_source
 from dfdbench.store import Store
 from tests.conftest import TINY_TOML
@@ -29,6 +29,45 @@ def test_the_fingerprint_does_not_depend_on_the_workers(
     source = open_source(tiny_manifest, tiny_folder)
     report = build_store(tiny_manifest, source, tmp_path / "again.zarr", pool=Threads(workers))
     assert report.fingerprint == tiny_store.fingerprint
+
+
+@pytest.mark.parametrize("where", ["processes", "cluster", "cluster to s3"])
+def test_the_fingerprint_does_not_depend_on_where_it_is_built(
+    tiny_manifest: Manifest,
+    tiny_folder: Path,
+    tiny_store: Store,
+    tmp_path: Path,
+    where: str,
+    request: pytest.FixtureRequest,
+) -> None:
+    pool: Pool = Processes(2)
+    place = str(tmp_path / "again.zarr")
+    if where == "cluster to s3":
+        place = f"{request.getfixturevalue('object_store')}/{tmp_path.name}/again.zarr"
+    if where != "processes":
+        pool = Cluster(request.getfixturevalue("cluster"))
+    seen: list[int] = []
+    source = open_source(tiny_manifest, tiny_folder)
+    report = build_store(
+        tiny_manifest, source, place, None, pool, lambda done, total: seen.append(done)
+    )
+    assert report.fingerprint == tiny_store.fingerprint
+    assert seen == [1, 2, 3]
+    again = build_store(tiny_manifest, source, place, None, pool)
+    assert again.scenes_kept == tiny_store.scenes
+
+
+def test_damaged_files_are_told_from_a_cluster_too(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path, cluster: str
+) -> None:
+    for scene in ("One", "Two"):
+        (tiny_folder / scene / "Illum1/Exp0/view1.png").write_bytes(b"<html>")
+    (tiny_folder / "Three/Illum1/Exp0/view1.png").unlink()
+    source = open_source(tiny_manifest, tiny_folder)
+    with pytest.raises(SourceError) as caught:
+        build_store(tiny_manifest, source, tmp_path / "s.zarr", None, Cluster(cluster))
+    told = [problem.what for problem in caught.value.problems]
+    assert told == ["not a PNG file", "not a PNG file", "1 pairs are missing besides"]
 
 
 def test_the_demo_set_is_the_same_everywhere(demo_store: Store) -> None:

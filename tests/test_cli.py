@@ -4,7 +4,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from dfdbench.cli import main
 from dfdbench.result import load_result
 from dfdbench.store import Store
 from tests.conftest import TINY_TOML
+from tests.site import Site, served
 
 
 class Outcome(NamedTuple):
@@ -23,6 +24,7 @@ class Outcome(NamedTuple):
 
 
 Command = Callable[..., Outcome]
+BELOW = "data/scenes/ThirdSize"
 
 MINE = """
 import numpy as np
@@ -40,7 +42,7 @@ def nan(infocus, defocus):
 def dfdbench(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Command:
-    (tmp_path / "work").mkdir()
+    (tmp_path / "work").mkdir(exist_ok=True)
     (tmp_path / "work/mymodule.py").write_text(MINE)
     monkeypatch.chdir(tmp_path / "work")
 
@@ -194,3 +196,135 @@ def test_a_closed_pipe_is_no_mistake() -> None:
     outcome = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
     assert outcome.stdout == "Aloe/view1/illumination1/exposure0\n".replace("Aloe", "Art")
     assert outcome.stderr == ""
+
+
+@pytest.fixture
+def site(tiny_folder: Path, tmp_path: Path) -> Iterator[Site]:
+    place = tmp_path / "server" / BELOW
+    place.parent.mkdir(parents=True)
+    tiny_folder.rename(place)
+    with served(tmp_path / "server") as site:
+        text = TINY_TOML.replace("https://example.org/tiny", f"{site.address}/{BELOW}")
+        (tmp_path / "work").mkdir(exist_ok=True)
+        (tmp_path / "work/tiny-1.toml").write_text(text)
+        yield site
+
+
+def test_from_the_site_to_a_verified_store_and_back_to_files(
+    dfdbench: Command, site: Site, tmp_path: Path
+) -> None:
+    cache = ("--cache", str(tmp_path / "mine"))
+    built = dfdbench("build", "tiny-1.toml", *cache)
+    assert built.status == 0, built.err
+    assert "11 pairs" in built.out
+    assert "fetched 17 files" in built.err
+    assert "tiny-1.lock" in built.err
+    asked = len(site.requests)
+    again = dfdbench("build", "tiny-1.toml", "--offline", *cache)
+    assert again.status == 0, again.err
+    assert "3 kept from before" in again.out
+    assert len(site.requests) == asked
+    store = str(tmp_path / "mine/stores/tiny-1.zarr")
+    sound = dfdbench("verify", store)
+    assert sound.status == 0
+    assert "sound" in sound.out
+    shown = dfdbench("info", store)
+    assert "11 of 11, 0 missing" in shown.out
+    assert "published: sigma_min 0.32" in shown.out
+    assert len(dfdbench("info", store, "--pairs", "One").out.splitlines()) == 4
+    exported = dfdbench("export", store, "--png", "png")
+    assert exported.status == 0
+    assert Path("png/One/Illum1/Exp0/view1_lin_0.32_2.88.png").exists()
+    chunk = next(path for path in (Path(store) / "One/depth/c").rglob("*") if path.is_file())
+    chunk.write_bytes(b"rot")
+    broken = dfdbench("verify", store)
+    assert broken.status == 1
+    assert "One/depth: cannot be decoded" in broken.out
+    mended = dfdbench("build", "tiny-1.toml", "--offline", *cache)
+    assert "1 scenes, 2 kept" in mended.out
+    assert dfdbench("verify", store).status == 0
+
+
+def test_what_the_site_does_not_have_is_told(dfdbench: Command, site: Site) -> None:
+    place = site.folder / BELOW
+    (place / "One/Illum1/Exp0/view1.png").unlink()
+    (place / "Two/Illum1/Exp0/view1.png").write_bytes(b"<html>")
+    both = dfdbench("build", "tiny-1.toml")
+    assert both.status == 2
+    assert "not a PNG file" in both.err
+    assert "1 files are missing" in both.err
+    assert "set aside in" in both.err
+    right = (place / "Two/Illum1/Exp0/view5.png").read_bytes()
+    (place / "Two/Illum1/Exp0/view1.png").write_bytes(right)
+    missing = dfdbench("build", "tiny-1.toml")
+    assert missing.status == 2
+    assert "missing: 1 of 11 pairs" in missing.err
+    assert "fingerprint" in missing.out
+    assert dfdbench("build", "tiny-1.toml", "--allow-missing").status == 0
+
+
+def test_mirrors_come_from_the_command_line_or_the_environment(
+    dfdbench: Command, site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with served(tmp_path / "server/data") as mirror:
+        built = dfdbench("build", "tiny-1.toml", "--mirror", mirror.address)
+        assert built.status == 0, built.err
+        assert len(mirror.requests) == 17
+        monkeypatch.setenv("DFDBENCH_MIRROR", f"{site.address}/nothing {mirror.address}")
+        again = dfdbench("build", "tiny-1.toml", "--cache", "other")
+        assert again.status == 0, again.err
+        assert len(mirror.requests) == 34
+    assert not site.asked_for(f"/{BELOW}/One/disp1.png")
+
+
+def test_the_cache_is_listed_and_cleared(dfdbench: Command, site: Site) -> None:
+    dfdbench("build", "tiny-1.toml")
+    listed = dfdbench("cache").out
+    assert "tiny-1.zarr" in listed
+    assert "downloads" in listed
+    asked = dfdbench("cache", "clear")
+    assert asked.status == 2
+    assert "--yes" in asked.err
+    assert "did you mean stores" in dfdbench("cache", "clear", "store", "--yes").err
+    assert "removed 1 entries" in dfdbench("cache", "clear", "stores", "--yes").out
+    assert "tiny-1.zarr" not in dfdbench("cache").out
+    assert dfdbench("build", "tiny-1.toml", "--offline").status == 0
+    assert "removed 2 entries" in dfdbench("cache", "clear", "--yes").out
+    assert "nothing to remove" in dfdbench("cache", "clear", "--yes").out
+
+
+def test_a_cluster_builds_and_runs(
+    dfdbench: Command, site: Site, cluster: str, tmp_path: Path
+) -> None:
+    store, other = str(tmp_path / "tiny.zarr"), str(tmp_path / "other.zarr")
+    built = dfdbench("build", "tiny-1.toml", "--store", store, "--scheduler", cluster)
+    assert built.status == 0, built.err
+    here = dfdbench("build", "tiny-1.toml", "--store", other, "--workers", "2")
+    assert built.out.splitlines()[-1] == here.out.splitlines()[-1]
+    ran = dfdbench(
+        "run", "--method", "constant", "--dataset", store, "--scheduler", cluster, "--out", "out"
+    )
+    assert ran.status == 0, ran.err
+    assert "several at once: not comparable" in " ".join(ran.out.split())
+    both = dfdbench("build", "tiny-1.toml", "--scheduler", cluster, "--workers", "2")
+    assert both.status == 2
+    assert "its own number of workers" in both.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["build", "demo", "--offline"], "not fetched here"),
+        (["build", "tiny-1.toml", "--source", ".", "--mirror", "http://x"], "--mirror"),
+        (["build", "demo", "--store", "nosuch://x/y.zarr"], "cannot reach places"),
+        (["verify", "nothing.zarr"], "no such store"),
+        (["export", "nothing.zarr", "--png", "x"], "no such store"),
+        (["info", "nothing.zarr"], "no such store"),
+        (["build", "demo", "--scheduler", "nonsense://x"], "no scheduler answers"),
+    ],
+)
+def test_more_mistakes(dfdbench: Command, site: Site, arguments: list[str], told: str) -> None:
+    outcome = dfdbench(*arguments)
+    assert outcome.status == 2
+    assert told in outcome.err
+    assert "Traceback" not in outcome.err

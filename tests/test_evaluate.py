@@ -12,6 +12,7 @@ from dfdbench.fingerprint import array_digest
 from dfdbench.manifest import Manifest
 from dfdbench.methods import Method
 from dfdbench.pair_evaluation import load_for, training_mean
+from dfdbench.parallel import Cluster, Pool, Processes
 from dfdbench.protocol import PROTOCOLS, score
 from dfdbench.result import load_result
 from dfdbench.run_folder import RESULT, read_prediction
@@ -208,3 +209,34 @@ def test_a_result_says_nothing_of_where_files_lay(tiny_store: Store, tmp_path: P
     content = json.loads((tmp_path / "out" / RESULT).read_text())
     assert content["method"]["entry"] == "mine.py:predict"
     assert str(tmp_path) not in json.dumps(content["method"]["entry"])
+
+
+@pytest.mark.parametrize("where", ["processes", "cluster"])
+def test_pairs_at_once_give_the_same_scores_and_say_so(
+    tiny_store: Store, tmp_path: Path, where: str, request: pytest.FixtureRequest
+) -> None:
+    (tmp_path / "drawing.py").write_text(
+        "import numpy as np\n"
+        "def predict(infocus, defocus):\n"
+        "    return np.random.uniform(0, 255, infocus.shape[:2])\n"
+    )
+    loaded = load_for(tiny_store, f"{tmp_path / 'drawing.py'}:predict", {})
+    pool: Pool = Processes(2)
+    if where == "cluster":
+        pool = Cluster(request.getfixturevalue("cluster"))
+    alone = run_method(tiny_store, loaded, "test", tmp_path / "alone", seed=3).result
+    together = run_method(
+        tiny_store, loaded, "test", tmp_path / "together", seed=3, pool=pool
+    ).result
+    assert [pair.scores for pair in together.pairs] == [pair.scores for pair in alone.pairs]
+    assert together.averages == alone.averages
+    assert all(pair.timed_alone for pair in alone.pairs)
+    assert not any(pair.timed_alone for pair in together.pairs)
+    assert any("not comparable" in warning for warning in together.warnings)
+    assert not alone.warnings
+    pair = tiny_store.pairs("test")[1]
+    first = read_prediction(tmp_path / "alone", pair)
+    second = read_prediction(tmp_path / "together", pair)
+    assert first is not None
+    assert second is not None
+    assert np.array_equal(first, second)

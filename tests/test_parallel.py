@@ -3,27 +3,17 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Iterator
 
 import pytest
-from distributed import LocalCluster
 
 from dfdbench.errors import InputError
 from dfdbench.parallel import Cluster, Pool, Processes, Threads
 
 
-@pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    with LocalCluster(  # type: ignore[no-untyped-call]
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster:
-        yield str(cluster.scheduler_address)
-
-
 @pytest.fixture(params=["one thread", "three threads", "processes", "cluster"])
 def pool(request: pytest.FixtureRequest) -> Pool:
     if request.param == "cluster":
-        return Cluster(request.getfixturevalue("address"))
+        return Cluster(request.getfixturevalue("cluster"))
     pools: dict[str, Pool] = {
         "one thread": Threads(1),
         "three threads": Threads(3),
@@ -70,7 +60,7 @@ def test_threads_work_at_once() -> None:
 @pytest.mark.parametrize("kind", ["processes", "cluster"])
 def test_processes_are_others(kind: str, request: pytest.FixtureRequest) -> None:
     others: Pool = (
-        Processes(2) if kind == "processes" else Cluster(request.getfixturevalue("address"))
+        Processes(2) if kind == "processes" else Cluster(request.getfixturevalue("cluster"))
     )
     found = set(others.map(process_of, range(4)))
     assert len(found) == 2

@@ -1,0 +1,30 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dfdbench.cache import cache_entries, cache_folder, remove_entries
+
+
+def test_where_the_cache_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "named"))
+    assert cache_folder() == tmp_path / "named"
+    assert cache_folder(tmp_path / "given") == tmp_path / "given"
+    monkeypatch.delenv("DFDBENCH_CACHE")
+    assert "dfdbench" in str(cache_folder())
+
+
+def test_what_is_in_it_and_removal(tmp_path: Path) -> None:
+    assert cache_entries(tmp_path) == ()
+    for name, size in {"downloads/a/x/1": 5, "downloads/a/2": 6, "stores/b.zarr/c": 7}.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(bytes(size))
+    (tmp_path / "mine").mkdir()
+    entries = cache_entries(tmp_path)
+    assert [(e.kind, e.name, e.files, e.size) for e in entries] == [
+        ("downloads", "a", 2, 11), ("stores", "b.zarr", 1, 7),
+    ]  # fmt: skip
+    remove_entries(entries[:1])
+    assert [entry.name for entry in cache_entries(tmp_path)] == ["b.zarr"]
+    assert (tmp_path / "mine").exists()

@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dfdbench
+from dfdbench.errors import StoreError, UnknownNameError
+from dfdbench.store import Store
+
+
+def test_pairs_are_read_when_they_are_asked_for(tiny_store: Store) -> None:
+    data = dfdbench.open("tiny", "test", store=tiny_store.path)
+    assert len(data) == 7
+    assert [images.pair for images in data] == list(tiny_store.pairs("test"))
+    expected = tiny_store.read(tiny_store.pairs("test")[-1])
+    assert np.array_equal(data[-1].defocus, expected.defocus)
+    assert data[0].infocus.shape == (24, 31, 3)
+    assert data[0].depth.dtype == np.uint8
+    assert data[0].valid.dtype == np.bool_
+    part = data[2:5]
+    assert len(part) == 3
+    assert part[0].pair == data[2].pair
+    with pytest.raises(IndexError):
+        data[7]
+    assert "7 pairs of" in repr(data)
+
+
+def test_a_crop_decodes_its_own_pair_only(tiny_store: Store) -> None:
+    data = dfdbench.open(str(tiny_store.path))
+    region = (slice(4, 12), slice(10, 26))
+    whole = data[1]
+    for name in ("infocus", "defocus", "depth", "valid"):
+        crop = getattr(data.crop(1, region), name)
+        assert np.array_equal(crop, getattr(whole, name)[region])
+    # With every other image of the scene damaged, the crop is still read.
+    local = Path(tiny_store.path.path)
+    for chunk in (local / "One/infocus/c").rglob("*"):
+        if chunk.is_file() and "/0/0/1/" not in chunk.as_posix():
+            chunk.write_bytes(b"rot")
+    assert np.array_equal(data.crop(1, region).infocus, whole.infocus[region])
+    with pytest.raises(StoreError, match="dfdbench verify"):
+        data.crop(0, region)
+
+
+def test_scenes_are_arrays_with_names(tiny_store: Store) -> None:
+    scene = dfdbench.open("tiny", store=tiny_store.path).scene("Two")
+    image = scene["infocus"].sel(view=5, illumination=1, exposure=0)
+    assert image.dims == ("y", "x", "channel")
+    assert image.shape == (24, 31, 3)
+
+
+def test_mistakes(tiny_store: Store, tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="dfdbench build demo"):
+        dfdbench.open("demo")
+    with pytest.raises(UnknownNameError, match="did you mean demo"):
+        dfdbench.open("deno")
+    with pytest.raises(UnknownNameError, match="did you mean test"):
+        dfdbench.open("tiny", "tets", store=tiny_store.path)
+    with pytest.raises(UnknownNameError, match="did you mean Two"):
+        dfdbench.open("tiny", store=tiny_store.path).scene("Twoo")

@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dfdbench.errors import InputError
+from dfdbench.store import Store
+
+torch = pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.torch_pairs import TorchPairs  # noqa: E402
+
+
+def test_whole_pairs(tiny_store: Store) -> None:
+    data = TorchPairs("tiny", "test", store=tiny_store.path)
+    assert len(data) == 7
+    item = data[3]
+    images = tiny_store.read(tiny_store.pairs("test")[3])
+    assert item["infocus"].dtype == torch.uint8
+    assert item["infocus"].shape == (3, 24, 31)
+    assert np.array_equal(item["defocus"].permute(1, 2, 0).numpy(), images.defocus)
+    assert np.array_equal(item["depth"].numpy(), images.depth)
+    assert np.array_equal(item["valid"].numpy(), images.valid)
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_crops_do_not_depend_on_the_workers(tiny_store: Store, workers: int) -> None:
+    data = TorchPairs("tiny", "all", crop=8, seed=5, store=tiny_store.path)
+    loader = torch.utils.data.DataLoader(
+        data,
+        batch_size=4,
+        num_workers=workers,
+        multiprocessing_context="spawn" if workers else None,
+    )
+    batches = list(loader)
+    assert [len(batch["depth"]) for batch in batches] == [4, 4, 3]
+    assert batches[0]["infocus"].shape == (4, 3, 8, 8)
+    assert torch.equal(batches[1]["infocus"][0], data[4]["infocus"])
+
+
+def test_crops_change_with_the_epoch_and_come_again(tiny_store: Store) -> None:
+    data = TorchPairs("tiny", "all", crop=8, store=tiny_store.path)
+    first = [data[number]["infocus"] for number in range(11)]
+    data.set_epoch(1)
+    second = [data[number]["infocus"] for number in range(11)]
+    assert not all(torch.equal(*both) for both in zip(first, second, strict=True))
+    data.set_epoch(0)
+    again = [data[number]["infocus"] for number in range(11)]
+    assert all(torch.equal(*both) for both in zip(first, again, strict=True))
+
+
+def test_crops_of_all_arrays_are_of_one_place(tiny_store: Store) -> None:
+    data = TorchPairs("tiny", "One", crop=8, store=tiny_store.path)
+    whole = tiny_store.read(tiny_store.pairs("One")[0])
+    item = data[0]
+    places = [
+        (y, x)
+        for y in range(17)
+        for x in range(23)
+        if np.array_equal(whole.depth[y : y + 8, x : x + 8], item["depth"].numpy())
+    ]
+    assert len(places) == 1
+    (y, x) = places[0]
+    assert np.array_equal(
+        item["infocus"].permute(1, 2, 0).numpy(), whole.infocus[y : y + 8, x : x + 8]
+    )
+
+
+@pytest.mark.parametrize("crop", [0, -3, 25])
+def test_crops_that_do_not_fit(tiny_store: Store, crop: int) -> None:
+    with pytest.raises(InputError, match="1 to 24"):
+        TorchPairs("tiny", "all", crop=crop, store=tiny_store.path)

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+from zarr.codecs import BloscCodec, GzipCodec
+
+from dfdbench.fingerprint import combine, scene_digests
+from dfdbench.store import Store
+from dfdbench.verify import Difference, verify_store
+
+
+def local(store: Store) -> Path:
+    return Path(store.path.path)
+
+
+def test_a_sound_store(tiny_store: Store) -> None:
+    steps: list[tuple[int, int]] = []
+    found = verify_store(tiny_store, on_scene=lambda *step: steps.append(step))
+    assert found.sound
+    assert found.recomputed == tiny_store.fingerprint
+    assert (found.scenes, found.arrays) == (3, 24)
+    assert steps == [(1, 3), (2, 3), (3, 3)]
+
+
+@pytest.mark.parametrize("codec", [GzipCodec(level=1), BloscCodec(cname="lz4"), None])
+@pytest.mark.parametrize("chunk", [9, 999])
+def test_chunks_and_compression_do_not_matter(
+    tiny_store: Store, tmp_path: Path, codec: GzipCodec | BloscCodec | None, chunk: int
+) -> None:
+    other = tmp_path / "other.zarr"
+    root = zarr.open_group(other, mode="w", zarr_format=3)
+    root.attrs.update(tiny_store.attributes)
+    for name in tiny_store.scenes:
+        scene = tiny_store.scene(name).load()
+        encoding = {
+            str(key): {
+                "chunks": tuple(min(chunk, length) for length in variable.shape),
+                "compressors": [codec] if codec else [],
+            }
+            for key, variable in scene.data_vars.items()
+        }
+        for variable in scene.variables.values():
+            variable.encoding.clear()
+        scene.to_zarr(other, group=name, mode="w", zarr_format=3, encoding=encoding,
+                      consolidated=False)  # fmt: skip
+    found = verify_store(Store(other))
+    assert found.sound
+    assert found.recomputed == tiny_store.fingerprint
+
+
+def test_the_arrays_that_differ_are_named(tiny_store: Store) -> None:
+    root = zarr.open_group(local(tiny_store), mode="r+")
+    depth = root["Two/depth"]
+    assert isinstance(depth, zarr.Array)
+    depth[0, 0, 0] = 255 - int(np.asarray(depth[0, 0, 0]))
+    chunk = next(
+        path for path in (local(tiny_store) / "One/defocus/c").rglob("0") if path.is_file()
+    )
+    chunk.write_bytes(b"rot")
+    shutil.rmtree(local(tiny_store) / "Three/valid")
+    found = verify_store(Store(tiny_store.path))
+    assert not found.sound
+    assert found.recomputed == ""
+    assert [(d.scene, d.array) for d in found.differences] == [
+        ("One", "defocus"), ("Two", "depth"), ("Three", "valid"),
+    ]  # fmt: skip
+    assert "cannot be decoded" in found.differences[0].what
+    assert found.differences[1:] == (
+        Difference("Two", "depth", "holds other values"),
+        Difference("Three", "valid", "is missing"),
+    )
+
+
+def test_a_scene_that_is_gone_is_named(tiny_store: Store) -> None:
+    shutil.rmtree(local(tiny_store) / "Two")
+    found = verify_store(Store(tiny_store.path))
+    assert found.differences == (Difference("Two", "", "the scene is missing"),)
+    assert found.recomputed not in ("", found.recorded)
+
+
+def test_what_was_added_is_named(tiny_store: Store) -> None:
+    scene = zarr.open_group(local(tiny_store), path="One", mode="r+")
+    scene.create_array("more", data=np.zeros(24), dimension_names=("y",))
+    found = verify_store(Store(tiny_store.path))
+    assert [(d.array, d.what) for d in found.differences] == [
+        ("more", "was not there when it was built")
+    ]
+
+
+def test_digests_changed_together_with_the_arrays_are_noticed(tiny_store: Store) -> None:
+    root = zarr.open_group(local(tiny_store), mode="r+")
+    depth = root["Two/depth"]
+    assert isinstance(depth, zarr.Array)
+    depth[...] = np.asarray(depth[...]) ^ 1
+    scene = zarr.open_group(local(tiny_store), path="Two", mode="r+")
+    dataset = Store(tiny_store.path).scene("Two")
+    digests = scene_digests(dataset)
+    scene.attrs.update({"array_digests": digests, "digest": combine(digests)})
+    found = verify_store(Store(tiny_store.path))
+    assert not found.differences
+    assert not found.sound
