@@ -69,5 +69,13 @@ def test_the_table_is_what_the_command_prints(place: Path) -> None:
 
 
 def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    exec(blocks("python")[1], {})
+    exec(blocks("python")[2], {})
     assert float(capsys.readouterr().out) < 0.01
+
+
+def test_pairs_are_read_as_shown(
+    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DFDBENCH_CACHE", str(place / "cache"))
+    exec(blocks("python")[1], {})
+    assert capsys.readouterr().out == "54 (240, 320, 3) (32, 32) 3\n"

@@ -1,0 +1,140 @@
+"""All 27 scenes at default lighting: seconds a pair for reading, blur and writing.
+
+The shared Middlebury images are used where they are found; scenes that are not there, and all
+of them where none is, are random images of the same size. The peer is the thesis's way to blur,
+256 whole images filtered with OpenCV.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dfdbench.blur import RECIPES, synthesize
+from dfdbench.build import build_store, scene_dataset
+from dfdbench.catalog import find_manifest
+from dfdbench.manifest import Manifest
+from dfdbench.parallel import Threads
+from dfdbench.sources import Source, open_source
+from dfdbench.store_writer import StoreWriter
+from tests.benchmarks.test_blur import stack
+from tests.conftest import shared_data_folder, write_png
+
+RECIPE = RECIPES["published"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """27 scenes in the site's layout, both views at default lighting."""
+    place = tmp_path_factory.mktemp("site")
+    shared = shared_data_folder()
+    random = np.random.default_rng(0)
+    for scene in find_manifest("middlebury").scene_names:
+        real = shared / "middlebury/ThirdSize" / scene if shared else None
+        if real and real.is_dir():
+            (place / scene).symlink_to(real)
+            continue
+        for view in (1, 5):
+            noise = random.integers(0, 256, (370, 443, 3)).astype(np.uint8)
+            smooth = cv2.GaussianBlur(noise, (0, 0), 2)
+            write_png(place / scene / f"view{view}.png", np.asarray(smooth, np.uint8))
+            depth = cv2.GaussianBlur(noise[..., 0], (0, 0), 30) * 3 % 200 + 20
+            write_png(place / scene / f"disp{view}.png", depth.astype(np.uint8))
+    return place
+
+
+@pytest.fixture
+def one_thread() -> Iterator[None]:
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    yield
+    cv2.setNumThreads(before)
+
+
+def time_steps(manifest: Manifest, source: Source, store: Path) -> tuple[dict[str, float], int]:
+    """Seconds in all for each step, and how many pairs there were."""
+    seconds = {"reading": 0.0, "blur": 0.0, "writing": 0.0}
+    pairs = 0
+    with StoreWriter(store, manifest, {}) as writer:
+        for scene in manifest.scene_names:
+            times = [time.perf_counter()]
+            signature, images = source.signature(scene), source.read(scene)
+            times.append(time.perf_counter())
+            dataset = scene_dataset(manifest, images, RECIPE)
+            times.append(time.perf_counter())
+            writer.scenes.write(scene, dataset, signature)
+            times.append(time.perf_counter())
+            for step, taken in zip(seconds, np.diff(times), strict=True):
+                seconds[step] += float(taken)
+            pairs += int(images.available.sum())
+    return seconds, pairs
+
+
+@pytest.mark.usefixtures("one_thread")
+def test_seconds_a_pair(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    manifest = find_manifest("middlebury")
+    source = open_source(manifest, folder, default_lighting=True)
+    synthesize(np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8), np.uint8), RECIPE)
+    seconds, pairs = time_steps(manifest, source, tmp_path / "steps.zarr")
+    images = source.read("Art")
+    started = time.perf_counter()
+    stack(images.infocus[0, 0, 2], images.depth[0], RECIPE)
+    reference = float(time.perf_counter() - started)
+    wall: dict[int, float] = {}
+    for workers in (1, 2):
+        started = time.perf_counter()
+        place = tmp_path / f"{workers}.zarr"
+        build_store(manifest, source, place, pool=Threads(workers))
+        wall[workers] = float(time.perf_counter() - started)
+    with capsys.disabled():
+        print(f"\n{pairs} pairs of {len(manifest.scene_names)} scenes, one thread, ms a pair:")
+        for step, taken in seconds.items():
+            print(f"  {step:<28}{1000 * taken / pairs:8.1f}")
+        print(f"  {'256 images filtered whole':<28}{1000 * reference:8.1f}")
+        print(f"  blur against that           {reference / (seconds['blur'] / pairs):8.1f} times")
+        for workers, taken in wall.items():
+            print(f"  build, {workers} workers            {1000 * taken / pairs:8.1f}")
+        print(f"  two workers against one     {wall[1] / wall[2]:8.2f} times")
+    assert pairs >= 54
+
+
+_BUILD = """
+import resource, sys
+from pathlib import Path
+from dfdbench.build import build_store
+from dfdbench.catalog import find_manifest
+from dfdbench.sources import open_source
+manifest = find_manifest("middlebury")
+source = open_source(manifest, Path(sys.argv[1]), default_lighting=True)
+build_store(manifest, source, sys.argv[2])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def peak(folder: Path, store: Path) -> float:
+    """Megabytes that a build has in memory at most."""
+    done = subprocess.run(
+        [sys.executable, "-c", _BUILD, str(folder), str(store)],
+        check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    return int(done.stdout) / 1024
+
+
+def test_memory_does_not_grow_with_the_scenes(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = tmp_path / "few"
+    few.mkdir()
+    for scene in sorted(folder.iterdir())[:3]:
+        (few / scene.name).symlink_to(scene)
+    least, most = peak(few, tmp_path / "few.zarr"), peak(folder, tmp_path / "all.zarr")
+    with capsys.disabled():
+        print(f"\npeak memory: 3 scenes {least:.0f} MB, 27 scenes {most:.0f} MB")
+    assert most < 1.25 * least
