@@ -81,15 +81,22 @@ def download_middlebury(
         With every file that is damaged or could not be reached; the missing are counted beside
         them. What came is kept.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     taken = SourceError(
         Problem("another download into this folder is running", str(folder), fix="wait for it")
     )
-    with hold(as_location(folder / f".{lock_name(manifest)}.lock"), taken):
-        site = _Site(manifest, folder, tuple(mirrors), known_checksums(manifest, folder))
-        stages = _Stages(folder, on_progress, patience, offline)
-        fates = _bring_default(site, stages) if default_lighting else _bring_all(site, stages)
-        lock = _write_lock(manifest, folder, fates)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with hold(as_location(folder / f".{lock_name(manifest)}.lock"), taken):
+            site = _Site(manifest, folder, tuple(mirrors), known_checksums(manifest, folder))
+            stages = _Stages(folder, on_progress, patience, offline)
+            fates = _bring_default(site, stages) if default_lighting else _bring_all(site, stages)
+            lock = _write_lock(manifest, folder, fates)
+    except OSError as error:
+        raise SourceError(
+            Problem("cannot keep the download", str(error.filename or folder),
+                    got=error.strerror or str(error),
+                    fix="make room, or choose another place with --cache DIR")
+        ) from error  # fmt: skip
     _refuse(fates, folder)
     return Download(
         folder,
@@ -123,9 +130,7 @@ class _Site:
     def archive(self, scene: Scene) -> WantedFile:
         name = f"{scene.name}-2views.zip"
         addresses = self._addresses(scene, f"zip-2views/{name}")
-        return WantedFile(
-            name, addresses, lambda path, where: self._check_archive(name, path, where)
-        )
+        return WantedFile(name, addresses, partial(self._check_archive, name))
 
     def _file(self, scene: Scene, name: str, check: _Check) -> WantedFile:
         full = f"{scene.name}/{name}"
