@@ -51,19 +51,20 @@ def finished_process() -> int:
 @pytest.mark.parametrize(
     ("host", "process", "age", "held"),
     [
-        (socket.gethostname(), finished_process(), 0, False),
-        (socket.gethostname(), os.getpid(), 999, True),
-        ("another", 1, 5, True),
-        ("another", 1, 61, False),
+        ("here", "finished", 0, False),
+        ("here", "this", 999, True),
+        ("another", "this", 5, True),
+        ("another", "this", 61, False),
     ],
 )
 def test_what_a_killed_build_left_is_taken_over(
-    place: Callable[[str], UPath], host: str, process: int, age: float, held: bool
+    place: Callable[[str], UPath], host: str, process: str, age: float, held: bool
 ) -> None:
     lock = place(".a.lock")
     if is_local(lock):
         pytest.skip("on disk the lock ends with its process")
-    leave(lock, host, process, time.time() - age)
+    number = os.getpid() if process == "this" else finished_process()
+    leave(lock, socket.gethostname() if host == "here" else host, number, time.time() - age)
     if held:
         with pytest.raises(StoreError, match="taken"), hold(lock, TAKEN):
             pass
