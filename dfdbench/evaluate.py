@@ -6,7 +6,7 @@ import json
 import math
 import random
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -203,6 +203,24 @@ def run_method(
     finally:
         lock.release()
     return Run(result, folder, reused, set_aside)
+
+
+def evaluate_pairs(
+    store: Store,
+    method: Method,
+    pairs: Sequence[Pair],
+    seed: int = 0,
+    on_pair: Callable[[int, int], None] | None = None,
+) -> list[PairResult]:
+    """Predict and score some pairs as `run_method` does, and keep nothing on disk."""
+    records = []
+    for number, pair in enumerate(pairs):
+        images = store.read(pair)
+        _seed(seed)
+        records.append(_record(store, images, call(method.predict, images.infocus, images.defocus)))
+        if on_pair:
+            on_pair(number + 1, len(pairs))
+    return records
 
 
 def read_prediction(folder: Path, pair: Pair) -> NDArray[np.float32] | None:

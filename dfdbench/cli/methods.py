@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,19 +17,9 @@ from dfdbench.evaluate import RESULT, load_for, run_method
 from dfdbench.figures import draw_run
 from dfdbench.methods import load_method
 from dfdbench.protocol import find_protocol
-from dfdbench.report import run_as_csv, run_as_json, run_as_markdown, run_tables
+from dfdbench.report import run_as_csv, run_as_json, run_tables
 from dfdbench.store import open_store
-from dfdbench.tables import Table
-
-
-class Format(StrEnum):
-    """How tables are printed."""
-
-    table = "table"
-    markdown = "markdown"
-    json = "json"
-    csv = "csv"
-
+from dfdbench.tables import Format, Table, render
 
 Params = Annotated[
     list[str] | None, typer.Option("--param", help="NAME=VALUE for the method; repeatable.")
@@ -77,9 +66,12 @@ def run(
     if format is Format.table:
         for table in run_tables(done.result, shown.name):
             print_table(table)
+    elif format is Format.csv:
+        print(run_as_csv(done.result, shown.name), end="")
+    elif format is Format.json:
+        print(run_as_json(done.result, shown.name), end="")
     else:
-        write = {Format.markdown: run_as_markdown, Format.json: run_as_json, Format.csv: run_as_csv}
-        print(write[format](done.result, shown.name), end="")
+        print(render(run_tables(done.result, shown.name), format), end="")
     say(f"result       {folder / RESULT}")
     if not no_predictions:
         say(f"figures      {folder / 'figures'}")
