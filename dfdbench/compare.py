@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from dfdbench.errors import Problem, ResultError, unknown_name
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result
 from dfdbench.summary import bootstrap_interval
+
+# That n scenes all lean one way by chance has probability 2 / 2^n: below 5 % from 6 on. With
+# fewer, a bootstrap over scenes is narrower than its 95 % say.
+_SCENES_TO_TELL = 6
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,8 @@ class Difference:
         95 % interval, bootstrapped over scenes; None for a single scene.
     wins, losses, ties : int
         Pairs on which the second run is better, worse, the same.
+    scenes : int
+        How many scenes the pairs are of.
     """
 
     mean: float
@@ -39,13 +46,19 @@ class Difference:
     wins: int
     losses: int
     ties: int
+    scenes: int
 
     @property
-    def real(self) -> bool | None:
-        """True where the interval leaves out 0; None where there is no interval."""
-        if self.low is None or self.high is None:
-            return None
-        return self.low > 0 or self.high < 0
+    def verdict(self) -> str:
+        """Whether the difference is more than chance.
+
+        ``real``: the interval leaves out 0. ``likely``: it does, but of so few scenes that
+        all of them lean one way by chance in more than 5 % of cases. ``may be chance``: it
+        holds 0, or there is no interval.
+        """
+        if self.low is None or self.high is None or self.low <= 0 <= self.high:
+            return "may be chance"
+        return "real" if self.scenes >= _SCENES_TO_TELL else "likely"
 
 
 def check_comparable(first: Result, second: Result, protocol: str) -> None:
@@ -64,8 +77,8 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
         if values[0] != values[1]:
             problems.append(
                 Problem(
-                    "runs on different data are not comparable", f"dataset.{what}", *values,
-                    "run both methods on the same built data set and split",
+                    "runs on different data are not comparable", f"dataset.{what}",
+                    values[0], values[1], "run both methods on the same built data set and split",
                 )
             )  # fmt: skip
     if problems:
@@ -122,7 +135,8 @@ def paired_difference(
     worse = sum(value < 0 for value in values)
     if not METRICS[metric]:
         better, worse = worse, better
-    interval = bootstrap_interval(values, [change.first.scene for change in found], seed)
-    low, high = interval or (None, None)
+    scenes = [change.first.scene for change in found]
+    low, high = bootstrap_interval(values, scenes, seed) or (None, None)
     ties = len(values) - better - worse
-    return Difference(sum(values) / len(values), low, high, better, worse, ties)
+    mean = math.fsum(values) / len(values)
+    return Difference(mean, low, high, better, worse, ties, len(set(scenes)))

@@ -13,6 +13,8 @@ from dfdbench.files import write_whole
 from dfdbench.protocol import PROTOCOLS
 from dfdbench.result import MethodRecord, Result, Submission, load_result, seal_of
 
+#: The leaderboard's folder in a clone.
+LEADERBOARD = Path("leaderboard")
 RESULTS = "results"
 #: The fingerprints that a data set must have, where it is made the same everywhere.
 FINGERPRINTS = "fingerprints.json"

@@ -134,13 +134,13 @@ def as_markdown(table: Table) -> str:
     | &lt;x&gt; | 1 |
     <BLANKLINE>
     """
-    lines = [f"**{_escaped(table.title)}**", ""]
-    lines.append("| " + " | ".join(map(_escaped, table.columns)) + " |")
+    lines = [f"**{escape_markdown(table.title)}**", ""]
+    lines.append("| " + " | ".join(map(escape_markdown, table.columns)) + " |")
     marks = ["---:" if side == "r" else ":---" for side in table.align]
     lines.append("|" + "|".join(marks) + "|")
     lines += ["| " + " | ".join(map(_markdown_cell, row)) + " |" for row in table.rows]
     for note in table.notes:
-        lines += ["", _escaped(note)]
+        lines += ["", escape_markdown(note)]
     return "\n".join(lines) + "\n"
 
 
@@ -214,11 +214,18 @@ def _latex_text(text: str) -> str:
 
 def _markdown_cell(text: str) -> str:
     if isinstance(text, Link):
-        return f"[{_escaped(text)}]({quote(text.target, safe='/#:.-_=')})"
-    return _escaped(text)
+        return f"[{escape_markdown(text)}]({quote(text.target, safe='/#:.-_=')})"
+    return escape_markdown(text)
 
 
-def _escaped(text: str) -> str:
+def escape_markdown(text: str) -> str:
+    r"""Return text on one line, with what Markdown or HTML would take for markup escaped.
+
+    Examples
+    --------
+    >>> escape_markdown("<b>a|b</b>")
+    '&lt;b&gt;a\\|b&lt;/b&gt;'
+    """
     text = " ".join(text.splitlines())
     # GitHub takes dollars for formulas and tildes for struck-out text, escaped or not.
     for mark, instead in zip("&<>$~", ("&amp;", "&lt;", "&gt;", "&#36;", "&#126;"), strict=True):

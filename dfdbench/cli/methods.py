@@ -19,6 +19,8 @@ from dfdbench.methods import load_method
 from dfdbench.protocol import find_protocol
 from dfdbench.report import run_as_csv, run_as_json, run_tables
 from dfdbench.store import open_store
+from dfdbench.submission import LEADERBOARD
+from dfdbench.submission import submit as submit_result
 from dfdbench.tables import Format, Table, render
 
 Params = Annotated[
@@ -48,6 +50,9 @@ def run(
         bool, typer.Option("--fresh", help="Evaluate anew, set an earlier run aside.")
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="For methods that draw random numbers.")] = 0,
+    submit: Annotated[
+        bool, typer.Option("--submit", help="Write it into leaderboard/, for a pull request.")
+    ] = False,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run goes on."""
     shown = find_protocol(protocol)
@@ -75,6 +80,9 @@ def run(
     say(f"result       {folder / RESULT}")
     if not no_predictions:
         say(f"figures      {folder / 'figures'}")
+    if submit:
+        for path in submit_result(done.result, LEADERBOARD):
+            say(f"submission   {path}")
     failed = sum(pair.status == "failed" for pair in done.result.pairs)
     if failed:
         say(f"{failed} pairs failed; the same command tries them again")
