@@ -9,7 +9,6 @@ from decimal import Decimal
 from math import fsum
 from pathlib import Path
 
-from dfdbench.compare import Difference
 from dfdbench.leaderboard import Board, Entry, Standing
 from dfdbench.protocol import METRICS
 from dfdbench.published import PublishedTable, mean_over
@@ -44,7 +43,7 @@ def ranking_table(board: Board, folder: Path) -> Table:
             (
                 _NOTHING if standing.rank is None else str(standing.rank), entry.label,
                 scores[0], _interval(standing.interval), scores[1], scores[2],
-                _above(standing), seconds_text(entry.seconds), entry.status,
+                str(standing.above or _NOTHING), seconds_text(entry.seconds), entry.status,
             )
         )  # fmt: skip
     scenes = {pair.scene for s in board.standings for pair in s.entry.result.pairs}
@@ -282,19 +281,6 @@ def _incomplete_notes(board: Board) -> list[str]:
         elif standing.rank is None:
             notes.append(f"{standing.entry.label}: NRMSE is defined for no pair")
     return notes
-
-
-def _above(standing: Standing) -> str:
-    difference = standing.above
-    return _NOTHING if difference is None else difference_text(difference)
-
-
-def difference_text(difference: Difference) -> str:
-    """Return a paired difference with its interval and what that says."""
-    mean = f"{difference.mean:+.4f}"
-    if difference.low is None or difference.high is None:
-        return f"{mean} (one scene: no interval)"
-    return f"{mean} ({difference.low:+.4f} to {difference.high:+.4f}), {difference.verdict}"
 
 
 def _checked(entry: Entry) -> str:

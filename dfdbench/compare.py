@@ -48,6 +48,12 @@ class Difference:
     ties: int
     scenes: int
 
+    def __str__(self) -> str:
+        mean = f"{self.mean:+.4f}"
+        if self.low is None or self.high is None:
+            return f"{mean} (one scene: no interval)"
+        return f"{mean} ({self.low:+.4f} to {self.high:+.4f}), {self.verdict}"
+
     @property
     def verdict(self) -> str:
         """Whether the difference is more than chance.

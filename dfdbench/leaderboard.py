@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from dfdbench.compare import Difference, changes, paired_difference
 from dfdbench.errors import Problem, ResultError
 from dfdbench.protocol import PROTOCOLS
 from dfdbench.result import Result
-from dfdbench.submission import RESULTS, load_submission, method_label
+from dfdbench.submission import RESULTS, TIME_FORMAT, load_submission, method_label
 from dfdbench.summary import bootstrap_interval
 from dfdbench.verification import SUFFIX, Verification, load_verification
 
@@ -168,7 +169,10 @@ def _board(
 
 def _age(entry: Entry) -> tuple[str, str]:
     submission = entry.result.submission
-    return (submission.submitted if submission else "", str(entry.path))
+    if submission:
+        return (submission.submitted, str(entry.path))
+    written = datetime.fromtimestamp(entry.path.stat().st_mtime, UTC)
+    return (written.strftime(TIME_FORMAT), str(entry.path))
 
 
 def _order(entry: Entry, protocol: str) -> tuple[float, float]:

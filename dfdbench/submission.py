@@ -16,6 +16,7 @@ from dfdbench.result import MethodRecord, Result, Submission, load_result, seal_
 #: The leaderboard's folder in a clone.
 LEADERBOARD = Path("leaderboard")
 RESULTS = "results"
+TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
 #: The fingerprints that a data set must have, where it is made the same everywhere.
 FINGERPRINTS = "fingerprints.json"
 
@@ -57,7 +58,7 @@ def submit(result: Result, folder: Path, submitted: datetime | None = None) -> l
     problems = data_set_problems(result, folder, "this run")
     if problems:
         raise ResultError(problems)
-    when = (submitted or datetime.now(UTC)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    when = (submitted or datetime.now(UTC)).strftime(TIME_FORMAT)
     paths = []
     for protocol in result.protocol_names:
         narrowed = under_protocol(result, protocol)

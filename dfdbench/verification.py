@@ -20,6 +20,7 @@ from dfdbench.manifest import Pair
 from dfdbench.protocol import METRICS
 from dfdbench.result import Environment, Finite, Model, PairResult, Result, Sha256
 from dfdbench.store import Store
+from dfdbench.submission import TIME_FORMAT
 
 SUFFIX = ".verified.json"
 
@@ -106,7 +107,7 @@ def verify(
         raise ResultError(problems)
     return Verification(
         result_sha256=sha256(path.read_bytes()).hexdigest(),
-        verified=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        verified=datetime.now(UTC).strftime(TIME_FORMAT),
         seed=seed,
         tolerance=tolerance,
         pairs=[claim.id for claim in chosen],
