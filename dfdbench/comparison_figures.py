@@ -79,7 +79,7 @@ def change_figure(
             rows.append((change, before[0], before[1], after[1]))
     if not rows:
         return None
-    figure = Figure(figsize=(15, 2.55 * len(rows) + 0.9), layout="constrained")
+    figure = Figure(figsize=(15, 1.9 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 6, squeeze=False)
     names = [plain_text(run.label) for run in (first, second)]
     figure.suptitle(f"A: {names[0]}    B: {names[1]}    pairs that changed most")

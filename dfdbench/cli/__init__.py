@@ -27,6 +27,7 @@ app.command()(datasets.info)
 app.command()(datasets.build)
 app.command()(methods.run)
 app.command("check-method")(methods.check_method_command)
+app.command()(reports.report)
 app.command()(reports.compare)
 app.add_typer(leaderboard.app, name="leaderboard")
 

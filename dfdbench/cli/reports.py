@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from dfdbench.change_tables import change_tables, most_changed
-from dfdbench.cli.screen import print_table, say
+from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.comparison_figures import change_figure
+from dfdbench.page.html import write_html
+from dfdbench.page.markdown import write_markdown
 from dfdbench.protocol import find_protocol
 from dfdbench.runs import open_run
 from dfdbench.tables import Format, render
@@ -18,6 +21,36 @@ _PANELS = 4
 Dataset = Annotated[
     str | None, typer.Option(help="A store's path; default: the data set that a result names.")
 ]
+
+
+class PageFormat(StrEnum):
+    """The form of a report."""
+
+    html = "html"
+    markdown = "markdown"
+
+
+def report(
+    results: Annotated[list[Path], typer.Argument(help="Result files or runs' folders.")],
+    out: Annotated[Path, typer.Option(help="The folder that it goes into.")],
+    protocol: Annotated[str, typer.Option(help="Under which protocol.")] = "thesis",
+    format: Annotated[
+        PageFormat, typer.Option(help="One HTML page, or Markdown with PNG files.")
+    ] = PageFormat.html,
+    dataset: Dataset = None,
+) -> None:
+    """Write a page about runs: tables, plots, and their pairs, worst first."""
+    shown = find_protocol(protocol).name
+    runs = [open_run(path, dataset) for path in results]
+    if format is PageFormat.html:
+        with progress("drawing pairs") as step:
+            path = write_html(runs, shown, out, step)
+    else:
+        path = write_markdown(runs, shown, out)
+    for run in runs:
+        if run.without:
+            say(f"no pictures of {run.label}: {run.without}")
+    print(path)
 
 
 def compare(
