@@ -23,12 +23,14 @@ demo: $(STAMPS)/installed ## Build the demo set, run the baselines, print tables
 	@echo; echo "All of it lies here:"
 	@find results/demo-1-test -name '*.png' -o -name result.json | sort | sed 's/^/  /'
 
-test: $(STAMPS)/tested-with ## ruff, mypy --strict, pytest with doctests
+test: $(STAMPS)/tested-with ## ruff, mypy --strict, the leaderboard's check, pytest with doctests
 	@echo "== ruff: style and imports"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@echo "== mypy --strict: types"
 	@$(BIN)/mypy
+	@echo "== dfdbench leaderboard --check: results, hashes, README"
+	@$(BIN)/dfdbench leaderboard --check
 	@echo "== pytest: tests, doctests, the README's examples"
 	@$(BIN)/python -m pytest --benchmark-skip
 

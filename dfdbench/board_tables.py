@@ -93,25 +93,30 @@ def lighting_table(board: Board) -> Table:
     )  # fmt: skip
 
 
-def runs_table(board: Board, folder: Path) -> Table:
-    """Return how each method was run: parameters, training data, machine, file, check."""
-    rows = []
+def runs_table(board: Board, folder: Path | None = None) -> Table:
+    """Return how each method was run: parameters, training data, machine, paper.
+
+    With the leaderboard's folder also whether it was verified, and a link to its file.
+    """
+    rows: list[tuple[str, ...]] = []
     for standing in board.standings:
         entry = standing.entry
         method = entry.result.method
-        rows.append(
-            (
-                method.name, parameters_of(entry.result), method.trained_on or "nothing",
-                seconds_text(entry.seconds), machine_of(entry.result), method.paper or _NOTHING,
-                _checked(entry), Link("result", _target(entry, folder)),
-            )
+        cells: tuple[str, ...] = (
+            method.name, parameters_of(entry.result), method.trained_on or "nothing",
+            seconds_text(entry.seconds), machine_of(entry.result), method.paper or _NOTHING,
         )  # fmt: skip
-    columns = (
+        if folder:
+            cells += (_checked(entry), Link("result", _target(entry, folder)))
+        rows.append(cells)
+    columns: tuple[str, ...] = (
         "method", "parameters", "training data", "seconds a pair", "machine", "paper",
-        "verified", "file",
     )  # fmt: skip
+    align = "lllrll"
+    if folder:
+        columns, align = (*columns, "verified", "file"), align + "ll"
     notes = ("Seconds compare only on one machine.",)
-    return Table("how they were run", columns, tuple(rows), "lllrllll", notes)
+    return Table("how they were run", columns, tuple(rows), align, notes)
 
 
 def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:

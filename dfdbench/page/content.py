@@ -57,6 +57,10 @@ class Content:
     ----------
     title, summary : str, tuple of str
         What it is about, in a line and in a few.
+    protocol : str
+        Under which everything is scored.
+    methods : tuple of str
+        The methods' labels, best first.
     sections : tuple of Section
         One for each set of comparable runs.
     pairs : tuple of ShownPair
@@ -68,6 +72,7 @@ class Content:
     title: str
     protocol: str
     summary: tuple[str, ...]
+    methods: tuple[str, ...]
     sections: tuple[Section, ...]
     pairs: tuple[ShownPair, ...]
     missing: tuple[str, ...]
@@ -106,7 +111,7 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         plots = lighting_figures(members, protocol)
         if (times := time_figure(members)) is not None:
             plots["seconds a pair"] = times
-        tables = (ranking, lighting_table(board), runs_table(board, folder))
+        tables = (ranking, lighting_table(board), runs_table(board))
         sections.append(Section(ranking.title, board.fingerprint, tables, details, plots))
         summary.append(_sentence(members, protocol, ranking.title))
     labels = list(dict.fromkeys(run.label for run in shown))
@@ -115,6 +120,7 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         f"Depth from defocus: {title}",
         protocol,
         tuple(summary),
+        tuple(labels),
         tuple(sections),
         _worst_first(shown, protocol),
         tuple(f"{run.label}: {run.without}" for run in shown if run.without),

@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
 
+from dfdbench.board_tables import seconds_text
 from dfdbench.figures import ERROR_LIMIT
 from dfdbench.files import write_whole
 from dfdbench.page.content import Content, ShownPair, gather
@@ -70,7 +71,7 @@ def write_html(
         plots=plots,
         pairs=pairs,
         pictures={key: address for address, key in pictures.items()},
-        filters=_filters(pairs),
+        filters=_filters(pairs, content.methods),
         scales={"depth": scale("viridis"), "error": scale("PuOr")},
         error_limit=int(ERROR_LIMIT),
         style=Markup((templates / "report.css").read_text(encoding="utf-8")),
@@ -115,12 +116,12 @@ def _card(shown: ShownPair, content: Content, pictures: dict[str, str]) -> dict[
         "low": f"{low:.0f}",
         "high": f"{high:.0f}",
         "scores": [(name, "undefined" if v is None else f"{v:.4f}") for name, v in values],
-        "seconds": "" if pair.seconds is None else f"{pair.seconds:.3f} s",
+        "seconds": f"{seconds_text(pair.seconds)} s",
     }
 
 
-def _filters(pairs: Sequence[dict[str, object]]) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
+def _filters(pairs: Sequence[dict[str, object]], methods: Sequence[str]) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {"method": list(methods)}
     for pair in pairs:
         places = pair["places"]
         assert isinstance(places, dict)
