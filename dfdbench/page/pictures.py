@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from typing import Any
+from warnings import catch_warnings, filterwarnings
 from xml.etree import ElementTree
 
 import cv2
@@ -53,7 +54,9 @@ def inline_svg(figure: Figure, name: str) -> str:
         For readers who cannot see it; no two on a page alike.
     """
     text = io.StringIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}), catch_warnings():
+        # Letters are drawn by the browser, which has fonts that matplotlib lacks.
+        filterwarnings("ignore", r"Glyph .* missing", UserWarning)
         figure.set_facecolor("none")
         for axis in figure.axes:
             axis.set_facecolor("none")
