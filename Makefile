@@ -6,8 +6,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMPS := .make
 DEMO_METHODS := constant local graph-cuts
+# A method a word, with commas for the blanks before its parameters.
+BOARD_METHODS := constant local graph-cuts graph-cuts,--param,recipe=text \
+  graph-cuts,--param,color_space=rgb graph-cuts-rounded
 
-.PHONY: help demo test benchmark clean
+.PHONY: help demo test benchmark leaderboard clean
 .DEFAULT_GOAL := help
 
 help: ## Say what there is to make
@@ -23,14 +26,24 @@ demo: $(STAMPS)/installed ## Build the demo set, run the baselines, print tables
 	@echo; echo "All of it lies here:"
 	@find results/demo-1-test -name '*.png' -o -name result.json | sort | sed 's/^/  /'
 
-test: $(STAMPS)/tested-with ## ruff, mypy --strict, pytest with doctests
+test: $(STAMPS)/tested-with ## ruff, mypy --strict, the leaderboard's check, pytest with doctests
 	@echo "== ruff: style and imports"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@echo "== mypy --strict: types"
 	@$(BIN)/mypy
+	@echo "== dfdbench leaderboard --check: results, hashes, README"
+	@$(BIN)/dfdbench leaderboard --check
 	@echo "== pytest: tests, doctests, the README's examples"
-	@$(BIN)/python -m pytest --benchmark-skip
+	@$(BIN)/python -m pytest --benchmark-skip --numprocesses 2 --dist loadfile
+
+leaderboard: $(STAMPS)/installed ## Run every row of the demo set's leaderboard, write its README
+	@$(BIN)/dfdbench build demo
+	@for method in $(BOARD_METHODS); do \
+	  echo; echo "== dfdbench run --dataset demo --submit --method $$(echo $$method | tr ',' ' ')"; \
+	  $(BIN)/dfdbench run --dataset demo --submit --method $$(echo $$method | tr ',' ' ') || exit 1; \
+	done
+	@$(BIN)/dfdbench leaderboard
 
 benchmark: $(STAMPS)/tested-with ## Time our code against named peers, as ratios
 	@$(BIN)/python -m pytest tests/benchmarks --benchmark-only -s

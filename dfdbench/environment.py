@@ -65,9 +65,18 @@ def _commit() -> str | None:
     checkout = Path(__file__).resolve().parent.parent
     if not (checkout / ".git").exists():
         return None
+    commit = _git(checkout, "describe", "--always", "--abbrev=12")
+    # Results that are just being submitted do not change the code that they are of.
+    changed = _git(
+        checkout, "status", "--porcelain", "--untracked-files=no", "--", ".", ":!leaderboard"
+    )
+    return f"{commit}-dirty" if commit and changed else commit
+
+
+def _git(checkout: Path, *arguments: str) -> str | None:
     try:
-        commit = subprocess.run(
-            ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--abbrev=12"],
+        found = subprocess.run(
+            ["git", "-C", str(checkout), *arguments],
             capture_output=True,
             text=True,
             timeout=10,
@@ -75,4 +84,4 @@ def _commit() -> str | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return commit.stdout.strip() or None
+    return found.stdout.strip() or None

@@ -17,10 +17,10 @@ from dfdbench.store import Store
 from dfdbench.summary import ranked
 
 # Okabe and Ito's colours, which the colour-blind can tell apart; markers differ as well.
-_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
-_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _PANELS = 3
-_ERROR_LIMIT = 50.0
+ERROR_LIMIT = 50.0
 
 
 def draw_run(
@@ -85,7 +85,7 @@ def panel_figure(
     figure = Figure(figsize=(15, 2.55 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 5, squeeze=False)
     figure.suptitle(
-        f"{result.method.name}: {kind} pairs of {result.dataset.name}, "
+        f"{plain_text(result.method.name)}: {kind} pairs of {result.dataset.name}, "
         f"split {result.dataset.split}, protocol {protocol}"
     )
     heads = ("in-focus", "defocus", "ground truth", "prediction", "prediction − truth")
@@ -99,7 +99,7 @@ def panel_figure(
         truth = axes[2].imshow(known, **depth_style)
         axes[3].imshow(prediction, **depth_style)
         error = axes[4].imshow(
-            prediction - known, cmap="PuOr", vmin=-_ERROR_LIMIT, vmax=_ERROR_LIMIT,
+            prediction - known, cmap="PuOr", vmin=-ERROR_LIMIT, vmax=ERROR_LIMIT,
             interpolation="nearest",
         )  # fmt: skip
         scores = record.scores[protocol]
@@ -133,7 +133,7 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     figure = Figure(figsize=(width * len(columns), 8), layout="constrained")
     grid = figure.subplots(len(METRICS), len(columns), squeeze=False, sharey="row", sharex=True)
     figure.suptitle(
-        f"{result.method.name} on {result.dataset.name}, split {result.dataset.split}, "
+        f"{plain_text(result.method.name)} on {result.dataset.name}, split {result.dataset.split}, "
         f"protocol {protocol}"
     )
     for line, (metric, up) in enumerate(METRICS.items()):
@@ -151,8 +151,8 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
                 axis.plot(
                     [scenes.index(pair.scene) + offset for pair in chosen],
                     [getattr(pair.scores[protocol], metric) for pair in chosen],
-                    linestyle="none", marker=_MARKERS[number % len(_MARKERS)], markersize=5,
-                    color=_COLOURS[number % len(_COLOURS)], label=f"{blocks} {level}",
+                    linestyle="none", marker=MARKERS[number % len(MARKERS)], markersize=5,
+                    color=COLOURS[number % len(COLOURS)], label=f"{blocks} {level}",
                 )  # fmt: skip
             axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
             axis.grid(alpha=0.3)
@@ -186,12 +186,12 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     axis = figure.subplots()
     levels = np.arange(256)
     axis.fill_between(
-        levels, 100 * truth / truth.sum(), step="mid", color=_COLOURS[4], alpha=0.6,
+        levels, 100 * truth / truth.sum(), step="mid", color=COLOURS[4], alpha=0.6,
         label="ground truth",
     )  # fmt: skip
     axis.step(
-        levels, 100 * found / found.sum(), where="mid", color=_COLOURS[5], linewidth=1,
-        label=f"prediction of {result.method.name}",
+        levels, 100 * found / found.sum(), where="mid", color=COLOURS[5], linewidth=1,
+        label=f"prediction of {plain_text(result.method.name)}",
     )  # fmt: skip
     axis.set(
         xlabel="depth level", ylabel="known pixels (%)", xlim=(0, 255),
@@ -200,6 +200,18 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     axis.grid(alpha=0.3)
     axis.legend()
     return figure
+
+
+def plain_text(text: str) -> str:
+    r"""Return text as matplotlib shows it letter by letter: no formulas, no hidden legends.
+
+    Examples
+    --------
+    >>> plain_text("_a$b$")
+    ' _a\\$b\\$'
+    """
+    text = " ".join(text.splitlines()).replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
 
 
 def _nearest(levels: NDArray[np.float32]) -> NDArray[np.int64]:

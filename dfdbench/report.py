@@ -9,7 +9,7 @@ from dfdbench.errors import unknown_name
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result
 from dfdbench.summary import Group, Statistic, ranked, summarise
-from dfdbench.tables import Table, as_csv, as_markdown
+from dfdbench.tables import Table, as_csv
 
 _EXTREMES = 5
 _NOTHING = "–"
@@ -106,11 +106,6 @@ def time_table(result: Result, protocol: str) -> Table:
         f"seconds a pair, warm, {how}", (*labels, "mean", "std"), tuple(rows),
         "l" * len(labels) + "rr", (machine,), rules,
     )  # fmt: skip
-
-
-def run_as_markdown(result: Result, protocol: str) -> str:
-    """Return a run's tables in Markdown."""
-    return "\n".join(as_markdown(table) for table in run_tables(result, protocol))
 
 
 def run_as_csv(result: Result, protocol: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from pathlib import Path
@@ -100,6 +101,17 @@ class Environment(Model):
     versions: dict[str, str]
 
 
+class Submission(Model):
+    """What makes a result fit for the leaderboard.
+
+    `submitted` tells which of two results of one method is the newer; `seal` is the SHA-256
+    of all else in the file, so that it cannot be edited without notice.
+    """
+
+    submitted: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ$")]
+    seal: Sha256
+
+
 class Result(Model):
     """A run in full. `averages` is null unless every expected pair was evaluated."""
 
@@ -112,6 +124,7 @@ class Result(Model):
     pairs: list[PairResult]
     averages: dict[str, dict[str, Finite | None]] | None
     warnings: list[str] = Field(default_factory=list)
+    submission: Submission | None = None
 
     @property
     def protocol_names(self) -> tuple[str, ...]:
@@ -141,6 +154,17 @@ def save_result(result: Result, path: Path) -> None:
     write_whole(path, result.model_dump_json(indent=1) + "\n")
 
 
+def seal_of(content: dict[str, Any]) -> str:
+    """Return the SHA-256 of a result file's content, its seal left out, in canonical JSON.
+
+    Taken over what the file says, not over the model: fields that later versions add do not
+    break the seals of older files.
+    """
+    submission = {key: v for key, v in (content.get("submission") or {}).items() if key != "seal"}
+    text = json.dumps({**content, "submission": submission}, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
 def load_result(path: Path) -> Result:
     """Read a result file, check it, and compute its averages anew.
 
@@ -156,8 +180,11 @@ def load_result(path: Path) -> Result:
     found = content.get("schema_version") if isinstance(content, dict) else None
     if found != SCHEMA_VERSION:
         raise ResultError(
-            Problem("result of another version", str(path), str(SCHEMA_VERSION), str(found))
-        )
+            Problem(
+                "result of another version", str(path), str(SCHEMA_VERSION), str(found),
+                "run the method again with this version of dfdbench",
+            )
+        )  # fmt: skip
     try:
         result = Result.model_validate(content)
     except ValidationError as error:
@@ -169,6 +196,13 @@ def load_result(path: Path) -> Result:
             for detail in error.errors()
         ) from error  # fmt: skip
     problems = list(_contradictions(result, path))
+    if result.submission and result.submission.seal != seal_of(content):
+        problems.append(
+            Problem(
+                "the file was edited after it was sealed", f"{path}: submission.seal",
+                seal_of(content), result.submission.seal, "submit the run's own result.json again",
+            )
+        )  # fmt: skip
     if problems:
         raise ResultError(problems)
     return result

@@ -1,14 +1,41 @@
-"""A table of text, and the forms it can be shown in."""
+"""A table, and every form it can be shown in: terminal, Markdown, LaTeX, CSV, JSON."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
+from urllib.parse import quote
 
 from rich import box
+from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
+
+
+class Format(StrEnum):
+    """How tables are printed."""
+
+    table = "table"
+    markdown = "markdown"
+    latex = "latex"
+    csv = "csv"
+    json = "json"
+
+
+class Link(str):
+    """A cell's text with the address that it leads to, where the form can show one."""
+
+    target: str
+
+    def __new__(cls, text: str, target: str) -> Link:
+        """Return the text, bearing its address."""
+        link = super().__new__(cls, text)
+        link.target = target
+        return link
 
 
 @dataclass(frozen=True)
@@ -16,7 +43,8 @@ class Table:
     """Rows of text under headings.
 
     `align` has a letter a column, ``l`` or ``r``; `rules` are the rows after which a line is
-    drawn.
+    drawn. `records` are the same rows as data, numbers in full, for CSV and JSON; where there
+    are none, those show the text.
     """
 
     title: str
@@ -25,6 +53,55 @@ class Table:
     align: str
     notes: tuple[str, ...] = ()
     rules: frozenset[int] = field(default_factory=frozenset)
+    records: tuple[Mapping[str, object], ...] = ()
+
+
+def render(tables: Sequence[Table], format: Format, width: int | None = None) -> str:
+    r"""Return tables in one of the forms.
+
+    Parameters
+    ----------
+    tables : sequence of Table
+        What to show, in this order. CSV holds one heading: the columns of all of them.
+    format : Format
+        The form.
+    width : int, optional
+        Of the terminal, in characters, for `Format.table`; as wide as need be where not given.
+
+    Examples
+    --------
+    >>> table = Table("T", ("a", "n"), (("x", "1"),), "lr")
+    >>> render([table], Format.csv)
+    'a,n\nx,1\n'
+    """
+    if format is Format.table:
+        # Captured, there is no terminal to fit: lines are as long as they need be.
+        console = Console(file=io.StringIO(), width=width or 400, color_system=None)
+        with console.capture() as captured:
+            for table in tables:
+                console.print(as_rich(table))
+        return "\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n"
+    if format is Format.csv:
+        records = [record for table in tables for record in _records(table)]
+        columns = tuple(dict.fromkeys(name for record in records for name in record))
+        rows: list[tuple[object, ...]] = [
+            tuple(record.get(name) for name in columns) for record in records
+        ]
+        return as_csv(columns, rows)
+    if format is Format.json:
+        content = [
+            {"title": table.title, "rows": _records(table), "notes": table.notes}
+            for table in tables
+        ]
+        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    write = as_latex if format is Format.latex else as_markdown
+    return "\n".join(write(table) for table in tables)
+
+
+def _records(table: Table) -> list[Mapping[str, object]]:
+    if table.records:
+        return list(table.records)
+    return [dict(zip(table.columns, row, strict=True)) for row in table.rows]
 
 
 def as_rich(table: Table) -> RichTable:
@@ -57,13 +134,13 @@ def as_markdown(table: Table) -> str:
     | &lt;x&gt; | 1 |
     <BLANKLINE>
     """
-    lines = [f"**{_escaped(table.title)}**", ""]
-    lines.append("| " + " | ".join(map(_escaped, table.columns)) + " |")
+    lines = [f"**{escape_markdown(table.title)}**", ""]
+    lines.append("| " + " | ".join(map(escape_markdown, table.columns)) + " |")
     marks = ["---:" if side == "r" else ":---" for side in table.align]
     lines.append("|" + "|".join(marks) + "|")
-    lines += ["| " + " | ".join(map(_escaped, row)) + " |" for row in table.rows]
+    lines += ["| " + " | ".join(map(_markdown_cell, row)) + " |" for row in table.rows]
     for note in table.notes:
-        lines += ["", _escaped(note)]
+        lines += ["", escape_markdown(note)]
     return "\n".join(lines) + "\n"
 
 
@@ -82,8 +159,76 @@ def as_csv(columns: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
     return text.getvalue()
 
 
-def _escaped(text: str) -> str:
-    for mark, instead in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;"), ("\n", " ")):
+def as_latex(table: Table) -> str:
+    r"""Return the table for a paper: LaTeX with booktabs, whatever text it holds.
+
+    Examples
+    --------
+    >>> print(as_latex(Table("T", ("a_b", "NRMSE ↓"), (("50 %", "0.1"),), "lr")))
+    % \usepackage{booktabs}
+    \begin{table}
+      \centering
+      \caption{T}
+      \begin{tabular}{@{}lr@{}}
+        \toprule
+        a\_b & NRMSE $\downarrow$ \\
+        \midrule
+        50 \% & 0.1 \\
+        \bottomrule
+      \end{tabular}
+    \end{table}
+    <BLANKLINE>
+    """
+
+    def line(cells: Sequence[str]) -> str:
+        return "    " + " & ".join(map(_latex_text, cells)) + r" \\"
+
+    lines = [
+        r"% \usepackage{booktabs}", r"\begin{table}", r"  \centering",
+        rf"  \caption{{{_latex_text(table.title)}}}",
+        rf"  \begin{{tabular}}{{@{{}}{table.align}@{{}}}}", r"    \toprule",
+        line(table.columns), r"    \midrule",
+    ]  # fmt: skip
+    for number, row in enumerate(table.rows):
+        lines.append(line(row))
+        if number in table.rules and number < len(table.rows) - 1:
+            lines.append(r"    \midrule")
+    lines += [r"    \bottomrule", r"  \end{tabular}"]
+    for note in table.notes:
+        lines += [r"  \par\smallskip\footnotesize " + _latex_text(note)]
+    return "\n".join([*lines, r"\end{table}"]) + "\n"
+
+
+_LATEX = {
+    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#",
+    "%": r"\%", "_": r"\_", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}",
+    "<": r"$<$", ">": r"$>$", "|": r"$|$", "[": "{[}", "]": "{]}", '"': "''",
+    "↓": r"$\downarrow$", "↑": r"$\uparrow$", "–": "--", "−": "$-$", "×": r"$\times$",
+    "\n": " ",
+}  # fmt: skip
+
+
+def _latex_text(text: str) -> str:
+    return "".join(_LATEX.get(mark, mark) for mark in text)
+
+
+def _markdown_cell(text: str) -> str:
+    if isinstance(text, Link):
+        return f"[{escape_markdown(text)}]({quote(text.target, safe='/#:.-_=')})"
+    return escape_markdown(text)
+
+
+def escape_markdown(text: str) -> str:
+    r"""Return text on one line, with what Markdown or HTML would take for markup escaped.
+
+    Examples
+    --------
+    >>> escape_markdown("<b>a|b</b>")
+    '&lt;b&gt;a\\|b&lt;/b&gt;'
+    """
+    text = " ".join(text.splitlines())
+    # GitHub takes dollars for formulas and tildes for struck-out text, escaped or not.
+    for mark, instead in zip("&<>$~", ("&amp;", "&lt;", "&gt;", "&#36;", "&#126;"), strict=True):
         text = text.replace(mark, instead)
     for mark in "\\|*_`[]":
         text = text.replace(mark, "\\" + mark)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
+from dfdbench.catalog import find_manifest
 from dfdbench.environment import describe_environment
+from dfdbench.manifest import Pair
 from dfdbench.protocol import PROTOCOLS
 from dfdbench.result import (
     DatasetRecord,
@@ -58,3 +61,53 @@ def make_result(
         pairs=pairs,
         averages=average(pairs, ["thesis"]),
     )  # fmt: skip
+
+
+def make_demo_result(
+    nrmse: Callable[[Pair], float],
+    name: str = "mine",
+    parameters: dict[str, Any] | None = None,
+    fingerprint: str = "2" * 64,
+    protocols: tuple[str, ...] = ("thesis",),
+) -> Result:
+    """A complete result on the demo set's test split; NMAE is half the NRMSE."""
+    manifest = find_manifest("demo")
+    pairs = []
+    for pair in manifest.pairs("test"):
+        value = nrmse(pair)
+        scores = PairScores(nrmse=value, nmae=value / 2, ssim=1 - value)
+        pairs.append(
+            PairResult(
+                id=pair.id, scene=pair.scene, coordinates=pair.at, status="ok", seconds=0.25,
+                prediction_sha256="0" * 64, scores=dict.fromkeys(protocols, scores),
+            )
+        )  # fmt: skip
+    blank = make_result({("a", 1, 1, 0): 0.1}, name)
+    return blank.model_copy(
+        update={
+            "dataset": blank.dataset.model_copy(
+                update={
+                    "name": manifest.stem, "short": "demo", "manifest_sha256": manifest.sha256,
+                    "fingerprint": fingerprint, "expected": len(pairs), "evaluated": len(pairs),
+                }
+            ),
+            "method": blank.method.model_copy(update={"parameters": parameters or {}}),
+            "protocols": [PROTOCOLS[name].as_dict() for name in protocols],
+            "pairs": pairs,
+            "averages": average(pairs, list(protocols)),
+        }
+    )  # fmt: skip
+
+
+def limited(result: Result, count: int) -> Result:
+    """The same run, stopped after some pairs."""
+    pairs = [
+        pair
+        if number < count
+        else pair.model_copy(
+            update={"status": "not-run", "scores": {}, "seconds": None, "prediction_sha256": None}
+        )
+        for number, pair in enumerate(result.pairs)
+    ]
+    dataset = result.dataset.model_copy(update={"evaluated": count})
+    return result.model_copy(update={"pairs": pairs, "dataset": dataset, "averages": None})

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.report import run_as_csv, run_as_json, run_as_markdown, run_tables
-from dfdbench.tables import Table, as_markdown, as_rich
+from dfdbench.report import run_as_csv, run_as_json, run_tables
+from dfdbench.tables import Format, Table, as_markdown, as_rich, render
 from tests.results import make_result
 
 VALUES = {
@@ -42,7 +42,7 @@ def test_few_pairs_are_not_both_best_and_worst() -> None:
 
 def test_markdown_csv_and_json_say_the_same() -> None:
     result = make_result(VALUES)
-    markdown = run_as_markdown(result, "thesis")
+    markdown = render(run_tables(result, "thesis"), Format.markdown)
     assert "| overall |  | 0.0850 |" in markdown
     rows = list(csv.DictReader(io.StringIO(run_as_csv(result, "thesis"))))
     whole = [row for row in rows if row["exposure"] == "all" and row["metric"] == "nrmse"]
@@ -82,7 +82,7 @@ def test_a_protocol_that_was_not_scored() -> None:
     "name", ["a|b", "<script>alert(1)</script>", "[red]x[/red]", 'q"uote', "🐟"]
 )
 def test_a_name_is_text_never_markup(name: str) -> None:
-    markdown = run_as_markdown(make_result(VALUES, name), "thesis")
+    markdown = render(run_tables(make_result(VALUES, name), "thesis"), Format.markdown)
     assert "<script>" not in markdown
     assert "a|b" not in markdown
     shown = as_rich(Table(name, (name,), ((name,),), "l"))

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from dfdbench import __version__
-from dfdbench.cli import building, datasets, methods
+from dfdbench.cli import building, datasets, leaderboard, methods, reports
 from dfdbench.cli.screen import say
 from dfdbench.errors import DfdbenchError
 
@@ -33,6 +33,9 @@ cache_app = typer.Typer(rich_markup_mode=None, invoke_without_command=True)
 cache_app.callback()(datasets.cache_verb)
 cache_app.command("clear")(datasets.clear_cache)
 app.add_typer(cache_app, name="cache")
+app.command()(reports.report)
+app.command()(reports.compare)
+app.add_typer(leaderboard.app, name="leaderboard")
 
 
 @app.callback(invoke_without_command=True)

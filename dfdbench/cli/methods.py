@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,20 +19,12 @@ from dfdbench.figures import draw_run
 from dfdbench.methods import load_method
 from dfdbench.pair_evaluation import load_for
 from dfdbench.protocol import find_protocol
-from dfdbench.report import run_as_csv, run_as_json, run_as_markdown, run_tables
+from dfdbench.report import run_as_csv, run_as_json, run_tables
 from dfdbench.run_folder import RESULT
 from dfdbench.store import open_store
-from dfdbench.tables import Table
-
-
-class Format(StrEnum):
-    """How tables are printed."""
-
-    table = "table"
-    markdown = "markdown"
-    json = "json"
-    csv = "csv"
-
+from dfdbench.submission import LEADERBOARD
+from dfdbench.submission import submit as submit_result
+from dfdbench.tables import Format, Table, render
 
 Params = Annotated[
     list[str] | None, typer.Option("--param", help="NAME=VALUE for the method; repeatable.")
@@ -67,6 +58,9 @@ def run(
     ] = None,
     scheduler: Scheduler = None,
     cache: Cache = None,
+    submit: Annotated[
+        bool, typer.Option("--submit", help="Write it into leaderboard/, for a pull request.")
+    ] = False,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run goes on."""
     shown = find_protocol(protocol)
@@ -88,12 +82,18 @@ def run(
     if format is Format.table:
         for table in run_tables(done.result, shown.name):
             print_table(table)
+    elif format is Format.csv:
+        print(run_as_csv(done.result, shown.name), end="")
+    elif format is Format.json:
+        print(run_as_json(done.result, shown.name), end="")
     else:
-        write = {Format.markdown: run_as_markdown, Format.json: run_as_json, Format.csv: run_as_csv}
-        print(write[format](done.result, shown.name), end="")
+        print(render(run_tables(done.result, shown.name), format), end="")
     say(f"result       {folder / RESULT}")
     if not no_predictions:
         say(f"figures      {folder / 'figures'}")
+    if submit:
+        for path in submit_result(done.result, LEADERBOARD):
+            say(f"submission   {path}")
     failed = sum(pair.status == "failed" for pair in done.result.pairs)
     if failed:
         say(f"{failed} pairs failed; the same command tries them again")

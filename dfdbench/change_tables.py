@@ -1,0 +1,108 @@
+"""Tables of a comparison: differences by lighting, the pairs that changed most."""
+
+from __future__ import annotations
+
+from dfdbench.compare import PairChange, changes, check_comparable, paired_difference
+from dfdbench.errors import Problem, ResultError
+from dfdbench.protocol import METRICS
+from dfdbench.result import Result
+from dfdbench.submission import method_label
+from dfdbench.tables import Table
+
+
+def change_tables(first: Result, second: Result, protocol: str, most: int = 10) -> list[Table]:
+    """Return what changes from the first run to the second.
+
+    Parameters
+    ----------
+    first, second : Result
+        On the same data, split and protocol.
+    protocol : str
+        Under which protocol.
+    most : int
+        How many pairs are listed of those that changed most.
+
+    Raises
+    ------
+    ResultError
+        Where the runs are not comparable, or no pair was evaluated by both.
+    """
+    check_comparable(first, second, protocol)
+    if not any(changes(first, second, protocol, metric) for metric in METRICS):
+        raise ResultError(
+            Problem("no pair was scored in both runs", fix="complete them: `dfdbench run` goes on")
+        )
+    return [difference_table(first, second, protocol), pair_table(first, second, protocol, most)]
+
+
+def difference_table(first: Result, second: Result, protocol: str) -> Table:
+    """Return the mean paired difference of each metric, and wins and losses by lighting."""
+    dataset = first.dataset
+    rows, records = [], []
+    rules = set()
+    for metric, up in METRICS.items():
+        found = changes(first, second, protocol, metric)
+        groups: list[tuple[str, tuple[PairChange, ...]]] = [("all", found)]
+        for axis in (dataset.blocks, dataset.rows):
+            for value in sorted({c.first.coordinates[axis] for c in found}) if axis else []:
+                of_value = tuple(c for c in found if c.first.coordinates[axis or ""] == value)
+                groups.append((f"{axis} {value}", of_value))
+        for where, group in groups:
+            difference = paired_difference(group, metric)
+            if difference is None:
+                continue
+            head = f"{metric.upper()} {'↑' if up else '↓'}" if where == "all" else ""
+            counts = (difference.wins, difference.losses, difference.ties)
+            rows.append((head, where, str(difference), *map(str, counts)))
+            records.append(
+                {
+                    "metric": metric, "pairs": where, "difference": difference.mean,
+                    "low": difference.low, "high": difference.high, "wins": counts[0],
+                    "losses": counts[1], "ties": counts[2], "verdict": difference.verdict,
+                }
+            )  # fmt: skip
+        rules.add(len(rows) - 1)
+    columns = ("metric", "pairs", "B less A, 95 % interval", "B better", "B worse", "same")
+    names = [method_label(result.method) for result in (first, second)]
+    title = f"A: {names[0]}, B: {names[1]}; {dataset.name}, split {dataset.split}, {protocol}"
+    both = len(changes(first, second, protocol, "nmae"))
+    notes = [
+        "Intervals: bootstrap over scenes of the pairs' differences. Likely: leaves out 0, but "
+        "fewer than six scenes cannot tell."
+    ]
+    if both < dataset.expected:
+        notes.append(f"{both} of {dataset.expected} pairs were scored in both runs")
+    return Table(
+        title, columns, tuple(rows), "lllrrr", tuple(notes), frozenset(rules), tuple(records)
+    )
+
+
+def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table:
+    """Return the pairs whose NRMSE changed most, largest change first."""
+    found = most_changed(first, second, protocol, most)
+    rows = tuple(
+        (
+            change.first.id, f"{change.first.scores[protocol].nrmse:.4f}",
+            f"{change.second.scores[protocol].nrmse:.4f}", f"{change.difference:+.4f}",
+        )
+        for change in found
+    )  # fmt: skip
+    records = tuple(
+        {
+            "pair": change.first.id,
+            "a": change.first.scores[protocol].nrmse,
+            "b": change.second.scores[protocol].nrmse,
+            "difference": change.difference,
+        }
+        for change in found
+    )
+    return Table(
+        "pairs that changed most in NRMSE", ("pair", "A", "B", "B less A"), rows, "lrrr",
+        records=records,
+    )  # fmt: skip
+
+
+def most_changed(first: Result, second: Result, protocol: str, most: int) -> tuple[PairChange, ...]:
+    """Return the pairs whose NRMSE changed most, largest change first."""
+    found = changes(first, second, protocol, "nrmse")
+    return tuple(sorted(found, key=lambda c: (-abs(c.difference), c.first.id))[:most])

@@ -1,0 +1,148 @@
+"""Paired differences between two runs: pair by pair, with an interval over scenes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from dfdbench.errors import Problem, ResultError, unknown_name
+from dfdbench.protocol import METRICS
+from dfdbench.result import PairResult, Result
+from dfdbench.summary import bootstrap_interval
+
+# That n scenes all lean one way by chance has probability 2 / 2^n: below 5 % from 6 on. With
+# fewer, a bootstrap over scenes is narrower than its 95 % say.
+_SCENES_TO_TELL = 6
+
+
+@dataclass(frozen=True)
+class PairChange:
+    """One pair under both runs; `difference` is the second run's score less the first's."""
+
+    first: PairResult
+    second: PairResult
+    difference: float
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The mean of paired differences in one metric.
+
+    Parameters
+    ----------
+    mean : float
+        Second run less first.
+    low, high : float or None
+        95 % interval, bootstrapped over scenes; None for a single scene.
+    wins, losses, ties : int
+        Pairs on which the second run is better, worse, the same.
+    scenes : int
+        How many scenes the pairs are of.
+    """
+
+    mean: float
+    low: float | None
+    high: float | None
+    wins: int
+    losses: int
+    ties: int
+    scenes: int
+
+    def __str__(self) -> str:
+        mean = f"{self.mean:+.4f}"
+        if self.low is None or self.high is None:
+            return f"{mean} (one scene: no interval)"
+        return f"{mean} ({self.low:+.4f} to {self.high:+.4f}), {self.verdict}"
+
+    @property
+    def verdict(self) -> str:
+        """Whether the difference is more than chance.
+
+        ``real``: the interval leaves out 0. ``likely``: it does, but of so few scenes that
+        all of them lean one way by chance in more than 5 % of cases. ``may be chance``: it
+        holds 0, or there is no interval.
+        """
+        if self.low is None or self.high is None or self.low <= 0 <= self.high:
+            return "may be chance"
+        return "real" if self.scenes >= _SCENES_TO_TELL else "likely"
+
+
+def check_comparable(first: Result, second: Result, protocol: str) -> None:
+    """Refuse two runs that must not be compared.
+
+    Raises
+    ------
+    ResultError
+        Where data, split or the protocol's definition differ.
+    UnknownNameError
+        Where one of them was not scored under that protocol.
+    """
+    problems = []
+    for what in ("name", "fingerprint", "split"):
+        values = [str(getattr(result.dataset, what)) for result in (first, second)]
+        if values[0] != values[1]:
+            problems.append(
+                Problem(
+                    "runs on different data are not comparable", f"dataset.{what}",
+                    values[0], values[1], "run both methods on the same built data set and split",
+                )
+            )  # fmt: skip
+    if problems:
+        raise ResultError(problems)
+    definitions = []
+    for result in (first, second):
+        if protocol not in result.protocol_names:
+            raise unknown_name(
+                f"protocol of {result.method.name}'s result", protocol, result.protocol_names
+            )
+        definitions += [known for known in result.protocols if known["name"] == protocol]
+    if definitions[0] != definitions[1]:
+        raise ResultError(
+            Problem(
+                f"protocol {protocol} is defined differently in the two results", "",
+                str(definitions[0]), str(definitions[1]), "run both with the same version",
+            )
+        )  # fmt: skip
+
+
+def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[PairChange, ...]:
+    """Return the change of each pair that both runs evaluated and for which the metric exists."""
+    others = {pair.id: pair for pair in second.pairs if pair.status == "ok"}
+    found = []
+    for pair in first.pairs:
+        other = others.get(pair.id)
+        if pair.status != "ok" or other is None:
+            continue
+        before = getattr(pair.scores[protocol], metric)
+        after = getattr(other.scores[protocol], metric)
+        if before is not None and after is not None:
+            found.append(PairChange(pair, other, after - before))
+    return tuple(found)
+
+
+def paired_difference(
+    found: tuple[PairChange, ...], metric: str, seed: int = 0
+) -> Difference | None:
+    """Return mean, interval, wins and losses of some changes; None where there are none.
+
+    Parameters
+    ----------
+    found : tuple of PairChange
+        From `changes`.
+    metric : str
+        Which metric they are of: it says whether larger is better.
+    seed : int
+        Of the bootstrap.
+    """
+    if not found:
+        return None
+    values = [change.difference for change in found]
+    better = sum(value > 0 for value in values)
+    worse = sum(value < 0 for value in values)
+    if not METRICS[metric]:
+        better, worse = worse, better
+    scenes = [change.first.scene for change in found]
+    low, high = bootstrap_interval(values, scenes, seed) or (None, None)
+    ties = len(values) - better - worse
+    mean = math.fsum(values) / len(values)
+    return Difference(mean, low, high, better, worse, ties, len(set(scenes)))

@@ -1,0 +1,160 @@
+"""Figures over several runs: scores by scene and lighting, run times, pairs that changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from dfdbench.compare import PairChange
+from dfdbench.figures import COLOURS, ERROR_LIMIT, MARKERS, plain_text
+from dfdbench.protocol import METRICS
+from dfdbench.result import PairResult
+from dfdbench.runs import SavedRun
+
+
+def lighting_figures(runs: Sequence[SavedRun], protocol: str) -> dict[str, Figure]:
+    """Draw each metric by scene and exposure, a figure an illumination.
+
+    As the thesis's Figs 4.5, 4.7, 4.8, 5.11 to 5.13 and, with several methods, 5.15 to 5.17.
+
+    Parameters
+    ----------
+    runs : sequence of SavedRun
+        On the same data.
+    protocol : str
+        Under which protocol.
+
+    Returns
+    -------
+    dict of str to Figure
+        By what each shows; one figure where the data set has no illuminations.
+    """
+    dataset = runs[0].result.dataset
+    pairs = [pair for run in runs for pair in run.result.pairs if pair.status == "ok"]
+    if not pairs:
+        return {}
+    if dataset.rows is None:
+        return {"scores by scene": _scene_figure(runs, pairs, protocol, None)}
+    values = sorted({pair.coordinates[dataset.rows] for pair in pairs})
+    return {
+        f"{dataset.rows} {value}": _scene_figure(runs, pairs, protocol, value) for value in values
+    }
+
+
+def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
+    """Draw the seconds a pair of each method as boxes on a logarithmic axis."""
+    timed = [
+        (run.label, [pair.seconds for pair in run.result.pairs if pair.seconds])
+        for run in runs
+        if any(pair.seconds for pair in run.result.pairs)
+    ]
+    if not timed:
+        return None
+    figure = Figure(figsize=(9, 1.4 + 0.45 * len(timed)), layout="constrained")
+    axis = figure.subplots()
+    boxes = axis.boxplot(
+        [seconds for _, seconds in timed], orientation="horizontal", patch_artist=True,
+        widths=0.6, whis=(0, 100),
+    )  # fmt: skip
+    for box in boxes["boxes"]:
+        box.set(facecolor=COLOURS[4], alpha=0.7)
+    axis.set_yticks(range(1, len(timed) + 1), [plain_text(label) for label, _ in timed])
+    axis.invert_yaxis()
+    axis.set_xscale("log")
+    axis.set_xlabel("seconds a pair: quartiles and extremes")
+    axis.grid(axis="x", alpha=0.3)
+    return figure
+
+
+def change_figure(
+    first: SavedRun, second: SavedRun, found: Sequence[PairChange], metric: str
+) -> Figure | None:
+    """Draw truth, both predictions and both errors, a row a pair; None without depth maps."""
+    rows = []
+    for change in found:
+        before, after = first.images(change.first), second.images(change.second)
+        if before is not None and after is not None:
+            rows.append((change, before[0], before[1], after[1]))
+    if not rows:
+        return None
+    figure = Figure(figsize=(15, 1.9 * len(rows) + 0.9), layout="constrained")
+    grid = figure.subplots(len(rows), 6, squeeze=False)
+    names = [plain_text(run.label) for run in (first, second)]
+    figure.suptitle(f"A: {names[0]}    B: {names[1]}    pairs that changed most")
+    heads = ("in-focus", "ground truth", "A", "B", "A − truth", "B − truth")
+    for number, (change, images, *predictions) in enumerate(rows):
+        known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
+        depth_style = {
+            "cmap": "viridis", "vmin": np.nanmin(known), "vmax": np.nanmax(known),
+            "interpolation": "nearest",
+        }  # fmt: skip
+        error_style = {
+            "cmap": "PuOr", "vmin": -ERROR_LIMIT, "vmax": ERROR_LIMIT, "interpolation": "nearest"
+        }  # fmt: skip
+        axes = grid[number]
+        axes[0].imshow(images.infocus)
+        for axis, depth in zip(axes[1:4], (known, *predictions), strict=True):
+            shown = axis.imshow(depth, **depth_style)
+        for axis, depth in zip(axes[4:], predictions, strict=True):
+            error = axis.imshow(depth - known, **error_style)
+        axes[0].set_ylabel(change.first.id.replace("/", "\n"), fontsize=8)
+        axes[5].set_xlabel(f"{metric.upper()} {change.difference:+.4f}", fontsize=9)
+        for column, axis in enumerate(axes):
+            axis.set_xticks([])
+            axis.set_yticks([])
+            axis.set_facecolor("0.75")
+            if number == 0:
+                axis.set_title(heads[column], fontsize=10)
+        figure.colorbar(shown, ax=axes[3], label="depth level", fraction=0.05)
+        figure.colorbar(error, ax=axes[5], label="levels", fraction=0.05, extend="both")
+    figure.supxlabel("grey: depth unknown", fontsize=8)
+    return figure
+
+
+def _scene_figure(
+    runs: Sequence[SavedRun], pairs: Sequence[PairResult], protocol: str, value: int | None
+) -> Figure:
+    dataset = runs[0].result.dataset
+    levels = sorted({pair.coordinates[dataset.blocks] for pair in pairs})
+    scenes = list(dict.fromkeys(pair.scene for pair in pairs))
+    width = max(3.2, 0.3 * len(scenes) + 1.5)
+    figure = Figure(figsize=(width * len(levels), 7.5), layout="constrained")
+    grid = figure.subplots(len(METRICS), len(levels), squeeze=False, sharey="row", sharex=True)
+    for line, (metric, up) in enumerate(METRICS.items()):
+        for column, level in enumerate(levels):
+            axis = grid[line][column]
+            for number, run in enumerate(runs):
+                place = {dataset.blocks: level}
+                if dataset.rows and value is not None:
+                    place[dataset.rows] = value
+                found = _scores(run, protocol, metric, place)
+                offset = (number - (len(runs) - 1) / 2) * 0.6 / len(runs)
+                axis.plot(
+                    [scenes.index(scene) + offset for scene, _ in found],
+                    [score for _, score in found],
+                    linestyle="none", marker=MARKERS[number % len(MARKERS)], markersize=5,
+                    color=COLOURS[number % (len(COLOURS) - 1)], label=plain_text(run.label),
+                )  # fmt: skip
+            axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
+            axis.grid(alpha=0.3)
+            if column == 0:
+                axis.set_ylabel(f"{metric.upper()} ({'higher' if up else 'lower'} is better)")
+            if line == 0:
+                axis.set_title(f"{dataset.blocks} {level}")
+    handles, labels = grid[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(runs)))
+    return figure
+
+
+def _scores(
+    run: SavedRun, protocol: str, metric: str, place: dict[str, int]
+) -> list[tuple[str, float]]:
+    return [
+        (pair.scene, score)
+        for pair in run.result.pairs
+        if pair.status == "ok"
+        and place.items() <= pair.coordinates.items()
+        and (score := getattr(pair.scores[protocol], metric)) is not None
+    ]

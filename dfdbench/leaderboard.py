@@ -1,0 +1,195 @@
+"""The leaderboard: collect sealed results, compare like with like, rank, and tell it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from dfdbench.compare import Difference, changes, paired_difference
+from dfdbench.errors import Problem, ResultError
+from dfdbench.protocol import PROTOCOLS
+from dfdbench.result import Result
+from dfdbench.submission import RESULTS, TIME_FORMAT, load_submission, method_label
+from dfdbench.summary import bootstrap_interval
+from dfdbench.verification import SUFFIX, Verification, load_verification
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A result of the leaderboard, its file, and what verifying it found."""
+
+    result: Result
+    path: Path
+    verification: Verification | None
+
+    @property
+    def label(self) -> str:
+        """The method with its parameters."""
+        return method_label(self.result.method)
+
+    @property
+    def status(self) -> str:
+        """``verified``, where a sample of its pairs was run again, or ``rerun``."""
+        return "verified" if self.verification else "rerun"
+
+    @property
+    def seconds(self) -> float | None:
+        """Mean seconds a pair; None where nothing was evaluated."""
+        found = [pair.seconds for pair in self.result.pairs if pair.seconds is not None]
+        return math.fsum(found) / len(found) if found else None
+
+    def score(self, protocol: str, metric: str) -> float | None:
+        """Return the average over all pairs; None for an incomplete run."""
+        return (self.result.averages or {}).get(protocol, {}).get(metric)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """An entry's place on its board.
+
+    Parameters
+    ----------
+    entry : Entry
+        The result.
+    rank : int or None
+        By NRMSE, ties by NMAE; None for a run that is incomplete or has no NRMSE.
+    interval : tuple of float, or None
+        95 % interval of NRMSE, bootstrapped over scenes.
+    above : Difference or None
+        How much larger its NRMSE is than that of the row above, pair by pair.
+    """
+
+    entry: Entry
+    rank: int | None
+    interval: tuple[float, float] | None
+    above: Difference | None
+
+
+@dataclass(frozen=True)
+class Board:
+    """Results that may be compared: of one data set fingerprint, split and protocol.
+
+    `superseded` are older results of a method that has a newer one here.
+    """
+
+    dataset: str
+    split: str
+    fingerprint: str
+    protocol: str
+    standings: tuple[Standing, ...]
+    superseded: tuple[tuple[Entry, Entry], ...]
+
+
+def collect(folder: Path) -> list[Entry]:
+    """Read every result of a leaderboard.
+
+    Parameters
+    ----------
+    folder : Path
+        The leaderboard's folder, with ``results/DATASET-SPLIT/PROTOCOL/METHOD.json``.
+
+    Raises
+    ------
+    ResultError
+        With everything that is wrong in any of the files.
+    """
+    if not folder.is_dir():
+        raise ResultError(
+            Problem(
+                "no leaderboard", str(folder),
+                fix="run this in a clone of dfdbench, or name the folder: --folder DIR",
+            )
+        )  # fmt: skip
+    entries: list[Entry] = []
+    problems: list[Problem] = []
+    for path in sorted((folder / RESULTS).rglob("*.json")):
+        try:
+            if path.name.endswith(SUFFIX):
+                _refuse_orphan(path)
+            else:
+                result = load_submission(path, folder)
+                entries.append(Entry(result, path, load_verification(path)))
+        except ResultError as error:
+            problems += error.problems
+    if problems:
+        raise ResultError(problems)
+    return entries
+
+
+def boards(entries: Sequence[Entry]) -> list[Board]:
+    """Part entries into boards of what may be compared, and rank each."""
+    parted: dict[tuple[str, str, int, str, str], list[Entry]] = {}
+    for entry in entries:
+        dataset = entry.result.dataset
+        for protocol in entry.result.protocol_names:
+            order = list(PROTOCOLS).index(protocol) if protocol in PROTOCOLS else len(PROTOCOLS)
+            key = (dataset.name, dataset.split, order, protocol, dataset.fingerprint)
+            parted.setdefault(key, []).append(entry)
+    return [
+        _board(dataset, split, fingerprint, protocol, found)
+        for (dataset, split, _, protocol, fingerprint), found in sorted(
+            parted.items(), key=lambda item: item[0]
+        )
+    ]
+
+
+def _board(
+    dataset: str, split: str, fingerprint: str, protocol: str, found: Sequence[Entry]
+) -> Board:
+    newest: dict[str, Entry] = {}
+    superseded = []
+    for entry in sorted(found, key=_age):
+        if entry.label in newest:
+            superseded.append((newest[entry.label], entry))
+        newest[entry.label] = entry
+    ranked = sorted(
+        (entry for entry in newest.values() if entry.score(protocol, "nrmse") is not None),
+        key=lambda entry: (*_order(entry, protocol), entry.label),
+    )
+    standings: list[Standing] = []
+    for place, entry in enumerate(ranked, 1):
+        above = ranked[place - 2] if place > 1 else None
+        tied = above is not None and _order(above, protocol) == _order(entry, protocol)
+        rank = standings[-1].rank if tied else place
+        difference = None
+        if above is not None:
+            found_changes = changes(above.result, entry.result, protocol, "nrmse")
+            difference = paired_difference(found_changes, "nrmse")
+        standings.append(Standing(entry, rank, _interval(entry.result, protocol), difference))
+    unranked = [entry for entry in newest.values() if entry.score(protocol, "nrmse") is None]
+    standings += [
+        Standing(entry, None, None, None)
+        for entry in sorted(unranked, key=lambda entry: entry.label)
+    ]
+    return Board(dataset, split, fingerprint, protocol, tuple(standings), tuple(superseded))
+
+
+def _age(entry: Entry) -> tuple[str, str]:
+    submission = entry.result.submission
+    if submission:
+        return (submission.submitted, str(entry.path))
+    written = datetime.fromtimestamp(entry.path.stat().st_mtime, UTC)
+    return (written.strftime(TIME_FORMAT), str(entry.path))
+
+
+def _order(entry: Entry, protocol: str) -> tuple[float, float]:
+    nrmse, nmae = (entry.score(protocol, metric) for metric in ("nrmse", "nmae"))
+    return (math.inf if nrmse is None else nrmse, math.inf if nmae is None else nmae)
+
+
+def _interval(result: Result, protocol: str) -> tuple[float, float] | None:
+    defined = [
+        (pair.scores[protocol].nrmse, pair.scene)
+        for pair in result.pairs
+        if pair.status == "ok" and pair.scores[protocol].nrmse is not None
+    ]
+    values = [value for value, _ in defined if value is not None]
+    return bootstrap_interval(values, [scene for _, scene in defined])
+
+
+def _refuse_orphan(path: Path) -> None:
+    if not path.with_name(path.name.removesuffix(SUFFIX) + ".json").exists():
+        raise ResultError(Problem("a verification without its result", str(path), fix="delete it"))

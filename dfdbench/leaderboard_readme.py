@@ -1,0 +1,102 @@
+"""The leaderboard's README: write it, or say that it is stale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+
+import jinja2
+
+from dfdbench.board_tables import board_tables, published_summary, published_table
+from dfdbench.errors import Problem, ResultError
+from dfdbench.files import write_whole
+from dfdbench.leaderboard import Board, Entry, boards, collect
+from dfdbench.published import PublishedTable, load_published
+from dfdbench.tables import as_markdown, escape_markdown
+
+README = "README.md"
+NOTE = "note.md"
+
+
+def write_readme(folder: Path) -> Path:
+    """Write the leaderboard's README; return its path.
+
+    Raises
+    ------
+    ResultError
+        With everything that is wrong in the results and published tables.
+    """
+    path = folder / README
+    write_whole(path, readme_text(folder, collect(folder)))
+    return path
+
+
+def check_readme(folder: Path) -> int:
+    """Refuse a leaderboard with a wrong file, or whose README is not what its files say.
+
+    Returns
+    -------
+    int
+        How many results there are.
+
+    Raises
+    ------
+    ResultError
+        With everything that is wrong.
+    """
+    entries = collect(folder)
+    expected = readme_text(folder, entries)
+    path = folder / README
+    found = path.read_text(encoding="utf-8") if path.exists() else ""
+    if found != expected:
+        raise ResultError(
+            Problem(
+                "the leaderboard's README is stale", f"{path}, line {_first(found, expected)}",
+                fix="dfdbench leaderboard, and commit what it wrote",
+            )
+        )  # fmt: skip
+    return len(entries)
+
+
+def readme_text(folder: Path, entries: Sequence[Entry]) -> str:
+    """Return what the README is to say of these entries."""
+    found = boards(entries)
+    published = load_published(folder)
+    note = folder / NOTE
+    template = resources.files("dfdbench.templates") / "leaderboard.md.jinja"
+    # Markdown, not HTML: what comes from results is escaped by as_markdown, table by table.
+    environment = jinja2.Environment(keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
+    compared = dict.fromkeys(table.compare for table in published if table.compare)
+    text = environment.from_string(template.read_text(encoding="utf-8")).render(
+        note=note.read_text(encoding="utf-8").rstrip() if note.exists() else "",
+        boards=[_board_context(board, folder) for board in found],
+        summaries=[as_markdown(published_summary(published, name)) for name in compared],
+        published=[_published_context(table) for table in published],
+        citation=escape_markdown(published[0].citation) if published else "",
+        doi=published[0].doi if published else "",
+    )
+    return text.rstrip("\n") + "\n"
+
+
+def _board_context(board: Board, folder: Path) -> dict[str, object]:
+    ranking, *others = board_tables(board, folder)
+    return {
+        "heading": escape_markdown(ranking.title),
+        "fingerprint": board.fingerprint,
+        "tables": [as_markdown(table) for table in (replace(ranking, title="ranking"), *others)],
+    }
+
+
+def _published_context(table: PublishedTable) -> dict[str, str]:
+    return {
+        "summary": escape_markdown(f"Table {table.table}: {table.title}"),
+        "text": as_markdown(published_table(table)),
+    }
+
+
+def _first(found: str, expected: str) -> int:
+    lines = zip(found.splitlines(), expected.splitlines(), strict=False)
+    differing = (number for number, (a, b) in enumerate(lines, 1) if a != b)
+    return next(differing, min(found.count("\n"), expected.count("\n")) + 1)

@@ -1,0 +1,149 @@
+"""What a report says, whatever its form: headings, tables, plots, and pairs worst first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+from dfdbench.board_tables import lighting_table, ranking_table, runs_table
+from dfdbench.comparison_figures import lighting_figures, time_figure
+from dfdbench.errors import unknown_name
+from dfdbench.leaderboard import Entry, boards
+from dfdbench.report import run_tables
+from dfdbench.result import PairResult
+from dfdbench.runs import SavedRun
+from dfdbench.summary import ranked
+from dfdbench.tables import Table
+
+
+@dataclass(frozen=True)
+class Section:
+    """Runs that may be compared: of one data set fingerprint and split.
+
+    Parameters
+    ----------
+    heading, fingerprint : str
+        Which data.
+    tables : tuple of Table
+        Ranking, scores by lighting, how they were run.
+    details : tuple of (str, tuple of Table)
+        Each method's own tables, by its label.
+    plots : dict of str to Figure
+        By what each shows.
+    """
+
+    heading: str
+    fingerprint: str
+    tables: tuple[Table, ...]
+    details: tuple[tuple[str, tuple[Table, ...]], ...]
+    plots: dict[str, Figure]
+
+
+@dataclass(frozen=True)
+class ShownPair:
+    """A pair of a run whose images can be shown."""
+
+    run: SavedRun
+    pair: PairResult
+
+
+@dataclass(frozen=True)
+class Content:
+    """All that a report says.
+
+    Parameters
+    ----------
+    title, summary : str, tuple of str
+        What it is about, in a line and in a few.
+    protocol : str
+        Under which everything is scored.
+    methods : tuple of str
+        The methods' labels, best first.
+    sections : tuple of Section
+        One for each set of comparable runs.
+    pairs : tuple of ShownPair
+        Worst first, by the protocol's NRMSE.
+    missing : tuple of str
+        Runs without a gallery, and why.
+    """
+
+    title: str
+    protocol: str
+    summary: tuple[str, ...]
+    methods: tuple[str, ...]
+    sections: tuple[Section, ...]
+    pairs: tuple[ShownPair, ...]
+    missing: tuple[str, ...]
+
+
+def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
+    """Gather what a report on these runs says.
+
+    Parameters
+    ----------
+    runs : sequence of SavedRun
+        At least one.
+    protocol : str
+        Under which protocol.
+
+    Raises
+    ------
+    UnknownNameError
+        Where a run was not scored under that protocol.
+    """
+    for run in runs:
+        if protocol not in run.result.protocol_names:
+            known = run.result.protocol_names
+            raise unknown_name(f"protocol of {run.path}", protocol, known)
+    found = boards([Entry(run.result, run.path, None) for run in runs])
+    folder = runs[0].path.parent
+    sections, summary, shown = [], [], []
+    for board in found:
+        if board.protocol != protocol:
+            continue
+        paths = [standing.entry.path for standing in board.standings]
+        members = sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
+        shown += members
+        ranking = ranking_table(board, folder)
+        details = tuple((run.label, tuple(run_tables(run.result, protocol))) for run in members)
+        plots = lighting_figures(members, protocol)
+        if (times := time_figure(members)) is not None:
+            plots["seconds a pair"] = times
+        tables = (ranking, lighting_table(board), runs_table(board))
+        sections.append(Section(ranking.title, board.fingerprint, tables, details, plots))
+        summary.append(_sentence(members, protocol, ranking.title))
+    labels = list(dict.fromkeys(run.label for run in shown))
+    title = labels[0] if len(labels) == 1 else f"{len(labels)} methods"
+    return Content(
+        f"Depth from defocus: {title}",
+        protocol,
+        tuple(summary),
+        tuple(labels),
+        tuple(sections),
+        _worst_first(shown, protocol),
+        tuple(f"{run.label}: {run.without}" for run in shown if run.without),
+    )
+
+
+def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:
+    scored = [run for run in members if run.result.averages]
+    if not scored:
+        return f"{where}: no run is complete."
+    best = scored[0].result.averages or {}
+    parts = [f"{name.upper()} {value:.4f}" for name, value in best[protocol].items() if value]
+    lead = "" if len(scored) == 1 else f"best of {len(scored)}: "
+    return f"{where}: {lead}{scored[0].label}, {', '.join(parts)}."
+
+
+def _worst_first(runs: Sequence[SavedRun], protocol: str) -> tuple[ShownPair, ...]:
+    found = [
+        ShownPair(run, pair)
+        for run in runs
+        if run.store is not None
+        for pair in ranked(run.result, protocol)
+    ]
+    return tuple(
+        sorted(found, key=lambda shown: -(shown.pair.scores[protocol].nrmse or 0.0))
+    )  # fmt: skip

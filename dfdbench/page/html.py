@@ -1,0 +1,136 @@
+"""The report as one HTML file: no server, no network, nothing beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import resources
+from pathlib import Path
+
+import jinja2
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup
+
+from dfdbench.board_tables import seconds_text
+from dfdbench.figures import ERROR_LIMIT
+from dfdbench.files import write_whole
+from dfdbench.page.content import Content, ShownPair, gather
+from dfdbench.page.pictures import depth_map, error_map, ink, inline_svg, photo, scale
+from dfdbench.protocol import METRICS
+from dfdbench.runs import SavedRun
+
+PAGE = "report.html"
+
+
+def write_html(
+    runs: Sequence[SavedRun],
+    protocol: str,
+    folder: Path,
+    on_pair: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write the report as ``report.html``; return its path.
+
+    Parameters
+    ----------
+    runs : sequence of SavedRun
+        What it is about.
+    protocol : str
+        Under which protocol.
+    folder : Path
+        Where it goes.
+    on_pair : callable, optional
+        Called with (pairs done, pairs to do).
+    """
+    with mpl.rc_context(ink()):
+        content = gather(runs, protocol)
+        plots = [
+            [
+                (name, Markup(inline_svg(figure, f"{section.heading}: {name}")))
+                for name, figure in section.plots.items()
+            ]
+            for section in content.sections
+        ]
+    # The same scene serves many pairs and methods: each picture stands in the page once.
+    pictures: dict[str, str] = {}
+    pairs = []
+    for number, shown in enumerate(content.pairs, 1):
+        card = _card(shown, content, pictures)
+        if card:
+            pairs.append(card)
+        if on_pair:
+            on_pair(number, len(content.pairs))
+    templates = resources.files("dfdbench.templates")
+    # Names of methods are untrusted text: jinja escapes them wherever they stand.
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    text = environment.from_string(
+        (templates / "report.html.jinja").read_text(encoding="utf-8")
+    ).render(
+        content=content,
+        plots=plots,
+        pairs=pairs,
+        pictures={key: address for address, key in pictures.items()},
+        filters=_filters(pairs, content.methods),
+        scales={"depth": scale("viridis"), "error": scale("PuOr")},
+        error_limit=int(ERROR_LIMIT),
+        style=Markup((templates / "report.css").read_text(encoding="utf-8")),
+        script=Markup((templates / "report.js").read_text(encoding="utf-8")),
+    )
+    path = folder / PAGE
+    write_whole(path, text)
+    return path
+
+
+def _card(shown: ShownPair, content: Content, pictures: dict[str, str]) -> dict[str, object] | None:
+    found = shown.run.images(shown.pair)
+    if found is None:
+        return None
+    images, prediction = found
+    known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
+    low, high = float(np.nanmin(known)), float(np.nanmax(known))
+    pair = shown.pair
+    addresses = {
+        "infocus": photo(images.infocus),
+        "defocus": photo(images.defocus),
+        "truth": depth_map(known, low, high),
+        "prediction": depth_map(prediction.astype(np.float64), low, high),
+        "error": error_map(prediction - known),
+    }
+    scores = pair.scores[content.protocol]
+    values = [(metric.upper(), getattr(scores, metric)) for metric in METRICS]
+    return {
+        "name": pair.id,
+        "method": shown.run.label,
+        "places": {
+            "method": shown.run.label,
+            "scene": pair.scene,
+            **{a: str(v) for a, v in pair.coordinates.items()},
+        },
+        "pictures": {
+            kind: pictures.setdefault(address, f"p{len(pictures)}")
+            for kind, address in addresses.items()
+        },
+        "width": images.depth.shape[1],
+        "height": images.depth.shape[0],
+        "low": f"{low:.0f}",
+        "high": f"{high:.0f}",
+        "scores": [(name, "undefined" if v is None else f"{v:.4f}") for name, v in values],
+        "seconds": f"{seconds_text(pair.seconds)} s",
+    }
+
+
+def _filters(pairs: Sequence[dict[str, object]], methods: Sequence[str]) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {"method": list(methods)}
+    for pair in pairs:
+        places = pair["places"]
+        assert isinstance(places, dict)
+        for name, value in places.items():
+            values = found.setdefault(name, [])
+            if value not in values:
+                values.append(value)
+    return {
+        name: values if name == "method" else sorted(values, key=lambda v: (len(v), v))
+        for name, values in found.items()
+        if len(values) > 1
+    }

@@ -1,0 +1,106 @@
+"""Numbers printed in a publication: carried over with their origin, not rerun."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from decimal import Decimal
+from math import fsum
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from dfdbench.errors import Problem, ResultError
+from dfdbench.result import Model
+
+PUBLISHED = "published"
+Text = Annotated[str, Field(min_length=1)]
+Printed = Annotated[Decimal, Field(allow_inf_nan=False)]
+Metric = Annotated[str, Field(pattern="^(nrmse|nmae|ssim)$")]
+
+
+class PublishedRow(Model):
+    """One printed row.
+
+    `at` says what it is of, in the table's own words: a lighting, a fold, a pair, a statistic;
+    ``all`` stands for all values together. `std` are printed standard deviations. Numbers are
+    kept with the digits that were printed.
+    """
+
+    method: Text
+    at: dict[str, str]
+    scores: dict[Metric, Printed] = Field(default_factory=dict)
+    std: dict[Metric, Printed] = Field(default_factory=dict)
+    seconds: Printed | None = None
+    device: str | None = None
+
+
+class PublishedTable(Model):
+    """A printed table.
+
+    `page` is null where the copy that it was carried over from has no page numbers; table and
+    section find it there. `compare` names the set of rows that the publication itself sets
+    side by side; `training` what the methods were trained on; `protocol` how they were scored,
+    as far as known; `note` is ours, not the publication's.
+    """
+
+    schema_version: Literal[1]
+    citation: Text
+    doi: Text
+    table: Text
+    section: Text
+    page: Annotated[int, Field(ge=1)] | None
+    title: Text
+    dataset: Text
+    scope: Text
+    pairs: Annotated[int, Field(ge=1)] | None
+    compare: str | None
+    training: Text
+    protocol: Text
+    note: Text
+    rows: Annotated[list[PublishedRow], Field(min_length=1)]
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """The table's number, to sort by."""
+        return tuple(int(part) for part in self.table.split("."))
+
+
+def load_published(folder: Path) -> list[PublishedTable]:
+    """Read the published tables of a leaderboard, in the order of their numbers.
+
+    Raises
+    ------
+    ResultError
+        With everything that is wrong in any of the files.
+    """
+    tables, problems = [], []
+    for path in sorted((folder / PUBLISHED).glob("*.json")):
+        try:
+            tables.append(PublishedTable.model_validate(json.loads(path.read_text("utf-8"))))
+        except ValidationError as error:
+            problems += [
+                Problem(
+                    "wrong value in the published table",
+                    f"{path}: {'.'.join(map(str, detail['loc']))}", detail["msg"],
+                    repr(detail["input"])[:80],
+                )
+                for detail in error.errors()
+            ]  # fmt: skip
+        except (UnicodeDecodeError, json.JSONDecodeError) as error:
+            problems.append(Problem("cannot read the published table", str(path), got=str(error)))
+    if problems:
+        raise ResultError(problems)
+    return sorted(tables, key=lambda table: table.order)
+
+
+def mean_over(rows: Sequence[PublishedRow], method: str, metric: str) -> float | None:
+    """Return the mean over the exposures' printed overall values; None where one is missing.
+
+    The publication prints no value over all pairs; where each exposure has as many pairs as
+    any other, as in the thesis's test split, this mean is that value up to rounding.
+    """
+    overall = [row for row in rows if row.method == method and row.at.get("illumination") == "all"]
+    values = [float(row.scores[metric]) for row in overall if metric in row.scores]
+    return fsum(values) / len(values) if values and len(values) == len(overall) else None

@@ -1,0 +1,212 @@
+"""A submission: one run under one protocol, sealed, in the leaderboard's folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+from dfdbench.catalog import find_manifest
+from dfdbench.errors import DfdbenchError, Problem, ResultError
+from dfdbench.files import write_whole
+from dfdbench.protocol import PROTOCOLS
+from dfdbench.result import MethodRecord, Result, Submission, load_result, seal_of
+
+#: The leaderboard's folder in a clone.
+LEADERBOARD = Path("leaderboard")
+RESULTS = "results"
+TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
+#: The fingerprints that a data set must have, where it is made the same everywhere.
+FINGERPRINTS = "fingerprints.json"
+
+
+def method_label(method: MethodRecord) -> str:
+    """Return a method's name with the parameters that were set.
+
+    Examples
+    --------
+    >>> record = MethodRecord(
+    ...     name="local", entry="m:Local", source_sha256=None, parameters={"window": 9}, uses=[],
+    ...     trained_on=None, paper=None)
+    >>> method_label(record)
+    'local (window=9)'
+    """
+    settings = ", ".join(f"{name}={_shown(value)}" for name, value in method.parameters.items())
+    return f"{method.name} ({settings})" if settings else method.name
+
+
+def submit(result: Result, folder: Path, submitted: datetime | None = None) -> list[Path]:
+    """Write a run as the leaderboard takes it, a sealed file for each protocol; return them.
+
+    A result of the same method, parameters and data set that is there already is replaced.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    folder : Path
+        The leaderboard's folder.
+    submitted : datetime, optional
+        When; default: now.
+
+    Raises
+    ------
+    ResultError
+        Where the run is not one of a whole split of a released data set.
+    """
+    problems = data_set_problems(result, folder, "this run")
+    if problems:
+        raise ResultError(problems)
+    when = (submitted or datetime.now(UTC)).strftime(TIME_FORMAT)
+    paths = []
+    for protocol in result.protocol_names:
+        narrowed = under_protocol(result, protocol)
+        path = _free_place(narrowed, folder)
+        unsealed = Submission(submitted=when, seal="0" * 64)
+        content = json.loads(narrowed.model_copy(update={"submission": unsealed}).model_dump_json())
+        content["submission"]["seal"] = seal_of(content)
+        write_whole(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+        paths.append(path)
+    return paths
+
+
+def under_protocol(result: Result, protocol: str) -> Result:
+    """Return a result with the scores of one protocol only."""
+    pairs = [
+        pair.model_copy(
+            update={
+                "scores": {name: s for name, s in pair.scores.items() if name == protocol},
+            }
+        )
+        for pair in result.pairs
+    ]
+    averages = {protocol: result.averages[protocol]} if result.averages else None
+    chosen = [known for known in result.protocols if known["name"] == protocol]
+    return result.model_copy(
+        update={"pairs": pairs, "averages": averages, "protocols": chosen, "submission": None}
+    )
+
+
+def load_submission(path: Path, folder: Path) -> Result:
+    """Read one file of the leaderboard and hold it to its data set, protocol and place.
+
+    Raises
+    ------
+    ResultError
+        With every problem that was found.
+    """
+    result = load_result(path)
+    problems = []
+    if result.submission is None:
+        problems.append(
+            Problem(
+                "not a submission", str(path), "a sealed result of one protocol",
+                fix="write it with `dfdbench run ... --submit`",
+            )
+        )  # fmt: skip
+    elif len(result.protocols) != 1 or path.parent != _place(result, folder):
+        problems.append(
+            Problem(
+                "result in the wrong folder", str(path), str(_place(result, folder)),
+                str(path.parent),
+            )
+        )  # fmt: skip
+    problems += data_set_problems(result, folder, str(path))
+    if problems:
+        raise ResultError(problems)
+    return result
+
+
+def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]:
+    """Return in what a result differs from the released data set and protocols it names."""
+    dataset = result.dataset
+    try:
+        manifest = find_manifest(dataset.name)
+        expected = {pair.id: pair for pair in manifest.pairs(dataset.split)}
+    except DfdbenchError as error:
+        return [
+            Problem(problem.what, where, problem.expected, problem.got, problem.fix)
+            for problem in error.problems
+        ]
+    problems = []
+    if dataset.manifest_sha256 != manifest.sha256:
+        problems.append(
+            Problem(
+                f"hash of another manifest than {dataset.name}", f"{where}: dataset",
+                manifest.sha256, dataset.manifest_sha256,
+            )
+        )  # fmt: skip
+    known = _fingerprints(folder).get(dataset.name)
+    if known and dataset.recipe["name"] == manifest.recipe and dataset.fingerprint not in known:
+        problems.append(
+            Problem(
+                f"fingerprint of other data than {dataset.name}", f"{where}: dataset",
+                " or ".join(known), dataset.fingerprint, f"dfdbench build {dataset.short}",
+            )
+        )  # fmt: skip
+    found = {pair.id: pair for pair in result.pairs}
+    for what, names in (
+        ("pairs of the split are missing", expected.keys() - found.keys()),
+        ("pairs are not of the split", found.keys() - expected.keys()),
+    ):
+        if names:
+            first = ", ".join(sorted(names)[:3])
+            problems.append(
+                Problem(
+                    f"{len(names)} {what}", f"{where}: pairs", f"{len(expected)} pairs of "
+                    f"{dataset.name}, split {dataset.split}", first,
+                )
+            )  # fmt: skip
+    problems += [
+        Problem("pair's coordinates are not those of its name", f"{where}: {name}")
+        for name, pair in found.items()
+        if name in expected
+        and (pair.scene, pair.coordinates) != (expected[name].scene, expected[name].at)
+    ]
+    for protocol in result.protocols:
+        released = PROTOCOLS.get(str(protocol.get("name")))
+        if released is None or released.as_dict() != protocol:
+            problems.append(
+                Problem(
+                    "not a released protocol", f"{where}: protocols",
+                    str(released.as_dict()) if released else ", ".join(PROTOCOLS), str(protocol),
+                )
+            )  # fmt: skip
+    return problems
+
+
+def _place(result: Result, folder: Path) -> Path:
+    dataset = result.dataset
+    return folder / RESULTS / f"{dataset.name}-{dataset.split}" / result.protocol_names[0]
+
+
+def _free_place(result: Result, folder: Path) -> Path:
+    # Names that differ only in what a file name cannot hold must not replace each other.
+    label = method_label(result.method)
+    key = f"{label} {result.dataset.fingerprint}"
+    plain = label.replace(" (", "-").replace(", ", "-").replace(")", "")
+    stem = "".join(c if c.isascii() and (c.isalnum() or c in "-_.=") else "_" for c in plain)
+    path = _place(result, folder) / f"{stem.lstrip('.')[:80] or 'method'}.json"
+    if path.exists():
+        there = load_result(path)
+        if f"{method_label(there.method)} {there.dataset.fingerprint}" != key:
+            return path.with_stem(f"{path.stem}-{hashlib.sha256(key.encode()).hexdigest()[:8]}")
+    return path
+
+
+def _fingerprints(folder: Path) -> dict[str, list[str]]:
+    path = folder / FINGERPRINTS
+    if not path.exists():
+        return {}
+    try:
+        content: dict[str, list[str]] = json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise ResultError(
+            Problem("cannot read the fingerprints", str(path), got=str(error))
+        ) from error
+    return content
+
+
+def _shown(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,43 @@
+"""Two runs on the demo set, one of them with a name that would like to be markup."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.evaluate import run_method
+from dfdbench.methods import Method
+from dfdbench.pair_evaluation import load_for
+from dfdbench.run_folder import RESULT
+from dfdbench.runs import SavedRun, open_run
+from dfdbench.store import Store
+
+HOSTILE = """<img src=x onerror=alert(1)> "q" 'p' | </script> $x$ _ 🐟"""
+
+
+def half(infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]) -> NDArray[np.float64]:
+    return np.linspace(0, 200, infocus.shape[1])[None].repeat(infocus.shape[0], axis=0)
+
+
+@pytest.fixture(scope="session")
+def saved_runs(demo_store: Store, tmp_path_factory: pytest.TempPathFactory) -> list[SavedRun]:
+    folder = tmp_path_factory.mktemp("runs")
+    methods = {
+        "constant": load_for(demo_store, "constant", {}),
+        "hostile": Method(HOSTILE, "m:half", half),
+    }
+    paths = []
+    for name, method in methods.items():
+        run_method(demo_store, method, "Kitchen", folder / name)
+        paths.append(folder / name / RESULT)
+    return [open_run(path, str(demo_store.path)) for path in paths]
+
+
+@pytest.fixture(scope="session")
+def html_page(saved_runs: list[SavedRun], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from dfdbench.page.html import write_html
+
+    return write_html(saved_runs, "thesis", tmp_path_factory.mktemp("page"))

@@ -1,0 +1,78 @@
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from dfdbench.errors import UnknownNameError
+from dfdbench.page.html import write_html
+from dfdbench.runs import SavedRun
+from tests.page.conftest import HOSTILE
+
+
+class Tags(HTMLParser):
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+
+
+@pytest.fixture(scope="module")
+def tags(html_page: Path) -> list[tuple[str, dict[str, str | None]]]:
+    return Tags(html_page.read_text("utf-8")).found
+
+
+def test_nothing_is_fetched(tags: list[tuple[str, dict[str, str | None]]]) -> None:
+    for tag, attributes in tags:
+        for name in ("src", "href", "xlink:href", "action", "srcset"):
+            value = attributes.get(name) or "#"
+            assert value.startswith(("#", "data:")), (tag, name, value)
+    policies = [a for t, a in tags if t == "meta" and "content-security" in str(a).lower()]
+    assert "default-src 'none'" in str(policies)
+
+
+def test_a_name_is_text_never_markup(
+    html_page: Path, tags: list[tuple[str, dict[str, str | None]]]
+) -> None:
+    assert HOSTILE not in html_page.read_text("utf-8")
+    assert not [t for t, a in tags if "onerror" in a]
+    chosen = [a["value"] for t, a in tags if t == "option" and a.get("value")]
+    assert HOSTILE in chosen
+
+
+def test_each_pair_has_its_pictures_and_each_picture_stands_once(
+    html_page: Path, tags: list[tuple[str, dict[str, str | None]]]
+) -> None:
+    pairs = [a for t, a in tags if t == "article"]
+    assert len(pairs) == 36
+    places = json.loads(pairs[0]["data-places"] or "")
+    assert places.keys() == {"method", "scene", "view", "illumination", "exposure"}
+    text = html_page.read_text("utf-8")
+    content = re.search(r'id="pictures">(.*?)</script>', text, re.S)
+    assert content is not None
+    pictures = json.loads(content.group(1))
+    assert len(set(pictures.values())) == len(pictures)
+    assert {a["data-picture"] for t, a in tags if "data-picture" in a} == pictures.keys()
+
+
+def test_the_same_runs_give_the_same_page(html_page: Path, saved_runs: list[SavedRun]) -> None:
+    before = html_page.read_bytes()
+    again = write_html(saved_runs, "thesis", html_page.parent / "again")
+    assert again.read_bytes() == before
+
+
+def test_without_pictures_the_page_says_why(saved_runs: list[SavedRun], tmp_path: Path) -> None:
+    bare = replace(saved_runs[0], store=None, without="no depth maps lie beside the result")
+    text = write_html([bare], "thesis", tmp_path).read_text("utf-8")
+    assert "No pictures of constant: no depth maps lie beside the result." in text
+    assert "<article" not in text
+
+
+def test_a_protocol_that_was_not_scored(saved_runs: list[SavedRun], tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError):
+        write_html(saved_runs, "theses", tmp_path)

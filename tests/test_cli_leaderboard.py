@@ -1,0 +1,82 @@
+"""The leaderboard's verbs and those that read results, as a user types them."""
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import cv2
+import pytest
+
+from dfdbench.store import Store
+from tests.test_cli import Command, dfdbench  # noqa: F401
+
+
+@pytest.fixture
+def built(demo_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The demo store of the session stands in for the one that `build demo` would make.
+    stores = tmp_path / "cache/stores"
+    stores.mkdir(parents=True)
+    (stores / "demo-1.zarr").symlink_to(str(demo_store.path))
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.mark.usefixtures("built")
+def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:  # noqa: F811
+    run = ("run", "--dataset", "demo", "--method")
+    assert dfdbench("leaderboard").status == 2
+    submitted = dfdbench(*run, "constant", "--submit")
+    assert submitted.status == 0
+    assert submitted.err.count("submission") == 3
+    path = "leaderboard/results/demo-1-test/thesis/constant.json"
+    assert Path(path).exists()
+    assert "stale" in dfdbench("leaderboard", "--check").err
+    written = dfdbench("leaderboard", "--format", "csv")
+    rows = list(csv.DictReader(io.StringIO(written.out)))
+    assert [row["protocol"] for row in rows] == ["thesis", "thesis-networks", "valid"]
+    assert "3 results valid" in dfdbench("leaderboard", "--check").out
+    verified = dfdbench("leaderboard", "verify", path, "--pairs", "2", "--record")
+    assert "identical    2 of 2 depth maps" in verified.out
+    assert "\\toprule" in dfdbench("leaderboard", "--format", "latex").out
+    assert "| verified |" in Path("leaderboard/README.md").read_text("utf-8")
+    assert json.loads(dfdbench("leaderboard", "--format", "json").out)[0]["rows"][0]["rank"] == 1
+    assert "constant" in dfdbench("leaderboard").out
+
+
+@pytest.mark.usefixtures("built")
+def test_runs_are_compared_and_reported(dfdbench: Command) -> None:  # noqa: F811
+    for window in (5, 9):
+        name = f"window={window}"
+        run = ("run", "--dataset", "demo", "--split", "Market", "--limit", "2")
+        dfdbench(*run, "--method", "local", "--param", name, "--out", name)
+    compared = dfdbench("compare", "window=5", "window=9/result.json", "--format", "json")
+    assert compared.status == 0, compared.err
+    assert json.loads(compared.out)[0]["rows"][0]["pairs"] == "all"
+    panels = cv2.imread("results/compare.png")
+    assert panels is not None
+    assert panels.shape[1] == 1800
+    page = dfdbench("report", "window=5", "window=9", "--out", "page")
+    assert page.out.strip() == "page/report.html"
+    assert Path("page/report.html").stat().st_size > 100_000
+    text = dfdbench("report", "window=5", "--out", "text", "--format", "markdown")
+    assert text.out.strip() == "text/report.md"
+    assert "an incomplete run has no rank" in Path("text/report.md").read_text("utf-8")
+
+
+@pytest.mark.usefixtures("built")
+def test_mistakes_are_told(dfdbench: Command) -> None:  # noqa: F811
+    dfdbench("run", "--dataset", "demo", "--method", "constant", "--submit", "--no-predictions")
+    result = "leaderboard/results/demo-1-test/thesis/constant.json"
+    other = "leaderboard/results/demo-1-test/valid/constant.json"
+    bare = dfdbench("compare", result, result)
+    assert (bare.status, "no panels: no depth maps lie beside" in bare.err) == (0, True)
+    for arguments, told in (
+        (("compare", result, other), "unknown protocol of constant's result"),
+        (("compare", "nowhere", result), "cannot read the result"),
+        (("report", result, "--out", "page", "--protocol", "valid"), "unknown protocol of"),
+        (("leaderboard", "verify", "nowhere.json"), "cannot read the result"),
+        (("leaderboard", "--folder", "nowhere"), "no leaderboard"),
+    ):
+        outcome = dfdbench(*arguments)
+        assert (outcome.status, told in outcome.err) == (2, True), outcome.err
+        assert "Traceback" not in outcome.err

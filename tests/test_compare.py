@@ -1,0 +1,85 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dfdbench.compare import changes, check_comparable, paired_difference
+from dfdbench.errors import ResultError, UnknownNameError
+from dfdbench.result import Result
+from tests.results import limited, make_result
+
+PLACES = [(scene, 1, i, e) for scene in "abcdefg" for i in (1, 2) for e in (0, 1)]
+
+
+def result(value: float, name: str = "mine", scenes: str = "abcdefg") -> Result:
+    values: dict[tuple[str, int, int, int], float | None] = {
+        place: value + 0.001 * n for n, place in enumerate(PLACES) if place[0] in scenes
+    }
+    return make_result(values, name)
+
+
+def test_the_mean_difference_is_that_of_the_means() -> None:
+    first, second = result(0.2), result(0.15)
+    found = paired_difference(changes(first, second, "thesis", "nrmse"), "nrmse")
+    assert found is not None
+    assert found.mean == pytest.approx(-0.05)
+    assert (found.wins, found.losses, found.ties) == (len(PLACES), 0, 0)
+    assert found.verdict == "real"
+    ssim = paired_difference(changes(first, second, "thesis", "ssim"), "ssim")
+    assert ssim is not None
+    assert ssim.mean == pytest.approx(0.05)
+    assert ssim.wins == len(PLACES)
+
+
+def test_few_scenes_cannot_tell_and_one_has_no_interval() -> None:
+    few = changes(result(0.2, scenes="abc"), result(0.1, scenes="abc"), "thesis", "nrmse")
+    one = changes(result(0.2, scenes="a"), result(0.1, scenes="a"), "thesis", "nrmse")
+    found, alone = paired_difference(few, "nrmse"), paired_difference(one, "nrmse")
+    assert found is not None
+    assert found.verdict == "likely"
+    assert alone is not None
+    assert (alone.low, alone.verdict) == (None, "may be chance")
+    assert "one scene" in str(alone)
+
+
+def test_a_run_and_itself_are_the_same() -> None:
+    found = paired_difference(changes(result(0.2), result(0.2), "thesis", "nmae"), "nmae")
+    assert found is not None
+    assert (found.mean, found.ties, found.verdict) == (0, len(PLACES), "may be chance")
+
+
+@given(st.lists(st.floats(0, 1), min_size=28, max_size=28))
+def test_the_other_way_round_changes_the_sign(values: list[float]) -> None:
+    first = result(0.5)
+    second = make_result(dict(zip(PLACES, values, strict=True)))
+    there = paired_difference(changes(first, second, "thesis", "nrmse"), "nrmse")
+    back = paired_difference(changes(second, first, "thesis", "nrmse"), "nrmse")
+    assert there is not None
+    assert back is not None
+    assert math.isclose(there.mean, -back.mean, abs_tol=1e-12)
+    assert (there.wins, there.ties) == (back.losses, back.ties)
+    assert there.low is not None
+    assert there.high is not None
+    assert there.low <= there.mean + 1e-12
+    assert there.mean <= there.high + 1e-12
+
+
+def test_only_pairs_scored_in_both_count() -> None:
+    assert len(changes(limited(result(0.2), 5), result(0.1), "thesis", "nrmse")) == 5
+    undefined = make_result(dict.fromkeys(PLACES))
+    assert changes(undefined, result(0.1), "thesis", "nrmse") == ()
+    assert paired_difference((), "nrmse") is None
+
+
+def test_other_data_and_other_protocols_are_not_compared() -> None:
+    first, second = result(0.2), result(0.1)
+    other = second.dataset.model_copy(update={"fingerprint": "7" * 64, "split": "train"})
+    with pytest.raises(ResultError, match="fingerprint") as raised:
+        check_comparable(first, second.model_copy(update={"dataset": other}), "thesis")
+    assert len(raised.value.problems) == 2
+    with pytest.raises(UnknownNameError, match="valid"):
+        check_comparable(first, second, "valid")
+    redefined = [{**second.protocols[0], "version": 2}]
+    with pytest.raises(ResultError, match="defined differently"):
+        check_comparable(first, second.model_copy(update={"protocols": redefined}), "thesis")

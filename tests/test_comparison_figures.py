@@ -1,0 +1,50 @@
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from dfdbench.comparison_figures import change_figure, lighting_figures, time_figure
+from dfdbench.runs import SavedRun
+from tests.results import limited, make_result
+
+VALUES: dict[tuple[str, int, int, int], float | None] = {
+    (scene, view, i, e): 0.1 for scene in "ab" for view in (1, 5) for i in (1, 2) for e in (0, 1)
+}
+
+
+def run(name: str) -> SavedRun:
+    return SavedRun(Path("r.json"), make_result(VALUES, name), None, "none kept")
+
+
+def test_a_figure_an_illumination_with_each_metric_by_scene_and_exposure() -> None:
+    figures = lighting_figures([run("one"), run("two")], "thesis")
+    assert list(figures) == ["illumination 1", "illumination 2"]
+    axes = figures["illumination 1"].axes
+    assert len(axes) == 6
+    assert [axis.get_title() for axis in axes[:2]] == ["exposure 0", "exposure 1"]
+    # Two methods a panel, in each two scenes from two views.
+    assert [len(np.asarray(line.get_xdata())) for line in axes[0].get_lines()] == [4, 4]
+
+
+def test_names_that_matplotlib_would_take_for_more_are_shown_as_they_are() -> None:
+    runs = [run("_hidden"), run(r"$\frac$")]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure = lighting_figures(runs, "thesis")["illumination 1"]
+        figure.canvas.draw()
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == [" _hidden", r"\$\frac\$"]
+
+
+def test_times_are_boxes_and_nothing_run_is_no_figure() -> None:
+    figure = time_figure([run("one"), run("two")])
+    assert figure is not None
+    assert figure.axes[0].get_xscale() == "log"
+    nothing = limited(make_result(VALUES), 0)
+    saved = SavedRun(Path("r.json"), nothing, None, "")
+    assert time_figure([saved]) is None
+    assert lighting_figures([saved], "thesis") == {}
+
+
+def test_without_depth_maps_there_are_no_panels() -> None:
+    assert change_figure(run("one"), run("two"), (), "nrmse") is None

@@ -1,0 +1,135 @@
+import re
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dfdbench.board_tables import lighting_table, ranking_table, runs_table
+from dfdbench.errors import ResultError
+from dfdbench.leaderboard import Board, boards, collect
+from dfdbench.manifest import Pair
+from dfdbench.submission import submit
+from tests.results import limited, make_demo_result
+
+WHEN = datetime(2026, 1, 2, tzinfo=UTC)
+
+
+def add(folder: Path, name: str, value: float, **changes: Any) -> Path:
+    # Each scene leans the same way by a little more, so that intervals have a width.
+    def score(pair: Pair) -> float:
+        return value + 0.0001 * len(pair.scene) + 0.001 * pair.at["exposure"]
+
+    return submit(make_demo_result(score, name, **changes), folder, WHEN)[0]
+
+
+def only_board(folder: Path) -> Board:
+    (board,) = boards(collect(folder))
+    return board
+
+
+def test_the_ranking_is_by_nrmse_with_an_interval_and_the_row_above(tmp_path: Path) -> None:
+    add(tmp_path, "worse", 0.2)
+    add(tmp_path, "better", 0.1)
+    board = only_board(tmp_path)
+    first, second = board.standings
+    assert [(s.rank, s.entry.label) for s in board.standings] == [(1, "better"), (2, "worse")]
+    assert first.above is None
+    assert second.above is not None
+    assert second.above.mean == pytest.approx(0.1)
+    assert second.above.verdict == "likely"
+    assert first.interval is not None
+    score = first.entry.score("thesis", "nrmse")
+    assert score is not None
+    assert first.interval[0] < score < first.interval[1]
+
+
+def test_ties_go_to_nmae_and_full_ties_share_a_rank(tmp_path: Path) -> None:
+    for name in ("c", "a", "b"):
+        add(tmp_path, name, 0.1)
+    add(tmp_path, "last", 0.3)
+    better_nmae = make_demo_result(lambda pair: 0.3, "first of the last")
+    pairs = [
+        pair.model_copy(
+            update={"scores": {"thesis": pair.scores["thesis"].model_copy(update={"nmae": 0.0})}}
+        )
+        for pair in make_demo_result(
+            lambda p: 0.3 + 0.0001 * len(p.scene) + 0.001 * p.at["exposure"]
+        ).pairs
+    ]
+    nrmse = sum(pair.scores["thesis"].nrmse or 0 for pair in pairs) / len(pairs)
+    averages = {"thesis": {"nrmse": nrmse, "nmae": 0.0, "ssim": 1 - nrmse}}
+    submit(better_nmae.model_copy(update={"pairs": pairs, "averages": averages}), tmp_path, WHEN)
+    found = [(s.rank, s.entry.label) for s in only_board(tmp_path).standings]
+    assert found[:3] == [(1, "a"), (1, "b"), (1, "c")]
+    assert [label for _, label in found[3:]] == ["first of the last", "last"]
+
+
+def test_other_data_split_or_protocol_is_another_board(tmp_path: Path) -> None:
+    add(tmp_path, "mine", 0.1, protocols=("thesis", "valid"))
+    add(tmp_path, "other", 0.1, fingerprint="5" * 64)
+    found = [(b.protocol, b.fingerprint[0], len(b.standings)) for b in boards(collect(tmp_path))]
+    assert found == [("thesis", "2", 1), ("thesis", "5", 1), ("valid", "2", 1)]
+
+
+def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
+    add(tmp_path, "whole", 0.3)
+    submit(limited(make_demo_result(lambda pair: 0.001, "stopped"), 7), tmp_path, WHEN)
+    board = only_board(tmp_path)
+    assert [(s.rank, s.entry.label) for s in board.standings] == [(1, "whole"), (None, "stopped")]
+    table = ranking_table(board, tmp_path)
+    assert table.rows[1][:3] == ("–", "stopped", "–")
+    assert "7 of 54 pairs evaluated" in " ".join(table.notes)
+    lighting_table(board)
+
+
+def test_the_newer_of_two_results_of_a_method_wins_and_that_is_said(tmp_path: Path) -> None:
+    old = add(tmp_path, "mine", 0.1)
+    old = old.rename(old.with_stem("kept"))
+    newer = make_demo_result(lambda pair: 0.2, "mine")
+    submit(newer, tmp_path, WHEN + timedelta(seconds=1))
+    board = only_board(tmp_path)
+    assert [s.entry.path.name for s in board.standings] == ["mine.json"]
+    assert "kept.json gives way to the newer mine.json" in " ".join(
+        ranking_table(board, tmp_path).notes
+    )
+
+
+def test_every_wrong_file_is_told_at_once(tmp_path: Path) -> None:
+    first, second = add(tmp_path, "a", 0.1), add(tmp_path, "b", 0.1)
+    first.write_text(first.read_text().replace('"schema_version": 1', '"schema_version": 9', 1))
+    second.write_text(re.sub('"nmae": [0-9.]+', '"nmae": NaN', second.read_text(), count=1))
+    (first.parent / "gone.verified.json").write_text("{}")
+    with pytest.raises(ResultError) as raised:
+        collect(tmp_path)
+    told = str(raised.value)
+    for part in ("another version", "a.json", "b.json", "finite", "without its result"):
+        assert part in told, part
+
+
+def test_no_folder_is_told() -> None:
+    with pytest.raises(ResultError, match="--folder"):
+        collect(Path("/no/such/folder"))
+
+
+def test_a_hundred_results(tmp_path: Path) -> None:
+    result = make_demo_result(lambda pair: 0.1)
+    for number in range(100):
+        method = result.method.model_copy(update={"name": f"method {number:02}"})
+        submit(result.model_copy(update={"method": method}), tmp_path, WHEN)
+    board = only_board(tmp_path)
+    assert [s.rank for s in board.standings] == [1] * 100
+    assert board.standings[99].entry.label == "method 99"
+    assert len(ranking_table(board, tmp_path).rows) == 100
+
+
+def test_records_hold_numbers_in_full_and_links_lead_to_the_file(tmp_path: Path) -> None:
+    add(tmp_path, "mine", 0.1, parameters={"window": 9, "recipe": "text"})
+    board = only_board(tmp_path)
+    (record,) = ranking_table(board, tmp_path).records
+    assert record["nrmse"] == board.standings[0].entry.score("thesis", "nrmse")
+    assert record["nrmse exposure 2"] != record["nrmse exposure 0"]
+    assert record["result"] == "results/demo-1-test/thesis/mine-window=9-recipe=text.json"
+    assert (tmp_path / str(record["result"])).exists()
+    table = runs_table(board, tmp_path)
+    assert table.rows[0][:3] == ("mine", "window=9, recipe=text", "nothing")

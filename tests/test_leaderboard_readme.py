@@ -1,0 +1,79 @@
+"""The README of the leaderboard, and the one that this repository holds."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from dfdbench.errors import ResultError
+from dfdbench.leaderboard import collect
+from dfdbench.leaderboard_readme import README, check_readme, write_readme
+from dfdbench.submission import submit
+from tests.results import make_demo_result
+
+HERE = Path(__file__).parents[1]
+NAMES = ("a b \"c\" 'd'", "x|y", "<script>alert(1)</script>", "**bold**", "🐟", "[a](b)", "$x$")
+
+
+def test_a_name_is_text_whatever_it_holds(tmp_path: Path) -> None:
+    for name in NAMES:
+        submit(make_demo_result(lambda pair: 0.1, name), tmp_path)
+    text = write_readme(tmp_path).read_text("utf-8")
+    assert "<script>" not in text
+    assert "🐟" in text
+    rows = [line for line in text.splitlines() if re.match(r"\| 1 \|", line)]
+    assert len(rows) == len(NAMES)
+    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {10}
+    for target in re.findall(r"\[result\]\((.*?)\)", text):
+        assert (tmp_path / target).exists()
+
+
+def test_what_was_written_is_up_to_date_until_something_changes(tmp_path: Path) -> None:
+    submit(make_demo_result(lambda pair: 0.1), tmp_path)
+    with pytest.raises(ResultError, match="stale"):
+        check_readme(tmp_path)
+    path = write_readme(tmp_path)
+    assert check_readme(tmp_path) == 1
+    path.write_text(path.read_text("utf-8").replace("0.1000", "0.0100", 1))
+    with pytest.raises(ResultError, match=r"README.md, line \d+"):
+        check_readme(tmp_path)
+
+
+def test_without_results_it_says_so(tmp_path: Path) -> None:
+    assert "No results yet" in write_readme(tmp_path).read_text("utf-8")
+
+
+def test_the_committed_leaderboard_holds() -> None:
+    assert check_readme(HERE / "leaderboard") >= 18
+
+
+def test_the_committed_leaderboard_says_what_the_mismatch_does() -> None:
+    scores = {
+        entry.label: entry.score("thesis", "nrmse")
+        for entry in collect(HERE / "leaderboard")
+        if entry.result.protocol_names == ("thesis",)
+    }
+    matched, text = scores["graph-cuts"], scores["graph-cuts (recipe=text)"]
+    assert matched is not None
+    assert text is not None
+    assert text > 2 * matched
+    assert "What the blur mismatch does" in (HERE / "leaderboard" / README).read_text("utf-8")
+
+
+def test_a_score_edited_in_the_committed_results_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "leaderboard"
+    shutil.copytree(HERE / "leaderboard", folder)
+    path = folder / "results/demo-1-test/thesis/local.json"
+    content = json.loads(path.read_text("utf-8"))
+    content["pairs"][3]["scores"]["thesis"]["nrmse"] /= 2
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(ResultError, match="average does not follow from the pairs"):
+        check_readme(folder)
+
+
+def test_the_workflow_runs_the_check() -> None:
+    text = (HERE / ".github/workflows/leaderboard.yml").read_text("utf-8")
+    assert "pull_request" in text
+    assert "run: dfdbench leaderboard --check" in text

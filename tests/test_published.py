@@ -1,0 +1,107 @@
+"""Published numbers are what the thesis's tables say."""
+
+import csv
+import json
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+from dfdbench.board_tables import published_summary, published_table
+from dfdbench.errors import ResultError
+from dfdbench.published import load_published, mean_over
+
+FOLDER = Path(__file__).parents[1] / "leaderboard"
+TABLES = {table.table: table for table in load_published(FOLDER)}
+
+
+@pytest.fixture
+def reference(shared_data: Path) -> Path:
+    folder = shared_data.parent / "reference/tables"
+    if not folder.is_dir():
+        pytest.skip("no transcribed tables beside the shared images")
+    return folder
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_every_number_is_the_transcribed_one(reference: Path) -> None:
+    compared = 0
+    for line in rows(reference / "middlebury_lighting.csv"):
+        (row,) = [
+            row
+            for row in TABLES[line["table"]].rows
+            if row.method == line["method"]
+            and row.at == {key: line[key] for key in ("exposure", "illumination")}
+        ]
+        assert str(row.scores[line["metric"]]) == line["mean"]
+        assert str(row.std.get(line["metric"], "")) == line["std"]
+        compared += 1
+    for file in ("middlebury_top_bottom", "realworld_top_bottom", "summaries"):
+        lines = rows(reference / f"{file}.csv")
+        for table in {line["table"] for line in lines}:
+            expected = [line for line in lines if line["table"] == table]
+            for line, row in zip(expected, TABLES[table].rows, strict=True):
+                assert [str(row.scores[m]) for m in ("nrmse", "nmae", "ssim")] == [
+                    line[m] for m in ("nrmse", "nmae", "ssim")
+                ]
+                compared += 3
+    for file, table in (("middlebury_9fold", "5.7"), ("voltage_pairs", "7.5")):
+        for line, row in zip(rows(reference / f"{file}.csv"), TABLES[table].rows, strict=True):
+            assert str(row.scores["nrmse"]) == line["nrmse"]
+            compared += 1
+    for line in rows(reference / "run_times.csv"):
+        found = [str(row.seconds) for row in TABLES[line["table"]].rows]
+        assert line["seconds_per_image"] in found
+        compared += 1
+    assert compared > 350
+
+
+def test_printed_digits_are_kept() -> None:
+    shown = published_table(TABLES["4.2"])
+    assert shown.rows[2][5] == "0.05600"
+    assert "Table 4.2 (section 4.2)" in shown.title
+
+
+def test_the_summary_is_in_order_and_bears_no_rank() -> None:
+    shown = published_summary(list(TABLES.values()), "middlebury-test")
+    assert [row[0] for row in shown.rows] == ["dfd-net-pso", "dfd-net", "graph-cuts", "unet"]
+    assert "not ranked" in shown.title
+    # The thesis's text gives the mean of DfD-Net PSO: 0.0517, 0.0154, 0.9156.
+    assert shown.rows[0][1:4] == ("0.0517", "0.0154", "0.9156")
+    assert "10.029 (AMD Ryzen 7 1800X)" in shown.rows[1][7]
+
+
+def test_a_mean_needs_every_exposure() -> None:
+    rows = TABLES["5.5"].rows
+    assert mean_over(rows, "graph-cuts", "nrmse") == pytest.approx(0.0840, abs=5e-5)
+    assert mean_over(rows, "nobody", "nrmse") is None
+    assert rows[0].scores["nrmse"] == Decimal("0.0582")
+
+
+def test_every_table_says_protocol_and_note() -> None:
+    assert len(TABLES) == 15
+    assert [table.order for table in TABLES.values()] == sorted(t.order for t in TABLES.values())
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"note": ""}, "note"),
+        ({"page": 0}, "page"),
+        ({"colour": 1}, "colour"),
+        ({"rows": []}, "rows"),
+    ],
+)
+def test_a_wrong_table_is_refused(tmp_path: Path, change: dict[str, object], told: str) -> None:
+    source = FOLDER / "published/emerson-2019-table-5.6.json"
+    content = {**json.loads(source.read_text("utf-8")), **change}
+    (tmp_path / "published").mkdir()
+    (tmp_path / "published/x.json").write_text(json.dumps(content))
+    (tmp_path / "published/y.json").write_text("{")
+    with pytest.raises(ResultError, match=told) as raised:
+        load_published(tmp_path)
+    assert len(raised.value.problems) == 2

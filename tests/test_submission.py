@@ -1,0 +1,165 @@
+import json
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dfdbench.errors import ResultError
+from dfdbench.result import seal_of
+from dfdbench.submission import FINGERPRINTS, load_submission, method_label, submit
+from tests.results import make_demo_result, make_result
+
+WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+
+
+def write(folder: Path, **changes: Any) -> Path:
+    return submit(make_demo_result(lambda pair: 0.1 * pair.at["view"], **changes), folder, WHEN)[0]
+
+
+def test_a_submission_is_a_sealed_file_a_protocol(tmp_path: Path) -> None:
+    result = make_demo_result(lambda pair: 0.1, protocols=("thesis", "valid"))
+    paths = submit(result, tmp_path, WHEN)
+    assert [str(path.relative_to(tmp_path)) for path in paths] == [
+        "results/demo-1-test/thesis/mine.json",
+        "results/demo-1-test/valid/mine.json",
+    ]
+    loaded = load_submission(paths[1], tmp_path)
+    assert loaded.protocol_names == ("valid",)
+    assert set(loaded.pairs[0].scores) == {"valid"}
+    assert loaded.submission is not None
+    assert loaded.submission.submitted == "2026-01-02T03:04:05Z"
+
+
+def test_a_later_run_of_the_same_method_takes_its_place(tmp_path: Path) -> None:
+    assert write(tmp_path) == write(tmp_path)
+
+
+def test_names_that_make_one_file_name_do_not_replace_each_other(tmp_path: Path) -> None:
+    paths = {write(tmp_path, name=name) for name in ("a|b", "a<b", 'a"b', "a🐟b", "../a b")}
+    assert len(paths) == 5
+    assert all(path.parent == tmp_path / "results/demo-1-test/thesis" for path in paths)
+    assert {load_submission(path, tmp_path).method.name for path in paths} >= {"a🐟b", "../a b"}
+
+
+def test_other_parameters_and_other_data_make_another_file(tmp_path: Path) -> None:
+    first = write(tmp_path)
+    assert write(tmp_path, parameters={"recipe": "text"}).name == "mine-recipe=text.json"
+    assert write(tmp_path, fingerprint="3" * 64) != first
+    assert (
+        method_label(make_demo_result(lambda p: 0, parameters={"a": 1, "b": "x"}).method)
+        == "mine (a=1, b=x)"
+    )
+
+
+def edit_score(content: dict[str, Any]) -> None:
+    content["pairs"][0]["scores"]["thesis"]["ssim"] += 0.01
+    content["pairs"][1]["scores"]["thesis"]["ssim"] -= 0.01
+
+
+def edit_average(content: dict[str, Any]) -> None:
+    content["averages"]["thesis"]["nrmse"] = 0.01
+
+
+def edit_seconds(content: dict[str, Any]) -> None:
+    content["pairs"][0]["seconds"] = 0.001
+
+
+def drop_pair(content: dict[str, Any]) -> None:
+    del content["pairs"][0]
+    content["dataset"]["expected"] = content["dataset"]["evaluated"] = len(content["pairs"])
+    values = [pair["scores"]["thesis"] for pair in content["pairs"]]
+    content["averages"]["thesis"] = {
+        metric: sum(value[metric] for value in values) / len(values) for metric in values[0]
+    }
+
+
+def move_pair(content: dict[str, Any]) -> None:
+    content["pairs"][0]["coordinates"]["exposure"] = 2
+
+
+def other_fingerprint(content: dict[str, Any]) -> None:
+    content["dataset"]["fingerprint"] = "9" * 64
+
+
+def other_manifest(content: dict[str, Any]) -> None:
+    content["dataset"]["manifest_sha256"] = "9" * 64
+
+
+def other_protocol(content: dict[str, Any]) -> None:
+    content["protocols"][0]["divisor"] = "255"
+
+
+def no_submission(content: dict[str, Any]) -> None:
+    del content["submission"]
+
+
+def unknown_data(content: dict[str, Any]) -> None:
+    content["dataset"]["name"] = "demmo-1"
+
+
+@pytest.mark.parametrize("sealed_anew", [False, True])
+@pytest.mark.parametrize(
+    ("tamper", "told"),
+    [
+        (drop_pair, "1 pairs of the split are missing"),
+        (move_pair, "coordinates are not those of its name"),
+        (other_fingerprint, "fingerprint of other data than demo-1"),
+        (other_manifest, "hash of another manifest"),
+        (other_protocol, "not a released protocol"),
+        (unknown_data, "unknown data set"),
+        (edit_average, "average does not follow"),
+    ],
+)
+def test_what_was_tampered_with_is_refused_with_its_reason(
+    tmp_path: Path, tamper: Callable[[dict[str, Any]], None], told: str, sealed_anew: bool
+) -> None:
+    (tmp_path / FINGERPRINTS).write_text(json.dumps({"demo-1": ["2" * 64]}))
+    path = write(tmp_path)
+    content = json.loads(path.read_text())
+    tamper(content)
+    if sealed_anew:
+        content["submission"]["seal"] = seal_of(content)
+    path.write_text(json.dumps(content))
+    expected = told if sealed_anew else f"{told}|edited after it was sealed"
+    with pytest.raises(ResultError, match=expected):
+        load_submission(path, tmp_path)
+
+
+@pytest.mark.parametrize("tamper", [edit_score, edit_seconds])
+def test_an_edit_that_keeps_the_averages_breaks_the_seal(
+    tmp_path: Path, tamper: Callable[[dict[str, Any]], None]
+) -> None:
+    path = write(tmp_path)
+    content = json.loads(path.read_text())
+    tamper(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultError, match="edited after it was sealed"):
+        load_submission(path, tmp_path)
+
+
+def test_another_layout_of_the_same_content_keeps_the_seal(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    path.write_text(json.dumps(json.loads(path.read_text()), sort_keys=True))
+    load_submission(path, tmp_path)
+
+
+def test_a_plain_result_and_a_wrong_folder_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    moved = path.parent.with_name("valid") / path.name
+    moved.parent.mkdir()
+    moved.write_text(path.read_text())
+    with pytest.raises(ResultError, match="wrong folder"):
+        load_submission(moved, tmp_path)
+    content = json.loads(path.read_text())
+    no_submission(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultError, match="--submit"):
+        load_submission(path, tmp_path)
+
+
+def test_a_run_on_a_set_of_ones_own_is_not_submitted(tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match="unknown data set"):
+        submit(make_result({("a", 1, 1, 0): 0.1}), tmp_path)
+    assert not list(tmp_path.rglob("*.json"))
