@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import xarray
+from numpy.typing import NDArray
 
 from dfdbench.blur import BlurRecipe, find_recipe, synthesize
 from dfdbench.errors import DfdbenchError, Problem, SourceError
@@ -79,10 +80,7 @@ def build_store(
     StoreError
         Where the store cannot be written, or another build is writing it.
     """
-    recipe_name = recipe or manifest.recipe
-    if recipe_name is None:
-        raise SourceError(Problem(f"{manifest.short} names no blur recipe", fix="--recipe NAME"))
-    blur = find_recipe(recipe_name)
+    recipe_name, blur = _blur_of(manifest, recipe)
     available = set(source.available_pairs())
     missing = tuple(pair for pair in manifest.pairs() if pair not in available)
     scenes = [name for name in manifest.scene_names if any(p.scene == name for p in available)]
@@ -97,7 +95,7 @@ def build_store(
             on_scene(done, len(scenes))
 
     attributes = {
-        "recipe": {"name": recipe_name, "parameters": blur.as_dict()},
+        "recipe": {"name": recipe_name, "parameters": blur.as_dict() if blur else {}},
         "degradation": manifest.degradation,
         "depth_unit": manifest.depth.unit,
         "options": dict(source.options),
@@ -131,20 +129,17 @@ def build_store(
     )
 
 
-def scene_dataset(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> xarray.Dataset:
-    """Return a scene's arrays with the defocus images made from them.
+def scene_dataset(
+    manifest: Manifest, images: SceneImages, blur: BlurRecipe | None
+) -> xarray.Dataset:
+    """Return a scene's arrays; defocus images that were not captured are made.
 
     Where the depth grows with distance it is inverted before the blur (Eq. 7.1 of the thesis).
     """
     axes = manifest.axes
-    defocus = np.zeros_like(images.infocus)
-    for place in np.ndindex(images.available.shape):
-        if images.available[place]:
-            at = dict(zip(axes, place, strict=True))
-            depth = images.depth[tuple(at[axis] for axis in manifest.depth.axes)]
-            if manifest.depth.grows_with == "distance":
-                depth = 255 - depth
-            defocus[place] = synthesize(images.infocus[place], depth, blur)
+    defocus = images.defocus
+    if defocus is None and blur is not None:
+        defocus = _synthesised(manifest, images, blur)
     pair_axes, depth_axes = tuple(axes), tuple(manifest.depth.axes)
     variables: dict[str, tuple[tuple[str, ...], Any]] = {
         "infocus": ((*pair_axes, "y", "x", "channel"), images.infocus),
@@ -155,3 +150,33 @@ def scene_dataset(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> 
     }
     coordinates = {axis: np.asarray(values, np.int64) for axis, values in axes.items()}
     return xarray.Dataset(variables, coords=coordinates)
+
+
+def _blur_of(manifest: Manifest, recipe: str | None) -> tuple[str, BlurRecipe | None]:
+    """Return the blur recipe and its name: none where the defocus images are captured."""
+    name = recipe or manifest.recipe
+    captured = manifest.capture is not None and manifest.recipe is None
+    if captured and recipe:
+        raise SourceError(
+            Problem(
+                f"the defocus images of {manifest.short} are captured", "--recipe", got=recipe,
+                fix="leave it out, or build realworld-synthetic",
+            )
+        )  # fmt: skip
+    if captured:
+        return "", None
+    if name is None:
+        raise SourceError(Problem(f"{manifest.short} names no blur recipe", fix="--recipe NAME"))
+    return name, find_recipe(name)
+
+
+def _synthesised(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> NDArray[np.uint8]:
+    defocus = np.zeros_like(images.infocus)
+    for place in np.ndindex(images.available.shape):
+        if images.available[place]:
+            at = dict(zip(manifest.axes, place, strict=True))
+            depth = images.depth[tuple(at[axis] for axis in manifest.depth.axes)]
+            if manifest.depth.grows_with == "distance":
+                depth = 255 - depth
+            defocus[place] = synthesize(images.infocus[place], depth, blur)
+    return defocus

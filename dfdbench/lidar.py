@@ -26,6 +26,7 @@ Kind = TypeVar("Kind", bound=np.generic)
 CENTRE_COLUMN = 1024
 HALF_WIDTH = 150
 MILLIMETRES_PER_LEVEL = 10
+_FARTHEST = 255
 _MEDIAN = 7
 _UPSAMPLED_MEDIAN = 13
 #: Total scale after each of the six steps: (height, width).
@@ -199,25 +200,28 @@ def to_levels(distance: Floats) -> Floats:
     >>> to_levels(np.array([1509.9, 2550.0, 4000.0])).tolist()
     [150.0, 255.0, 255.0]
     """
-    return np.clip(np.floor(distance / MILLIMETRES_PER_LEVEL), 0, 255)
+    return np.clip(np.floor(distance / MILLIMETRES_PER_LEVEL), 0, _FARTHEST)
 
 
 def in_range(distance: Floats) -> Mask:
-    """Return True where a distance in millimetres has a level of its own: below 2.56 m.
+    """Return True where a distance in millimetres has a level of its own: below 2.55 m.
+
+    Level 255 stands for all that is farther, too.
 
     Examples
     --------
-    >>> in_range(np.array([0.0, 1500.0, 2559.0, 2560.0])).tolist()
+    >>> in_range(np.array([0.0, 1500.0, 2549.0, 2550.0])).tolist()
     [False, True, True, False]
     """
-    return (distance >= MILLIMETRES_PER_LEVEL) & (distance < 256 * MILLIMETRES_PER_LEVEL)
+    return (distance >= MILLIMETRES_PER_LEVEL) & (distance < _FARTHEST * MILLIMETRES_PER_LEVEL)
 
 
 def upsample(levels: Floats, valid: Mask) -> tuple[Floats, Mask]:
     """Return levels and validity 18 times as high and 6 times as wide, in six steps.
 
     Each step scales to the nearest neighbour, then takes the medians 13 x 1 and 1 x 13, which
-    round off the stairs that scaling leaves. What was not valid stays so, no more and no less.
+    round off the stairs that scaling leaves. What was not valid stays so; what a median took from
+    beyond the range is not valid either.
 
     Examples
     --------
@@ -229,7 +233,7 @@ def upsample(levels: Floats, valid: Mask) -> tuple[Floats, Mask]:
     scaled = levels
     for down, across in UPSAMPLING:
         scaled = median_cross(_nearest(scaled, height * down, width * across), _UPSAMPLED_MEDIAN)
-    return scaled, np.asarray(_nearest(valid, *scaled.shape))
+    return scaled, np.asarray(_nearest(valid, *scaled.shape) & (scaled < _FARTHEST))
 
 
 def warp(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dfdbench.lidar import CENTRE_COLUMN, HALF_WIDTH, UPSAMPLING, Beams
+from dfdbench.lidar import UPSAMPLING, Beams
 
 Floats = NDArray[np.float64]
 
@@ -63,8 +63,7 @@ class Rig:
         """
         height, width = self.frame_size
         middle: Floats = np.array([(width - 1) / 2, (height - 1) / 2])
-        flat: Floats = self.focal_length * points[..., :2] / points[..., 2:]
-        return np.asarray(flat + middle)
+        return np.asarray(self.focal_length * points[..., :2] / points[..., 2:] + middle)
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ class Pose:
 
     def to_camera(self, points: Floats, rig: Rig) -> Floats:
         """Return points of the LIDAR's space in the camera's, shape (..., 3)."""
-        return self.turn(points) + np.array([0.0, -rig.baseline, 0.0])
+        return np.asarray(self.turn(points) + np.array([0.0, -rig.baseline, 0.0]))
 
     def turn(self, directions: Floats) -> Floats:
         """Return directions of the LIDAR's space in the camera's, shape (..., 3)."""
@@ -117,23 +116,20 @@ def beam_directions(beams: Beams, columns: NDArray[np.int64], turn: int = 2048) 
     )
 
 
-def depth_image_places(beams: Beams, columns: NDArray[np.int64]) -> Floats:
-    """Return where each measurement lands in `dfdbench.lidar.depth_image`, in pixels (x, y).
+def depth_image_places(rows: int, columns: int) -> Floats:
+    """Return where each cell of the cropped scan lands in `dfdbench.lidar.depth_image`.
 
     Parameters
     ----------
-    beams : Beams
-        The calibration.
-    columns : ndarray of int, shape (column,)
-        Measurement IDs.
+    rows, columns : int
+        Of the scan after `dfdbench.lidar.crop_columns`.
 
     Returns
     -------
-    ndarray of float, shape (beam, column, 2)
-        The middle of the block that a measurement is scaled up to.
+    ndarray of float, shape (row, column, 2)
+        The middle of the block that a cell is scaled up to, in pixels (x, y).
     """
     down, across = UPSAMPLING[-1]
-    left = CENTRE_COLUMN - HALF_WIDTH
-    x = (columns + beams.azimuth_index[:, np.newaxis] - left + 0.5) * across - 0.5
-    y = (np.arange(len(beams.altitude)) + 0.5) * down - 0.5
-    return np.stack([x, np.broadcast_to(y[:, np.newaxis], x.shape)], axis=-1)
+    x = (np.arange(columns) + 0.5) * across - 0.5
+    y = (np.arange(rows) + 0.5) * down - 0.5
+    return np.stack(np.meshgrid(x, y), axis=-1)

@@ -82,8 +82,8 @@ def test_the_median_keeps_a_straight_edge_and_drops_a_speck() -> None:
 
 
 def test_levels_are_centimetres_rounded_down() -> None:
-    distance = np.array([1499.999, 1500, 1509.99, 2559.9, 2560, 9000])
-    assert to_levels(distance).tolist() == [149, 150, 150, 255, 255, 255]
+    distance = np.array([1499.999, 1500, 1509.99, 2549.9, 2550, 9000])
+    assert to_levels(distance).tolist() == [149, 150, 150, 254, 255, 255]
     assert in_range(distance).tolist() == [True] * 4 + [False] * 2
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from dfdbench import __version__
-from dfdbench.cli import datasets, methods, optics
+from dfdbench.cli import datasets, methods, optics, realworld
 from dfdbench.cli.screen import say
 from dfdbench.errors import DfdbenchError
 
@@ -27,7 +27,9 @@ app.command()(datasets.info)
 app.command()(datasets.build)
 app.command()(methods.run)
 app.command("check-method")(methods.check_method_command)
+app.command("register")(realworld.register_scenes)
 app.add_typer(optics.app, name="optics", no_args_is_help=True)
+app.add_typer(realworld.simulate_app, name="simulate", no_args_is_help=True)
 
 
 @app.callback(invoke_without_command=True)

@@ -63,6 +63,10 @@ def build(
         bool,
         typer.Option("--default-lighting", help="Take SCENE/view1.png for Illum1/Exp2."),
     ] = False,
+    pair: Annotated[
+        str | None,
+        typer.Option(help="In-focus and defocus voltage step of captured pairs: 141,129."),
+    ] = None,
     allow_missing: Annotated[
         bool, typer.Option("--allow-missing", help="Succeed although pairs are missing.")
     ] = False,
@@ -77,7 +81,8 @@ def build(
                 str(recipe), "name its place: --store PATH",
             )
         )  # fmt: skip
-    files = open_source(manifest, source, default_lighting)
+    steps = _voltage_steps(manifest, pair, store)
+    files = open_source(manifest, source, default_lighting, steps)
     with progress("building scenes") as step:
         report = build_store(manifest, files, place, recipe, workers, step)
     kept = f", {len(report.scenes_kept)} kept from before" if report.scenes_kept else ""
@@ -88,6 +93,28 @@ def build(
         say(_missing_text(manifest, report, files.missing_help(report.missing)))
         if not allow_missing:
             raise typer.Exit(2)
+
+
+def _voltage_steps(
+    manifest: Manifest, pair: str | None, store: Path | None
+) -> tuple[int, int] | None:
+    if pair is None:
+        return None
+    try:
+        infocus, defocus = (int(step) for step in pair.split(","))
+    except ValueError:
+        raise InputError(
+            Problem("not a pair of voltage steps", "--pair", "two steps, as 141,129", pair)
+        ) from None
+    usual = manifest.capture and (manifest.capture.infocus_step, manifest.capture.defocus_step)
+    if usual not in (None, (infocus, defocus)) and store is None:
+        raise InputError(
+            Problem(
+                "another pair of voltage steps makes another data set", "--pair", f"{usual}", pair,
+                "name its place: --store PATH",
+            )
+        )  # fmt: skip
+    return infocus, defocus
 
 
 def _show_manifest(manifest: Manifest) -> None:
