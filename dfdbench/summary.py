@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +77,32 @@ def summarise(result: Result, protocol: str, seed: int = 0) -> tuple[Group, ...]
         groups.append(_group(of_block, protocol, block, None, seed if rows else None))
     groups.append(_group(result.pairs, protocol, None, None, seed))
     return tuple(groups)
+
+
+def summarise_scenes(
+    result: Result, protocol: str, label_of: Mapping[str, str], seed: int = 0
+) -> dict[str, Group]:
+    """Return a group for each label that scenes bear: a geometry, say, or a texture.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    protocol : str
+        Under which protocol.
+    label_of : mapping of str to str
+        The label of each scene; scenes without one are left out.
+    seed : int
+        Of the bootstrap.
+    """
+    labels = dict.fromkeys(label_of[pair.scene] for pair in result.pairs if pair.scene in label_of)
+    return {
+        label: _group(
+            [pair for pair in result.pairs if label_of.get(pair.scene) == label],
+            protocol, None, None, seed,
+        )
+        for label in labels
+    }  # fmt: skip
 
 
 def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:

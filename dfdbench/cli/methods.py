@@ -19,8 +19,9 @@ from dfdbench.figures import draw_run
 from dfdbench.methods import load_method
 from dfdbench.protocol import find_protocol
 from dfdbench.report import run_as_csv, run_as_json, run_as_markdown, run_tables
+from dfdbench.report_scenes import scene_tables
 from dfdbench.store import open_store
-from dfdbench.tables import Table
+from dfdbench.tables import Table, as_markdown
 
 
 class Format(StrEnum):
@@ -74,12 +75,15 @@ def run(
         say(f"{done.reused} pairs taken over from an earlier call (--fresh evaluates anew)")
     if not no_predictions:
         draw_run(data, done.result, folder, shown.name)
+    by_scene = scene_tables(done.result, shown.name, data.manifest.scenes)
     if format is Format.table:
-        for table in run_tables(done.result, shown.name):
+        for table in [*run_tables(done.result, shown.name), *by_scene]:
             print_table(table)
     else:
         write = {Format.markdown: run_as_markdown, Format.json: run_as_json, Format.csv: run_as_csv}
         print(write[format](done.result, shown.name), end="")
+        if format is Format.markdown:
+            print("".join("\n" + as_markdown(table) for table in by_scene), end="")
     say(f"result       {folder / RESULT}")
     if not no_predictions:
         say(f"figures      {folder / 'figures'}")

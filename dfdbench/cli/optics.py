@@ -12,7 +12,9 @@ from matplotlib.ticker import MaxNLocator
 from dfdbench.cli.screen import print_table, save_figure
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures_optics import blur_figure, pair_figure
+from dfdbench.figures_realworld import temperature_figure, voltage_figure
 from dfdbench.lens import StepPair, rank_pairs, read_lens_table
+from dfdbench.lens_captures import Measurement, read_lens_captures
 from dfdbench.optics import ThinLens
 from dfdbench.tables import Table
 from dfdbench.units import parse_length
@@ -71,6 +73,39 @@ def pairs(
         )  # fmt: skip
     print_table(_pair_table(ranked, limit))
     save_figure(pair_figure(table, ranked[:_DRAWN]), out)
+
+
+@app.command()
+def sharpness(
+    source: Annotated[Path, typer.Argument(help="Folder with temperature, up and down.")],
+    out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("sharpness"),
+) -> None:
+    """Measure a lens from images of a dot: over temperature, and voltage up and down (7.2.1)."""
+    found = read_lens_captures(source)
+    warming = found.get("temperature", ())
+    if warming:
+        rows = tuple(
+            (f"{m.temperature:.2f}", f"{m.sharpness:.4f}", f"{m.background:.4f}") for m in warming
+        )
+        columns = ("temperature (°C)", "image", "background")
+        print_table(Table("discrete cosine sharpness over temperature", columns, rows, "rrr"))
+        save_figure(temperature_figure(warming), out / "temperature.png")
+    up, down = found.get("up", ()), found.get("down", ())
+    if up or down:
+        print_table(_hysteresis_table(up, down))
+        save_figure(voltage_figure(up, down), out / "voltage.png")
+
+
+def _hysteresis_table(up: tuple[Measurement, ...], down: tuple[Measurement, ...]) -> Table:
+    ways = [{m.step: m.sharpness for m in measured} for measured in (up, down)]
+    rows = []
+    for step in sorted({*ways[0], *ways[1]}):
+        values = [way.get(step) for way in ways]
+        cells = ["–" if value is None else f"{value:.4f}" for value in values]
+        gap = "–" if None in values else f"{ways[0][step] - ways[1][step]:+.4f}"
+        rows.append((str(step), *cells, gap))
+    columns = ("voltage step", "going up", "going down", "difference")
+    return Table("discrete cosine sharpness over voltage", columns, tuple(rows), "rrrr")
 
 
 def _blur_table(lens: ThinLens, near: float, far: float) -> Table:

@@ -1,4 +1,4 @@
-"""The verbs for the capture rig: simulate realworld, register."""
+"""The verbs for the capture rig: simulate realworld, simulate lens, register."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from dfdbench.registration import board_corners, nominal, register
 from dfdbench.registration_file import NAME, read_registration, write_registration
 from dfdbench.sharpness import sharpest
 from dfdbench.simulated_captures import Settings, write_captures
+from dfdbench.simulated_lens import write_lens_test
 from dfdbench.sources.captures import RawScene, find_scene
 from dfdbench.tables import Table
 
@@ -57,6 +58,14 @@ def simulate_realworld(
     print(f"captures     {out}")
     print(f"truth        {out / 'truth'} (never read by build or register)")
     say(f"next         dfdbench register {scenes} --source {out}")
+
+
+@simulate_app.command("lens")
+def simulate_lens(out: Annotated[Path, typer.Option(help="Folder to write into.")]) -> None:
+    """Simulate the captures of a lens test: a dot over temperature, and voltage up and down."""
+    print(f"simulated {write_lens_test(out)} images")
+    print(f"captures     {out}")
+    say(f"next         dfdbench optics sharpness {out}")
 
 
 def register_scenes(
