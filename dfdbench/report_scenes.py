@@ -39,13 +39,17 @@ def _table(result: Result, protocol: str, what: str, label_of: Mapping[str, str]
         names = members.setdefault(label_of.get(pair.scene, _NOTHING), [])
         if pair.scene not in names:
             names.append(pair.scene)
-    rows = []
+    rows, idle = [], []
     for label, group in summarise_scenes(result, protocol, label_of).items():
+        if not group.evaluated and not group.failed:
+            idle.append(label)
+            continue
         cells = [label, _listed(members[label])]
         for metric in METRICS:
             statistic = group.metrics[metric]
             cells += [_number(statistic.mean), _number(statistic.std)]
         rows.append((*cells, f"{group.evaluated}/{group.expected}"))
+    notes = (f"nothing was run of {what} {', '.join(idle)}",) if idle else ()
     heads = [
         head
         for metric, up in METRICS.items()
@@ -53,7 +57,7 @@ def _table(result: Result, protocol: str, what: str, label_of: Mapping[str, str]
     ]
     title = f"by {what}, protocol {protocol}"
     columns = (what, "scenes", *heads, "pairs")
-    return Table(title, columns, tuple(rows), "ll" + "r" * (len(columns) - 2))
+    return Table(title, columns, tuple(rows), "ll" + "r" * (len(columns) - 2), notes)
 
 
 def _listed(names: list[str]) -> str:

@@ -80,7 +80,7 @@ def summarise(result: Result, protocol: str, seed: int = 0) -> tuple[Group, ...]
 
 
 def summarise_scenes(
-    result: Result, protocol: str, label_of: Mapping[str, str], seed: int = 0
+    result: Result, protocol: str, label_of: Mapping[str, str]
 ) -> dict[str, Group]:
     """Return a group for each label that scenes bear: a geometry, say, or a texture.
 
@@ -92,17 +92,12 @@ def summarise_scenes(
         Under which protocol.
     label_of : mapping of str to str
         The label of each scene; scenes without one are left out.
-    seed : int
-        Of the bootstrap.
     """
-    labels = dict.fromkeys(label_of[pair.scene] for pair in result.pairs if pair.scene in label_of)
-    return {
-        label: _group(
-            [pair for pair in result.pairs if label_of.get(pair.scene) == label],
-            protocol, None, None, seed,
-        )
-        for label in labels
-    }  # fmt: skip
+    pairs: dict[str, list[PairResult]] = {}
+    for pair in result.pairs:
+        if pair.scene in label_of:
+            pairs.setdefault(label_of[pair.scene], []).append(pair)
+    return {label: _group(members, protocol, None, None, None) for label, members in pairs.items()}
 
 
 def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:

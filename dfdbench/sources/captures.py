@@ -173,15 +173,18 @@ class RawScene:
             return [Problem("scene has no LIDAR", str(self.folder), "lidar/lidar_rng_00000.bin")]
         problems: list[Problem] = []
         beams = _attempt(self.beams, problems)
+        misfits = []
         for path in self.scans():
             ranges = _attempt(partial(read_ranges, path), problems)
             if ranges is not None and beams is not None and len(ranges) != len(beams.altitude):
-                problems.append(
+                misfits.append(
                     Problem(
                         "calibration does not fit the scan", str(self.beams_file() or path),
                         f"{len(ranges)} beams, as {path.name}", f"{len(beams.altitude)} beams",
                     )
                 )  # fmt: skip
+        # The scans of a scene are of one LIDAR: one misfit says it all.
+        problems += misfits[:1]
         return problems
 
     def depth_problems(self) -> list[Problem]:
