@@ -4,7 +4,6 @@ import pytest
 
 from tests.test_cli import Command
 
-
 SIMULATE = ("simulate", "realworld", "--out", "raw", "--steps", "129,141", "--exposures", "40")
 
 
@@ -39,6 +38,8 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     rows = [line.split() for line in ran.out.splitlines()]
     near_right = next(row for row in rows if row[:1] == ["oblique-near-right"])
     assert near_right[-1] == "1/14"
+    asked = dfdbench("run", "--method", "local", "--dataset", "realworld", "--split", "k34")
+    assert (asked.status, "captured defocus" in asked.err) == (2, True)
     assert "| texture | scenes |" in dfdbench(*run, "--format", "markdown").out
 
 
