@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
+from dfdbench.board_outline import SEARCH, find_sides
 from dfdbench.errors import Problem, SourceError
 from dfdbench.lidar import Beams, align_columns, crop_columns, in_range
 from dfdbench.rig import Pose, Rig, beam_directions, depth_image_places
@@ -22,16 +23,13 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _LEAST_RAYS = 100
+_LEAST_SIDES = 3
+_BY_HAND = "write the transform by hand: see docs/realworld.md"
 _OFF_PLANE = 0.06  # metres: range noise and a board that is not quite flat
 _BEHIND = 0.15  # metres behind the board: the ray has passed it
-_SEARCH = 70  # pixels to each side of where a side is expected
-_TILT = 30  # pixels by which its ends may differ
-_SMOOTHING = 1.5
-_WEAK_EDGE = 3.0  # levels a pixel: an edge of this strength counts half
-_BAND = 8  # pixels beyond a side that should be plain: what lies behind the board is not textured
-_LEAST_SUPPORT = 0.2
+_AGREED = 0.97  # share of rays on their side from which an outline is taken for the board's
+_DOUBTFUL = 0.95
 _SOFTNESS = (2.0, 0.5)  # pixels: first to find the place, then to settle in it
-_SAMPLES = 160
 
 
 @dataclass(frozen=True)
@@ -79,14 +77,28 @@ def register(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: Rig) -
     Raises
     ------
     SourceError
-        Where the LIDAR sees no board, or the image shows less than three of its sides.
+        Where the LIDAR sees no board, the image shows less than three of its sides, or the two
+        do not agree.
     """
     rays = _board_rays(ranges, beams)
-    outline = _image_outline(image, rays, rig)
-    pose = _turn_into_place(rays, outline, rig)
-    distance = _inside(rig.project(pose.to_camera(rays.points, rig)), outline)
-    near = (np.abs(distance) < _SEARCH) & (rays.hit | rays.passed)
-    agreement = float(((distance > 0) == rays.hit)[near].mean())
+    sides = _image_sides(image, rays, rig)
+    pose, agreement = _fit(rays, [lines[0] for lines in sides], rig)
+    for number, lines in enumerate(sides):
+        # A texture may have a line that is clearer than a side; then the rays do not agree.
+        for other in lines[1:] if agreement < _AGREED else ():
+            trial = [*(chosen[0] for chosen in sides[:number]), other,
+                     *(chosen[0] for chosen in sides[number + 1 :])]  # fmt: skip
+            turned, agreed = _fit(rays, trial, rig)
+            if agreed > agreement:
+                pose, agreement, sides[number] = turned, agreed, [other]
+    if agreement < _DOUBTFUL:
+        raise SourceError(
+            Problem(
+                "the board in the image and the board of the LIDAR do not agree", "image",
+                f"{100 * _DOUBTFUL:.0f} % of the rays on their side of the outline",
+                f"{100 * agreement:.1f} %", _BY_HAND,
+            )
+        )  # fmt: skip
     return Registration(_matrix_of(rays, pose, rig), agreement, pose)
 
 
@@ -148,26 +160,28 @@ def _fit_plane(points: Floats) -> tuple[Floats, float]:
     return normal, float(middle @ normal)
 
 
-def _image_outline(image: NDArray[np.uint8], rays: _Rays, rig: Rig) -> Floats:
-    """Return the board's visible sides as lines (a, b, c) with a x + b y + c > 0 inside."""
+def _image_sides(image: NDArray[np.uint8], rays: _Rays, rig: Rig) -> list[list[Floats]]:
     places = rig.project(Pose().to_camera(rays.points, rig))
     expected = _expected_sides(places, rays.hit)
-    middle = places[rays.hit].mean(axis=0)
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float64)
-    slopes = [ndimage.gaussian_filter(grey, _SMOOTHING, order=order) for order in ((0, 1), (1, 0))]
-    lines = []
-    for start, end in expected:
-        found = _find_side(slopes, start, end, middle)
-        if found is not None:
-            lines.append(found)
-    if len(lines) < 3:
+    found = find_sides(image, expected, places[rays.hit].mean(axis=0))
+    sides = [lines for lines in found if lines]
+    if len(sides) < _LEAST_SIDES:
         raise SourceError(
             Problem(
-                "the board's sides are not found in the image", "image", "three sides at least",
-                f"{len(lines)}", "write the transform by hand: see docs/realworld.md",
+                "the board's sides are not found in the image", "image",
+                f"{_LEAST_SIDES} sides at least", str(len(sides)), _BY_HAND,
             )
         )  # fmt: skip
-    return np.array(lines)
+    return sides
+
+
+def _fit(rays: _Rays, lines: list[Floats], rig: Rig) -> tuple[Pose, float]:
+    """Return the pose for an outline, and the share of rays near it that fall on their side."""
+    outline = np.array(lines)
+    pose = _turn_into_place(rays, outline, rig)
+    distance = _inside(rig.project(pose.to_camera(rays.points, rig)), outline)
+    near = (np.abs(distance) < SEARCH) & (rays.hit | rays.passed)
+    return pose, float(((distance > 0) == rays.hit)[near].mean()) if near.any() else 0.0
 
 
 def _expected_sides(places: Floats, hit: Mask) -> list[tuple[Floats, Floats]]:
@@ -191,52 +205,6 @@ def _crossing(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> Fl
     (p, u), (q, v) = first, second
     along = np.linalg.lstsq(np.stack([u, -v], axis=1), q - p, rcond=None)[0]
     return np.asarray(p + along[0] * u)
-
-
-def _find_side(
-    slopes: list[Floats], start: Floats, end: Floats, middle: Floats
-) -> tuple[float, float, float] | None:
-    along = (end - start) / np.linalg.norm(end - start)
-    outward = np.array([along[1], -along[0]])
-    outward *= np.sign(outward @ ((start + end) / 2 - middle))
-    share = np.linspace(0.03, 0.97, _SAMPLES)
-    away = np.arange(-_SEARCH - _TILT, _SEARCH + _TILT + _BAND + 1)
-    base = start + share[:, np.newaxis] * (end - start)
-    places = base[np.newaxis] + away[:, np.newaxis, np.newaxis] * outward
-    height, width = slopes[0].shape
-    seen = ((places >= 4) & (places <= np.array([width - 5, height - 5]))).all(axis=-1)
-    at = [places[..., 1], places[..., 0]]
-    slope = sum(
-        ndimage.map_coordinates(part, at, order=1, mode="nearest") * weight
-        for part, weight in zip(slopes, outward, strict=True)
-    )
-    strength = np.abs(slope) / (np.abs(slope) + _WEAK_EDGE) * seen
-    offsets, tilts = np.arange(-_SEARCH, _SEARCH + 1), np.arange(-_TILT, _TILT + 1)
-    row = offsets[:, np.newaxis, np.newaxis] + tilts[np.newaxis, :, np.newaxis] * (share - 0.5)
-    index = np.rint(row).astype(np.int64) + _SEARCH + _TILT
-    sample = np.arange(_SAMPLES)
-    visible = seen[index, sample].sum(axis=-1)
-    beyond = ndimage.uniform_filter1d(strength, _BAND, axis=0)
-    contrast = strength[index, sample] - beyond[index + _BAND, sample]
-    support = contrast.sum(axis=-1) / np.maximum(visible, 1)
-    support[visible < _SAMPLES / 5] = 0
-    if support.max() < _LEAST_SUPPORT:
-        return None
-    chosen = index[np.unravel_index(support.argmax(), support.shape)]
-    shift = _peak_near(np.abs(slope) * seen, chosen)
-    edge = base + (away[chosen] + shift)[:, np.newaxis] * outward
-    edge = edge[(strength[chosen, sample] > _LEAST_SUPPORT) & seen[chosen, sample]]
-    line = cv2.fitLine(edge.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01)[:, 0]
-    inward = np.array([-line[1], line[0]], np.float64)
-    inward *= np.sign(inward @ (middle - line[2:]))
-    return float(inward[0]), float(inward[1]), float(-inward @ line[2:])
-
-
-def _peak_near(slope: Floats, chosen: NDArray[np.int64]) -> Floats:
-    # The centre of the slope within three pixels of the line, for each sample along it.
-    reach = np.arange(-3, 4)[:, np.newaxis]
-    weight = slope[chosen + reach, np.arange(chosen.size)] ** 2
-    return np.asarray((weight * reach).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-9))
 
 
 def _inside(places: Floats, outline: Floats) -> Floats:

@@ -37,8 +37,8 @@ def largest_shift(found: np.ndarray, truth: np.ndarray) -> float:
     return float(np.linalg.norm(moved - PLACES, axis=-1).max())
 
 
-@pytest.mark.parametrize("number", [1, 3, 6, 32])
-@pytest.mark.parametrize("pose", [MOUNTED, Pose(-0.8, 0.6, 1.2), Pose(1.0, -0.7, -0.8)])
+@pytest.mark.parametrize("number", [1, 3, 32, 50])
+@pytest.mark.parametrize("pose", [MOUNTED, Pose(-0.8, 0.6, 1.2)])
 def test_a_known_misalignment_is_recovered_within_three_pixels(number: int, pose: Pose) -> None:
     beams, rig = read_beams(), Rig()
     view, image = seen(number)

@@ -20,11 +20,13 @@ from dfdbench.lidar import depth_image, warp
 from dfdbench.manifest import Capture, Manifest
 from dfdbench.registration import board_corners, nominal, register
 from dfdbench.registration_file import NAME, read_registration, write_registration
+from dfdbench.rig import Rig
 from dfdbench.sharpness import sharpest
 from dfdbench.simulated_captures import Settings, write_captures
 from dfdbench.simulated_lens import write_lens_test
 from dfdbench.sources.captures import RawScene, find_scene
 from dfdbench.tables import Table
+from dfdbench.units import parse_length
 
 simulate_app = typer.Typer(help="Make captures as the thesis's rig would write them.")
 
@@ -71,13 +73,24 @@ def simulate_lens(out: Annotated[Path, typer.Option(help="Folder to write into."
 def register_scenes(
     scene: Annotated[str, typer.Argument(help="Which: k33, k00-k07, or all that are there.")],
     source: Annotated[Path, typer.Option(help="Folder with raw captures.")],
+    dataset: Annotated[
+        str, typer.Option(help="A data set's name or a manifest's path: scenes and frame sizes.")
+    ] = "realworld",
+    focal_length: Annotated[str, typer.Option(help="Of the camera.")] = "9.6mm",
+    pixel: Annotated[str, typer.Option(help="Size of a pixel.")] = "4.8um",
+    baseline: Annotated[str, typer.Option(help="The LIDAR's height above the camera.")] = "93mm",
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Estimate anew where a registration is kept.")
     ] = False,
 ) -> None:
     """Lay the LIDAR's depth map on the camera's image: a small file and an overlay a scene."""
-    manifest = find_manifest("realworld")
+    manifest = find_manifest(dataset)
     capture = _capture(manifest)
+    height, width = capture.frame_size
+    rig = Rig(
+        parse_length(focal_length, "--focal-length") / parse_length(pixel, "--pixel"),
+        (height, width), capture.crop_size, parse_length(baseline, "--baseline"),
+    )  # fmt: skip
     everywhere = scene == "all"
     rows, problems = [], []
     for name in _scenes(f"{manifest.scene_names[0]}-{manifest.scene_names[-1]}" if everywhere
@@ -89,7 +102,7 @@ def register_scenes(
             problems.append(_not_raw(source / name))
             continue
         try:
-            rows.append(_register(files, name, fresh))
+            rows.append(_register(files, name, rig, fresh))
         except DfdbenchError as error:
             problems += [_at_scene(problem, name) for problem in error.problems]
     if rows:
@@ -101,18 +114,18 @@ def register_scenes(
         raise SourceError(Problem("no raw scene found", str(source), "folders such as k33/frames"))
 
 
-def _register(files: RawScene, name: str, fresh: bool) -> tuple[str, ...]:
+def _register(files: RawScene, name: str, rig: Rig, fresh: bool) -> tuple[str, ...]:
     found = files.scan_problems()
     if found:
         raise SourceError(found)
     ranges, beams = files.ranges(), files.beams()
     frame, told = _sharp_frame(files)
-    before = nominal(ranges, beams, files.rig).matrix
+    before = nominal(ranges, beams, rig).matrix
     corners = board_corners(ranges, beams)
     agreement = "–"
     kept = files.registration.exists() and not fresh
     if not kept:
-        estimate = register(frame, ranges, beams, files.rig)
+        estimate = register(frame, ranges, beams, rig)
         agreement = f"{100 * estimate.agreement:.1f} %"
         note = f"Estimated by dfdbench register from {told}."
         write_registration(files.registration, estimate.matrix, corners, note)
@@ -120,11 +133,11 @@ def _register(files: RawScene, name: str, fresh: bool) -> tuple[str, ...]:
     moved = [cv2.perspectiveTransform(corners[np.newaxis], m)[0] for m in (before, after)]
     levels, valid = depth_image(ranges, beams)
     # The whole frame is drawn, not its crop: the board's sides are what tells.
-    y, x = files.rig.crop_offset
+    y, x = rig.crop_offset
     to_frame = np.array([[1.0, 0, x], [0, 1, y], [0, 0, 1]])
     named = {"before: LIDAR taken as parallel to the camera": before, "after: " + NAME: after}
     depths = {
-        title: warp(levels, valid, to_frame @ matrix, files.rig.frame_size)
+        title: warp(levels, valid, to_frame @ matrix, rig.frame_size)
         for title, matrix in named.items()
     }
     figure = overlay_figure(frame, depths, f"{name}, {told}, whole frame")

@@ -60,6 +60,8 @@ def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:
         (("simulate", "realworld", "--out", "o", "--exposures", "x"), "10, 20"),
         (("register", "k33", "--source", "none"), "no raw captures"),
         (("register", "all", "--source", "none"), "no raw scene found"),
+        (("register", "all", "--source", "none", "--dataset", "demo"), "demo-1: capture"),
+        (("register", "all", "--source", "none", "--baseline", "93"), "--baseline"),
         (("optics", "sharpness", "none"), "no captures of a lens test"),
         (("build", "realworld", "--source", "none"), "no such folder"),
         (("build", "realworld", "--source", "none", "--pair", "141"), "two steps, as 141,129"),
