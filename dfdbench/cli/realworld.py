@@ -52,7 +52,7 @@ def simulate_realworld(
         capture.lidar_scans,
     )
     count = len(settings.steps) * len(settings.exposures) * settings.frames
-    say(f"{count} frames a scene, about {count * 0.9:.0f} MB")
+    say(f"{count} frames a scene, about {count * 0.8:.0f} MB")
     with progress("simulating scenes") as step:
         made = write_captures(out, names, capture, settings, workers, step)
     kept = f", {len(names) - len(made)} kept from before" if len(made) < len(names) else ""
