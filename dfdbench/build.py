@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import xarray
+from numpy.typing import NDArray
 from upath import UPath
 
 from dfdbench.blur import BlurRecipe, find_recipe, synthesize
@@ -81,10 +82,7 @@ def build_store(
     StoreError
         Where the store cannot be written, or another build is writing it.
     """
-    recipe_name = recipe or manifest.recipe
-    if recipe_name is None:
-        raise SourceError(Problem(f"{manifest.short} names no blur recipe", fix="--recipe NAME"))
-    blur = find_recipe(recipe_name)
+    recipe_name, blur = _blur_of(manifest, recipe)
     available = set(source.available_pairs())
     missing = tuple(pair for pair in manifest.pairs() if pair not in available)
     scenes = [name for name in manifest.scene_names if any(p.scene == name for p in available)]
@@ -99,7 +97,7 @@ def build_store(
             on_scene(done, len(scenes))
 
     attributes = {
-        "recipe": {"name": recipe_name, "parameters": blur.as_dict()},
+        "recipe": {"name": recipe_name, "parameters": blur.as_dict() if blur else {}},
         "degradation": manifest.degradation,
         "depth_unit": manifest.depth.unit,
         "options": dict(source.options),
@@ -144,7 +142,7 @@ class _SceneBuilder:
 
     manifest: Manifest
     source: Source
-    blur: BlurRecipe
+    blur: BlurRecipe | None
     writer: SceneWriter
 
     def __call__(self, scene: str) -> _Outcome:
@@ -160,20 +158,17 @@ class _SceneBuilder:
             return _Outcome(scene, problems=error.problems)
 
 
-def scene_dataset(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> xarray.Dataset:
-    """Return a scene's arrays with the defocus images made from them.
+def scene_dataset(
+    manifest: Manifest, images: SceneImages, blur: BlurRecipe | None
+) -> xarray.Dataset:
+    """Return a scene's arrays; defocus images that were not captured are made.
 
     Where the depth grows with distance it is inverted before the blur (Eq. 7.1 of the thesis).
     """
     axes = manifest.axes
-    defocus = np.zeros_like(images.infocus)
-    for place in np.ndindex(images.available.shape):
-        if images.available[place]:
-            at = dict(zip(axes, place, strict=True))
-            depth = images.depth[tuple(at[axis] for axis in manifest.depth.axes)]
-            if manifest.depth.grows_with == "distance":
-                depth = 255 - depth
-            defocus[place] = synthesize(images.infocus[place], depth, blur)
+    defocus = images.defocus
+    if defocus is None and blur is not None:
+        defocus = _synthesised(manifest, images, blur)
     pair_axes, depth_axes = tuple(axes), tuple(manifest.depth.axes)
     variables: dict[str, tuple[tuple[str, ...], Any]] = {
         "infocus": ((*pair_axes, "y", "x", "channel"), images.infocus),
@@ -184,3 +179,33 @@ def scene_dataset(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> 
     }
     coordinates = {axis: np.asarray(values, np.int64) for axis, values in axes.items()}
     return xarray.Dataset(variables, coords=coordinates)
+
+
+def _blur_of(manifest: Manifest, recipe: str | None) -> tuple[str, BlurRecipe | None]:
+    """Return the blur recipe and its name: none where the defocus images are captured."""
+    name = recipe or manifest.recipe
+    captured = manifest.capture is not None and manifest.recipe is None
+    if captured and recipe:
+        raise SourceError(
+            Problem(
+                f"the defocus images of {manifest.short} are captured", "--recipe", got=recipe,
+                fix="leave it out, or build realworld-synthetic",
+            )
+        )  # fmt: skip
+    if captured:
+        return "", None
+    if name is None:
+        raise SourceError(Problem(f"{manifest.short} names no blur recipe", fix="--recipe NAME"))
+    return name, find_recipe(name)
+
+
+def _synthesised(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> NDArray[np.uint8]:
+    defocus = np.zeros_like(images.infocus)
+    for place in np.ndindex(images.available.shape):
+        if images.available[place]:
+            at = dict(zip(manifest.axes, place, strict=True))
+            depth = images.depth[tuple(at[axis] for axis in manifest.depth.axes)]
+            if manifest.depth.grows_with == "distance":
+                depth = 255 - depth
+            defocus[place] = synthesize(images.infocus[place], depth, blur)
+    return defocus

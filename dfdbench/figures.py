@@ -130,7 +130,9 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     levels = sorted({pair.coordinates[blocks] for pair in pairs})
     scenes = list(dict.fromkeys(pair.scene for pair in pairs))
     width = max(4.0, 0.35 * len(scenes) + 2.0)
-    figure = Figure(figsize=(width * len(columns), 8), layout="constrained")
+    # Title and legend are of one width, however few scenes there are.
+    whole = max(width * len(columns), 8.0)
+    figure = Figure(figsize=(whole, 8), layout="constrained")
     grid = figure.subplots(len(METRICS), len(columns), squeeze=False, sharey="row", sharex=True)
     figure.suptitle(
         f"{plain_text(result.method.name)} on {result.dataset.name}, split {result.dataset.split}, "
@@ -165,7 +167,9 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
                     "scene; one mark a view" if "view" in result.dataset.axes else "scene"
                 )
     handles, labels = grid[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(levels))
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=min(len(levels), int(whole / 2))
+    )
     return figure
 
 

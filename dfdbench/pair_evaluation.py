@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import Problem, StoreError
+from dfdbench.blur import BlurRecipe
+from dfdbench.errors import MethodError, Problem, StoreError
 from dfdbench.fingerprint import array_digest
 from dfdbench.location import is_local
 from dfdbench.manifest import Pair
@@ -37,11 +38,24 @@ def load_for(store: Store, name: str, parameters: Mapping[str, Any], seed: int =
         name,
         parameters,
         {
-            "recipe": lambda: store.recipe,
+            "recipe": lambda: _recipe_of(store),
             "training_mean": lambda: training_mean(store),
             "seed": lambda: seed,
         },
     )
+
+
+def _recipe_of(store: Store) -> BlurRecipe:
+    recipe = store.recipe
+    if recipe is None:
+        raise MethodError(
+            Problem(
+                "the method asks for a blur recipe, and there is none", str(store.path),
+                "a data set with synthetic blur", f"{store.manifest.short}: captured defocus",
+                "--param recipe=published gives it one, which is not how these images were made",
+            )
+        )  # fmt: skip
+    return recipe
 
 
 def training_mean(store: Store) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +77,27 @@ def summarise(result: Result, protocol: str, seed: int = 0) -> tuple[Group, ...]
         groups.append(_group(of_block, protocol, block, None, seed if rows else None))
     groups.append(_group(result.pairs, protocol, None, None, seed))
     return tuple(groups)
+
+
+def summarise_scenes(
+    result: Result, protocol: str, label_of: Mapping[str, str]
+) -> dict[str, Group]:
+    """Return a group for each label that scenes bear: a geometry, say, or a texture.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    protocol : str
+        Under which protocol.
+    label_of : mapping of str to str
+        The label of each scene; scenes without one are left out.
+    """
+    pairs: dict[str, list[PairResult]] = {}
+    for pair in result.pairs:
+        if pair.scene in label_of:
+            pairs.setdefault(label_of[pair.scene], []).append(pair)
+    return {label: _group(members, protocol, None, None, None) for label, members in pairs.items()}
 
 
 def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:

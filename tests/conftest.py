@@ -26,8 +26,12 @@ from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.mrf import Energy, published
 from dfdbench.parallel import Threads
+from dfdbench.registration import board_corners, register
+from dfdbench.registration_file import write_registration
+from dfdbench.simulated_captures import Settings, write_captures
 from dfdbench.sources import open_source
 from dfdbench.store import Store
+from tests.realworld import STEPS, raw_scene
 
 TINY_TOML = """
 schema_version = 1
@@ -235,3 +239,19 @@ def aloe(shared_data: Path) -> Callable[[int], Energy]:
         return Energy(unary, published(256), offset=offset)
 
     return build
+
+
+@pytest.fixture(scope="session")
+def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Simulated raw captures of k01 (oblique) and k03 (flat, near), registered; never changed."""
+    folder = tmp_path_factory.mktemp("captures")
+    manifest = find_manifest("realworld")
+    assert manifest.capture is not None
+    write_captures(folder, ("k01", "k03"), manifest.capture, Settings(STEPS, (40,)), workers=2)
+    for name in ("k01", "k03"):
+        scene = raw_scene(folder, name)
+        ranges, beams = scene.ranges(), scene.beams()
+        found = register(scene.frame(40, 135), ranges, beams, scene.rig)
+        corners = board_corners(ranges, beams)
+        write_registration(scene.registration, found.matrix, corners, "by the tests")
+    return folder

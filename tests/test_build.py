@@ -169,7 +169,7 @@ def test_recipes_and_data_sets_that_cannot_be_built(
     source = open_source(tiny_manifest, tiny_folder)
     with pytest.raises(UnknownNameError, match="did you mean text"):
         build_store(tiny_manifest, source, tmp_path / "s.zarr", recipe="txt")
-    with pytest.raises(SourceError, match="cannot build realworld-1"):
+    with pytest.raises(SourceError, match="simulate realworld"):
         open_source(find_manifest("realworld"))
     with pytest.raises(SourceError, match="name one"):
         open_source(find_manifest("middlebury"))

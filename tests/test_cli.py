@@ -88,7 +88,7 @@ def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -
         (["info", "midlebury"], "did you mean middlebury"),
         (["info", "middlebury", "--pairs", "tst"], "did you mean test"),
         (["build", "middlebury", "--offline"], "--source DIR"),
-        (["build", "realworld"], "cannot build realworld-1"),
+        (["build", "realworld"], "dfdbench build realworld --source DIR"),
         (["build", "demo", "--recipe", "text"], "--store PATH"),
         (["run", "--method", "mymodule:predict"], "--dataset demo"),
         (["run", "--method", "local", "--protocol", "thesys"], "did you mean thesis"),

@@ -42,6 +42,10 @@ def build(
             help="Take the site's default images for Illum1/Exp2; fetch no others.",
         ),
     ] = False,
+    pair: Annotated[
+        str | None,
+        typer.Option(help="In-focus and defocus voltage step of captured pairs: 141,129."),
+    ] = None,
     allow_missing: Annotated[
         bool, typer.Option("--allow-missing", help="Succeed although pairs are missing.")
     ] = False,
@@ -68,11 +72,12 @@ def build(
             )
         )  # fmt: skip
     pool = pool_of(workers, scheduler)
+    steps = _voltage_steps(manifest, pair, store)
     if source is None and manifest.reader == "middlebury":
         files = _fetched(manifest, default_lighting, mirror, offline, cache)
     else:
         _refuse_to_fetch(manifest, mirror, offline)
-        files = open_source(manifest, source, default_lighting, known_checksums(manifest))
+        files = open_source(manifest, source, default_lighting, known_checksums(manifest), steps)
     with progress("building scenes") as step:
         report = build_store(manifest, files, place, recipe, pool, step)
     kept = f", {len(report.scenes_kept)} kept from before" if report.scenes_kept else ""
@@ -97,6 +102,28 @@ def export(
     with progress("writing pairs") as step:
         count = export_png(store, png, split, step)
     print(f"{count} pairs lie in {png}")
+
+
+def _voltage_steps(
+    manifest: Manifest, pair: str | None, store: str | None
+) -> tuple[int, int] | None:
+    if pair is None:
+        return None
+    try:
+        infocus, defocus = (int(step) for step in pair.split(","))
+    except ValueError:
+        raise InputError(
+            Problem("not a pair of voltage steps", "--pair", "two steps, as 141,129", pair)
+        ) from None
+    usual = manifest.capture and (manifest.capture.infocus_step, manifest.capture.defocus_step)
+    if usual not in (None, (infocus, defocus)) and store is None:
+        raise InputError(
+            Problem(
+                "another pair of voltage steps makes another data set", "--pair", f"{usual}", pair,
+                "name its place: --store PATH",
+            )
+        )  # fmt: skip
+    return infocus, defocus
 
 
 def _fetched(

@@ -140,7 +140,9 @@ def _show_store(store: Store) -> None:
         f"  size         {decimal(size_of(store.path))}",
         f"  fingerprint  {store.fingerprint}",
         f"  manifest     {store.manifest.stem}  sha256 {attributes['manifest_sha256']}",
-        f"  recipe       {recipe['name']}: {parameters}",
+        f"  recipe       {recipe['name']}: {parameters}"
+        if recipe["name"]
+        else "  recipe       none: both images are captured",
         f"  degradation  {attributes['degradation']}",
         f"  depth        {attributes['depth_unit']}",
         f"  options      {options or 'none'}",

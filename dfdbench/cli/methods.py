@@ -20,6 +20,7 @@ from dfdbench.methods import load_method
 from dfdbench.pair_evaluation import load_for
 from dfdbench.protocol import find_protocol
 from dfdbench.report import run_as_csv, run_as_json, run_tables
+from dfdbench.report_scenes import scene_tables
 from dfdbench.run_folder import RESULT
 from dfdbench.store import open_store
 from dfdbench.submission import LEADERBOARD
@@ -79,15 +80,19 @@ def run(
         say(f"{done.reused} pairs taken over from an earlier call (--fresh evaluates anew)")
     if not no_predictions:
         draw_run(data, done.result, folder, shown.name)
+    tables = [
+        *run_tables(done.result, shown.name),
+        *scene_tables(done.result, shown.name, data.manifest.scenes),
+    ]
     if format is Format.table:
-        for table in run_tables(done.result, shown.name):
+        for table in tables:
             print_table(table)
     elif format is Format.csv:
         print(run_as_csv(done.result, shown.name), end="")
     elif format is Format.json:
         print(run_as_json(done.result, shown.name), end="")
     else:
-        print(render(run_tables(done.result, shown.name), format), end="")
+        print(render(tables, format), end="")
     say(f"result       {folder / RESULT}")
     if not no_predictions:
         say(f"figures      {folder / 'figures'}")

@@ -1,12 +1,14 @@
-"""What every verb prints with: messages, tables, a progress bar."""
+"""What every verb shows its work with: messages, tables, figures, a progress bar."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import typer
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.filesize import decimal
 from rich.progress import (
@@ -21,6 +23,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from dfdbench.errors import InputError, Problem
 from dfdbench.tables import Table, as_rich
 
 _INTERRUPTED = 130
@@ -36,6 +39,18 @@ def print_table(table: Table) -> None:
     # Piped or captured there is no terminal to fit: lines are as long as they need be.
     console = Console() if sys.stdout.isatty() else Console(width=200)
     console.print(as_rich(table))
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Draw a figure into a PNG file and say where it lies."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=120, format="png")
+    except OSError as error:
+        raise InputError(
+            Problem("cannot write the figure", str(path), got=error.strerror or str(error))
+        ) from error
+    say(f"figure       {path}")
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from dfdbench.sources.demo import DemoScenes
 from dfdbench.sources.interface import SceneImages, Source
 from dfdbench.sources.middlebury import MiddleburyScenes
 from dfdbench.sources.middlebury_download import Download, download_middlebury
+from dfdbench.sources.realworld import RealworldFolder
 
 __all__ = ["Download", "SceneImages", "Source", "download_middlebury", "open_source"]
 
@@ -20,6 +21,7 @@ def open_source(
     folder: Path | None = None,
     default_lighting: bool = False,
     checksums: Mapping[str, str] | None = None,
+    pair: tuple[int, int] | None = None,
 ) -> Source:
     """Return the source that a manifest names.
 
@@ -31,12 +33,28 @@ def open_source(
         Where its files lie, for a data set that is read from disk.
     default_lighting, checksums
         See `MiddleburyScenes`.
+    pair : tuple of int, optional
+        Two voltage steps; see `RealworldFolder`.
 
     Raises
     ------
     SourceError
         Where the data set needs a folder, takes none, or cannot be built by this version.
     """
+    if pair and manifest.reader != "realworld":
+        raise SourceError(Problem(f"{manifest.short} has no voltage steps", "--pair"))
+    if manifest.reader == "realworld":
+        if folder is None:
+            raise SourceError(
+                Problem(
+                    f"{manifest.short} is read from a folder, and none is named",
+                    expected="k33/left/exp_30/image_141_30.00.png and k33/lidar/..., or raw "
+                    "captures: docs/realworld.md",
+                    fix=f"dfdbench build {manifest.short} --source DIR; to see the layout: "
+                    "dfdbench simulate realworld --out DIR --scenes k00-k07",
+                )
+            )
+        return RealworldFolder(manifest, folder, pair)
     if manifest.reader == "demo":
         if folder or default_lighting:
             raise SourceError(
@@ -51,7 +69,7 @@ def open_source(
     raise SourceError(
         Problem(
             f"this version cannot build {manifest.stem}: it has no reader for its files",
-            expected="a data set read by: demo, middlebury",
+            expected="a data set read by: demo, middlebury, realworld",
             got=manifest.reader,
         )
     )

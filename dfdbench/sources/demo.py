@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import skimage.data
-import skimage.io
 from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, SourceError
 from dfdbench.manifest import Manifest, Pair
+from dfdbench.photographs import GAMMA, normal_numbers, photograph
 from dfdbench.raycast import Surface, View, cast
 from dfdbench.sources.demo_scenes import SCENES
 from dfdbench.sources.interface import SceneImages
@@ -39,7 +36,6 @@ _GAINS = {0: 1.6 / 36, 1: 1.6 / 6, 2: 1.6}
 _FULL_WELL = 60_000.0  # electrons; four frames of 15,000 averaged
 _READ_NOISE = 12.0  # electrons
 _CONVERTER_STEPS = 1023  # 10 bit
-_GAMMA = 2.2
 
 
 class DemoScenes:
@@ -66,7 +62,7 @@ class DemoScenes:
         names = sorted({surface.texture.photograph for surface in surfaces})
         digest = hashlib.sha256(repr((surfaces, _LIGHTS, _GAINS, _SEED, _SHAPE)).encode())
         for name in names:
-            digest.update(_photograph(name).tobytes())
+            digest.update(photograph(name).tobytes())
         return digest.hexdigest()
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
@@ -77,7 +73,7 @@ class DemoScenes:
         """Render one scene from both views under every light and exposure."""
         axes = self._manifest.axes
         surfaces = SCENES[scene]
-        photographs = {s.texture.photograph: _photograph(s.texture.photograph) for s in surfaces}
+        photographs = {s.texture.photograph: photograph(s.texture.photograph) for s in surfaces}
         offsets = dict(zip(axes["view"], (-_BASELINE / 2, _BASELINE / 2), strict=True))
         views = {view: _look(surfaces, photographs, offset) for view, offset in offsets.items()}
         extent = tuple(len(values) for values in axes.values())
@@ -113,10 +109,10 @@ def photograph_light(light: Floats, seed: tuple[int, ...]) -> NDArray[np.uint8]:
     [[[255, 255, 255]]]
     """
     electrons = np.minimum(light, 1.2) * _FULL_WELL
-    noise = np.sqrt(electrons + _READ_NOISE**2) * _normal(light.shape, seed)
+    noise = np.sqrt(electrons + _READ_NOISE**2) * normal_numbers(light.shape, seed)
     steps = np.rint((electrons + noise) / _FULL_WELL * _CONVERTER_STEPS)
     signal = np.clip(steps, 0, _CONVERTER_STEPS) / _CONVERTER_STEPS
-    return np.rint(255 * signal ** (1 / _GAMMA)).astype(np.uint8)
+    return np.rint(255 * signal ** (1 / GAMMA)).astype(np.uint8)
 
 
 def _look(surfaces: tuple[Surface, ...], photographs: Mapping[str, Floats], offset: float) -> View:
@@ -151,32 +147,3 @@ def _depth_levels(distance: Floats, other: Floats, shift: int) -> NDArray[np.uin
     there = other[rows, np.clip(seen, 0, distance.shape[1] - 1)]
     hidden = inside & (there < distance * (1 - _OCCLUSION))
     return np.where(hidden, 0, np.clip(np.rint(level), 1, 255)).astype(np.uint8)
-
-
-def _normal(shape: tuple[int, ...], seed: tuple[int, ...]) -> Floats:
-    # The sum of four 16-bit numbers is close to normal, and unlike NumPy's own normal numbers
-    # the raw stream is promised never to change.
-    generator = np.random.PCG64(np.random.SeedSequence(seed))
-    raw = generator.random_raw(int(np.prod(shape)))
-    total = sum(((raw >> np.uint64(16 * part)) & np.uint64(0xFFFF)).astype(np.float64)
-                for part in range(4))  # fmt: skip
-    spread = np.sqrt(4 * (65536.0**2 - 1) / 12)
-    return np.asarray((total - 2 * 65535.0) / spread).reshape(shape)
-
-
-@cache
-def _photograph(name: str) -> Floats:
-    path = Path(skimage.data.__file__).parent / f"{name}.png"
-    if not path.exists():
-        raise SourceError(
-            Problem(
-                "a photograph of the demo set is missing", str(path), "shipped with scikit-image",
-                fix="pip install --force-reinstall scikit-image",
-            )
-        )  # fmt: skip
-    image = skimage.io.imread(path)
-    if image.ndim == 2:
-        image = np.repeat(image[:, :, np.newaxis], 3, axis=2)
-    # The photographs are gamma-encoded: light is linear.
-    table = (np.arange(256) / 255.0) ** _GAMMA
-    return np.asarray(table[image[:, :, :3]])

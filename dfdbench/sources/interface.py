@@ -26,12 +26,15 @@ class SceneImages:
         True where the depth is known.
     available : ndarray of bool, shape (*pair axes,)
         True where the pair's image is there.
+    defocus : ndarray of uint8, shape as `infocus`, optional
+        RGB, where the source captured it; None where it is made from the in-focus image.
     """
 
     infocus: NDArray[np.uint8]
     depth: NDArray[np.uint8]
     valid: NDArray[np.bool_]
     available: NDArray[np.bool_]
+    defocus: NDArray[np.uint8] | None = None
 
 
 class Source(Protocol):

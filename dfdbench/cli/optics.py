@@ -1,0 +1,176 @@
+"""The verbs for a lens: optics blur, optics pairs, optics sharpness."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from matplotlib.ticker import MaxNLocator
+
+from dfdbench.cli.screen import print_table, save_figure
+from dfdbench.errors import InputError, Problem
+from dfdbench.figures_optics import blur_figure, pair_figure
+from dfdbench.figures_realworld import temperature_figure, voltage_figure
+from dfdbench.lens import StepPair, rank_pairs, read_lens_table
+from dfdbench.lens_captures import Measurement, read_lens_captures
+from dfdbench.optics import ThinLens
+from dfdbench.tables import Table
+from dfdbench.units import parse_length
+
+app = typer.Typer(help="What a lens does to a point, and which voltage steps make a good pair.")
+
+_ROWS = 20
+_DRAWN = 3
+
+
+@app.command()
+def blur(
+    f_number: Annotated[float, typer.Option(help="Focal length over aperture.")],
+    focal_length: Annotated[str, typer.Option(help="With its unit: 9.6mm.")],
+    focus: Annotated[str, typer.Option(help="The distance in focus: 0.5m.")],
+    pixel: Annotated[str, typer.Option(help="Size of a pixel: 4.8um.")],
+    range: Annotated[
+        tuple[str, str], typer.Option(help="Distances shown; metres unless a unit is given.")
+    ] = ("0.3", "4"),
+    out: Annotated[Path, typer.Option(help="Where the curve is drawn.")] = Path("blur.png"),
+) -> None:
+    """Print a thin lens's blur by distance and draw the curve (thesis, Fig. 2.5)."""
+    lens = ThinLens(
+        f_number,
+        parse_length(focal_length, "--focal-length"),
+        parse_length(focus, "--focus"),
+        parse_length(pixel, "--pixel"),
+    )
+    near, far = _range(range)
+    print_table(_blur_table(lens, near, far))
+    save_figure(blur_figure(lens, near, far), out)
+
+
+@app.command()
+def pairs(
+    lens: Annotated[
+        Path | None,
+        typer.Option(help="A measured lens as CSV; default: the thesis's microfluidic lens."),
+    ] = None,
+    range: Annotated[
+        tuple[str, str], typer.Option(help="The working range; metres unless a unit is given.")
+    ] = ("1.5", "2.2"),
+    limit: Annotated[int, typer.Option(min=1, help="How many pairs are shown.")] = 20,
+    out: Annotated[Path, typer.Option(help="Where the best pairs are drawn.")] = Path("pairs.png"),
+) -> None:
+    """Rank pairs of voltage steps by how well their blur tells distances apart (thesis, 7.2.3)."""
+    table = read_lens_table(lens)
+    near, far = _range(range)
+    ranked = rank_pairs(table, near, far)
+    if not ranked:
+        raise InputError(
+            Problem(
+                "no pair has a monotonic difference of blur over the range", "--range",
+                got=f"{near:g} to {far:g} m", fix="choose a narrower range",
+            )
+        )  # fmt: skip
+    print_table(_pair_table(ranked, limit))
+    save_figure(pair_figure(table, ranked[:_DRAWN]), out)
+
+
+@app.command()
+def sharpness(
+    source: Annotated[Path, typer.Argument(help="Folder with temperature, up and down.")],
+    out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("sharpness"),
+) -> None:
+    """Measure a lens from images of a dot: over temperature, and voltage up and down (7.2.1)."""
+    found = read_lens_captures(source)
+    warming = found.get("temperature", ())
+    if warming:
+        rows = tuple(
+            (f"{m.temperature:.2f}", f"{m.sharpness:.4f}", f"{m.background:.4f}") for m in warming
+        )
+        columns = ("temperature (°C)", "image", "background")
+        print_table(Table("discrete cosine sharpness over temperature", columns, rows, "rrr"))
+        save_figure(temperature_figure(warming), out / "temperature.png")
+    up, down = found.get("up", ()), found.get("down", ())
+    if up or down:
+        print_table(_hysteresis_table(up, down))
+        save_figure(voltage_figure(up, down), out / "voltage.png")
+
+
+def _hysteresis_table(up: tuple[Measurement, ...], down: tuple[Measurement, ...]) -> Table:
+    ways = [{m.step: m.sharpness for m in measured} for measured in (up, down)]
+    rows = []
+    for step in sorted({*ways[0], *ways[1]}):
+        values = [way.get(step) for way in ways]
+        cells = ["–" if value is None else f"{value:.4f}" for value in values]
+        gap = "–" if None in values else f"{ways[0][step] - ways[1][step]:+.4f}"
+        rows.append((str(step), *cells, gap))
+    columns = ("voltage step", "going up", "going down", "difference")
+    return Table("discrete cosine sharpness over voltage", columns, tuple(rows), "rrrr")
+
+
+def _blur_table(lens: ThinLens, near: float, far: float) -> Table:
+    ticks = [float(tick) for tick in MaxNLocator(_ROWS).tick_values(near, far)]
+    rows = []
+    for distance in (tick for tick in ticks if near <= tick <= far):
+        width = float(lens.blur_radius(distance))
+        whole = int(lens.quantised_blur_radius(distance))
+        rows.append(
+            (
+                f"{distance:g}", f"{width * 1e6:.2f}", f"{width / lens.pixel_size:.2f}",
+                str(whole), _resolution(lens, distance),
+            )
+        )  # fmt: skip
+    sharp_near, sharp_far = lens.depth_of_field()
+    far_text = "infinity" if np.isinf(sharp_far) else f"{sharp_far:.4f} m"
+    depth = "infinite" if np.isinf(sharp_far) else f"{sharp_far - sharp_near:.4f} m"
+    limit = lens.max_blur_radius()
+    notes = (
+        f"at infinity: {limit * 1e6:.2f} µm, {limit / lens.pixel_size:.2f} pixels",
+        f"depth of field at one pixel: {sharp_near:.4f} m to {far_text}, {depth}",
+        f"hyperfocal distance: {lens.hyperfocal_distance():.3f} m",
+        "depth resolution: how much farther a point must lie for one pixel more (Eq. 2.21)",
+    )
+    columns = (
+        "distance (m)", "blur radius (µm)", "(pixels)", "quantised", "depth resolution (m)",
+    )  # fmt: skip
+    title = (
+        f"f/{lens.f_number:g}, {lens.focal_length * 1e3:g} mm, focused at {lens.focus_distance:g} m"
+    )
+    return Table(title, columns, tuple(rows), "rrrrr", notes)
+
+
+def _resolution(lens: ThinLens, distance: float) -> str:
+    if distance < lens.focus_distance:
+        return "–"
+    step = float(lens.depth_resolution(distance))
+    return "none" if np.isinf(step) else f"{step:.3f}"
+
+
+def _pair_table(ranked: tuple[StepPair, ...], limit: int) -> Table:
+    shown = ranked[:limit]
+    distances = tuple(f"{distance:g}" for distance in shown[0].distances)
+    rows = tuple(
+        (
+            str(place), pair.name, *map(str, pair.differences), str(pair.repeats), str(pair.span),
+            str(pair.longest_run),
+        )
+        for place, pair in enumerate(shown, start=1)
+    )  # fmt: skip
+    title = "absolute difference of the blur radii in pixels, by distance in metres"
+    left = len(ranked) - len(shown)
+    notes = (
+        "all are monotonic; fewer repeated values first, then the larger span, the shorter run, "
+        "the more even growth, the lesser blur",
+        *((f"{left} more usable pairs: --limit {len(ranked)}",) if left else ()),
+    )
+    columns = ("", "pair", *distances, "repeats", "span", "run")
+    return Table(title, columns, rows, "rl" + "r" * (len(distances) + 3), notes)
+
+
+def _range(given: tuple[str, str]) -> tuple[float, float]:
+    near, far = (parse_length(text, "--range", unit="m") for text in given)
+    if near >= far:
+        raise InputError(
+            Problem("the range is empty", "--range", "the nearer end first", " ".join(given))
+        )
+    return near, far

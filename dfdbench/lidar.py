@@ -1,0 +1,305 @@
+"""From LIDAR ranges to a depth map (thesis, 3.2.5): one pure function a step.
+
+Ranges are in millimetres, shape (beam, column); 0 means that nothing came back. A column is a
+measurement ID, 0 to 2047 in a turn, 1024 straight ahead. Arrays of values travel with an array
+`valid` of the same shape: values are filled from their neighbours where there was no return, so
+that filters have something to work on, and `valid` says where that is so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from dfdbench.errors import InputError, Problem
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Kind = TypeVar("Kind", bound=np.generic)
+
+CENTRE_COLUMN = 1024
+HALF_WIDTH = 150
+MILLIMETRES_PER_LEVEL = 10
+_FARTHEST = 255
+_MEDIAN = 7
+_UPSAMPLED_MEDIAN = 13
+#: Total scale after each of the six steps: (height, width).
+UPSAMPLING = ((3, 2), (6, 2), (9, 4), (12, 4), (15, 6), (18, 6))
+
+
+@dataclass(frozen=True)
+class Beams:
+    """Where each laser beam of a LIDAR points.
+
+    Parameters
+    ----------
+    altitude : ndarray of float, shape (beam,)
+        In degrees above the horizon.
+    azimuth : ndarray of float, shape (beam,)
+        In degrees, ahead of the turning head.
+    azimuth_index : ndarray of int, shape (beam,)
+        The same in columns, rounded as the maker does.
+    """
+
+    altitude: Floats
+    azimuth: Floats
+    azimuth_index: NDArray[np.int64]
+
+
+def average_scans(scans: Sequence[NDArray[np.int32]]) -> Floats:
+    """Return the mean range over several scans, missing returns left out of it.
+
+    Parameters
+    ----------
+    scans : sequence of ndarray of int, shape (beam, column)
+        Ranges in millimetres, 0 where nothing came back.
+
+    Returns
+    -------
+    ndarray of float, shape (beam, column)
+        0 where no scan had a return.
+
+    Raises
+    ------
+    InputError
+        Where there is no scan, or they differ in shape.
+
+    Examples
+    --------
+    >>> average_scans([np.array([[1500, 0, 0]]), np.array([[1510, 1600, 0]])]).tolist()
+    [[1505.0, 1600.0, 0.0]]
+    """
+    shapes = {scan.shape for scan in scans}
+    if len(shapes) != 1:
+        raise InputError(Problem("scans differ in shape", "scans", "one shape", str(shapes or 0)))
+    stack = np.stack(scans).astype(np.float64)
+    count = (stack > 0).sum(axis=0)
+    return np.asarray(stack.sum(axis=0) / np.maximum(count, 1))
+
+
+def to_cartesian(ranges: Floats, beams: Beams) -> tuple[Floats, Floats, Floats]:
+    """Return X ahead, Y to the left and Z up, in the ranges' unit (Eq. 3.5 to 3.9).
+
+    Eq. 3.6 is printed without the division by 360 that turns degrees into turns.
+
+    Parameters
+    ----------
+    ranges : ndarray, shape (beam, column)
+        One full turn.
+    beams : Beams
+        Where each row points.
+
+    Raises
+    ------
+    InputError
+        Where there is not a beam for each row.
+
+    Examples
+    --------
+    >>> level = Beams(np.zeros(1), np.zeros(1), np.zeros(1, int))
+    >>> x, y, z = to_cartesian(np.full((1, 4), 1000.0), level)
+    >>> x.round().tolist(), y.round().tolist(), z.round().tolist()
+    ([[-707.0, 707.0, 707.0, -707.0]], [[707.0, 707.0, -707.0, -707.0]], [[0.0, 0.0, 0.0, 0.0]])
+    """
+    rows, columns = ranges.shape
+    if rows != len(beams.altitude):
+        raise InputError(
+            Problem("not a beam for each row", "beams", f"{rows} beams", f"{len(beams.altitude)}")
+        )
+    measurement = np.arange(columns) + beams.azimuth_index[:, np.newaxis]
+    theta = 2 * np.pi * (measurement % columns - (columns - 1) / 2) / columns
+    phi = 2 * np.pi * beams.altitude[:, np.newaxis] / 360
+    return (
+        np.asarray(ranges * np.cos(theta) * np.cos(phi)),
+        np.asarray(-ranges * np.sin(theta) * np.cos(phi)),
+        np.asarray(ranges * np.sin(phi)),
+    )
+
+
+def align_columns(values: Floats, beams: Beams) -> Floats:
+    """Return the values with each row turned so that a column is one direction in all rows.
+
+    The beams of the head are staggered: neighbouring rows of one column look some degrees apart.
+
+    Parameters
+    ----------
+    values : ndarray, shape (beam, column)
+        One full turn.
+    beams : Beams
+        Where each row points.
+
+    Examples
+    --------
+    >>> two = Beams(np.zeros(2), np.zeros(2), np.array([1, -1]))
+    >>> align_columns(np.array([[1.0, 2, 3], [1, 2, 3]]), two).tolist()
+    [[3.0, 1.0, 2.0], [2.0, 3.0, 1.0]]
+    """
+    rows = zip(values, beams.azimuth_index.tolist(), strict=True)
+    return np.stack([np.roll(row, index) for row, index in rows])
+
+
+def crop_columns(values: Floats, centre: int = CENTRE_COLUMN, half: int = HALF_WIDTH) -> Floats:
+    """Return the columns that look ahead: `half` to each side of `centre`, 300 by default.
+
+    Examples
+    --------
+    >>> crop_columns(np.zeros((64, 2048))).shape
+    (64, 300)
+    """
+    return values[:, centre - half : centre + half]
+
+
+def fill_missing(values: Floats, valid: Mask) -> Floats:
+    """Return the values with each that is not valid taken from the nearest that is.
+
+    Raises
+    ------
+    InputError
+        Where nothing is valid.
+
+    Examples
+    --------
+    >>> fill_missing(np.array([[5.0, 0, 0, 9]]), np.array([[True, False, False, True]])).tolist()
+    [[5.0, 5.0, 9.0, 9.0]]
+    """
+    if not valid.any():
+        raise InputError(Problem("the LIDAR saw nothing ahead", "ranges", "returns", "all are 0"))
+    nearest = ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True)
+    return np.asarray(values[tuple(nearest)])
+
+
+def median_cross(values: Floats, length: int = _MEDIAN) -> Floats:
+    """Return the values after a median along columns, then one along rows.
+
+    A square median of that length would round the corners of what the LIDAR sees. Past its edge
+    the image goes on as its mirror image.
+
+    Parameters
+    ----------
+    values : ndarray, shape (y, x)
+        What is filtered.
+    length : int
+        Odd; 7 for what the LIDAR gives, 13 while it is scaled up.
+    """
+    return _median_rows(_median_rows(values.T, length).T, length)
+
+
+def to_levels(distance: Floats) -> Floats:
+    """Return distances in millimetres as depth levels of a centimetre: divided by 10, floored.
+
+    Levels are clipped to 0 to 255: see `in_range` for what that leaves out.
+
+    Examples
+    --------
+    >>> to_levels(np.array([1509.9, 2550.0, 4000.0])).tolist()
+    [150.0, 255.0, 255.0]
+    """
+    return np.clip(np.floor(distance / MILLIMETRES_PER_LEVEL), 0, _FARTHEST)
+
+
+def in_range(distance: Floats) -> Mask:
+    """Return True where a distance in millimetres has a level of its own: below 2.55 m.
+
+    Level 255 stands for all that is farther, too.
+
+    Examples
+    --------
+    >>> in_range(np.array([0.0, 1500.0, 2549.0, 2550.0])).tolist()
+    [False, True, True, False]
+    """
+    return (distance >= MILLIMETRES_PER_LEVEL) & (distance < _FARTHEST * MILLIMETRES_PER_LEVEL)
+
+
+def upsample(levels: Floats, valid: Mask) -> tuple[Floats, Mask]:
+    """Return levels and validity 18 times as high and 6 times as wide, in six steps.
+
+    Each step scales to the nearest neighbour, then takes the medians 13 x 1 and 1 x 13, which
+    round off the stairs that scaling leaves. What was not valid stays so; what a median took from
+    beyond the range is not valid either.
+
+    Examples
+    --------
+    >>> levels, valid = upsample(np.full((64, 300), 150.0), np.ones((64, 300), bool))
+    >>> levels.shape, float(levels.min()), bool(valid.all())
+    ((1152, 1800), 150.0, True)
+    """
+    height, width = levels.shape
+    scaled = levels
+    for down, across in UPSAMPLING:
+        scaled = median_cross(_nearest(scaled, height * down, width * across), _UPSAMPLED_MEDIAN)
+    return scaled, np.asarray(_nearest(valid, *scaled.shape) & (scaled < _FARTHEST))
+
+
+def warp(
+    levels: Floats, valid: Mask, matrix: Floats, shape: tuple[int, int]
+) -> tuple[NDArray[np.uint8], Mask]:
+    """Return levels and validity as the camera sees them.
+
+    Parameters
+    ----------
+    levels, valid : ndarray, shape (y, x)
+        After `upsample`.
+    matrix : ndarray of float, shape (3, 3)
+        Projective, from a place (x, y) of `levels` to one of the image, in pixels.
+    shape : tuple of int
+        Height and width of the image.
+
+    Returns
+    -------
+    levels : ndarray of uint8, shape `shape`
+        0 where not valid.
+    valid : ndarray of bool, shape `shape`
+        False as well where the image sees past the LIDAR's.
+    """
+    size = (shape[1], shape[0])
+    seen = cv2.warpPerspective(
+        valid.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST, borderValue=0
+    ).astype(bool)
+    warped = cv2.warpPerspective(
+        levels.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST, borderValue=0
+    )
+    return np.where(seen, warped, 0).astype(np.uint8), np.asarray(seen)
+
+
+def depth_image(ranges: Floats, beams: Beams) -> tuple[Floats, Mask]:
+    """Return what the LIDAR saw ahead as levels, before registration: every step up to `upsample`.
+
+    Parameters
+    ----------
+    ranges : ndarray of float, shape (beam, column)
+        Averaged, in millimetres.
+    beams : Beams
+        Where each row points.
+
+    Returns
+    -------
+    levels : ndarray of float, shape (18 * beam, 1800)
+        Depth levels.
+    valid : ndarray of bool
+        False where nothing came back, or from farther than the levels reach.
+    """
+    ahead, _, _ = to_cartesian(ranges, beams)
+    distance = crop_columns(align_columns(ahead, beams))
+    returned = crop_columns(align_columns(ranges, beams)) > 0
+    filtered = median_cross(fill_missing(distance, returned))
+    return upsample(to_levels(filtered), returned & in_range(filtered))
+
+
+def _median_rows(values: Floats, length: int) -> Floats:
+    # Rows are padded and laid end to end: in one dimension the filter is ten times faster.
+    half = length // 2
+    padded = np.pad(values, ((0, 0), (half, half)), mode="symmetric")
+    flat = ndimage.median_filter(np.ascontiguousarray(padded).ravel(), size=length)
+    return np.asarray(flat.reshape(padded.shape)[:, half:-half])
+
+
+def _nearest(values: NDArray[Kind], height: int, width: int) -> NDArray[Kind]:
+    rows = (2 * np.arange(height) + 1) * values.shape[0] // (2 * height)
+    columns = (2 * np.arange(width) + 1) * values.shape[1] // (2 * width)
+    return np.asarray(values[rows[:, np.newaxis], columns])

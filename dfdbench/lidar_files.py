@@ -1,0 +1,165 @@
+"""Read and write a LIDAR's files: ranges of a scan, and where its beams point."""
+
+from __future__ import annotations
+
+import csv
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import Problem, SourceError
+from dfdbench.lidar import Beams
+
+_OS1 = "realworld-1/os1_beams.csv"
+_COLUMNS = ("beam", "altitude_deg", "azimuth_deg", "azimuth_index")
+_HEADER = 8
+
+
+def read_ranges(path: Path) -> NDArray[np.int32]:
+    """Read one scan: the rig's binary file, or an array in NumPy's ``.npy``.
+
+    The binary file is little-endian: rows and columns as uint32, then the ranges row by row as
+    int32.
+
+    Parameters
+    ----------
+    path : Path
+        ``*.bin`` or ``*.npy``.
+
+    Returns
+    -------
+    ndarray of int32, shape (beam, column)
+        Millimetres; 0 where nothing came back.
+
+    Raises
+    ------
+    SourceError
+        Where the header disagrees with the length, the bytes are in big-endian order, or the
+        values are no ranges.
+    """
+    try:
+        ranges = _load_array(path) if path.suffix == ".npy" else _decode(path.read_bytes(), path)
+    except OSError as error:
+        raise SourceError(
+            Problem("cannot read the range file", str(path), got=error.strerror or str(error))
+        ) from error
+    if ranges.size == 0 or ranges.min() < 0:
+        raise SourceError(
+            Problem(
+                "not ranges", str(path), "0 or more millimetres in each cell",
+                f"shape {ranges.shape}" if ranges.size == 0 else f"a range of {ranges.min()}",
+            )
+        )  # fmt: skip
+    return ranges
+
+
+def write_ranges(path: Path, ranges: NDArray[np.int32]) -> None:
+    """Write one scan as the rig's binary file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "lidar_rng_00000.bin"
+    ...     write_ranges(path, np.array([[1500, 0]], np.int32))
+    ...     read_ranges(path).tolist()
+    [[1500, 0]]
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    header = np.array(ranges.shape, "<u4").tobytes()
+    path.write_bytes(header + np.ascontiguousarray(ranges, "<i4").tobytes())
+
+
+def read_beams(path: Path | None = None) -> Beams:
+    """Read where a LIDAR's beams point.
+
+    Parameters
+    ----------
+    path : Path, optional
+        CSV with columns beam, altitude_deg, azimuth_deg and azimuth_index, the top beam first;
+        by default the thesis's OS-1, shipped with manifest realworld-1.
+
+    Raises
+    ------
+    SourceError
+        With every problem of the file.
+
+    Examples
+    --------
+    >>> beams = read_beams()
+    >>> len(beams.altitude), int(beams.azimuth_index.min()), int(beams.azimuth_index.max())
+    (64, -19, 19)
+    """
+    where = str(path or _OS1)
+    try:
+        shipped = resources.files("dfdbench.manifests").joinpath(_OS1)
+        text = path.read_text("utf-8") if path else shipped.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SourceError(
+            Problem("cannot read the beam calibration", where, got=str(error))
+        ) from error
+    reader = csv.DictReader(text.splitlines())
+    missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
+    if missing:
+        raise SourceError(
+            Problem("column is missing", where, ",".join(_COLUMNS), ", ".join(missing) + " absent")
+        )
+    problems, rows = [], []
+    for line, row in enumerate(reader, start=2):
+        try:
+            altitude, azimuth = float(row["altitude_deg"]), float(row["azimuth_deg"])
+            rows.append((altitude, azimuth, int(row["azimuth_index"])))
+        except (TypeError, ValueError):
+            problems.append(Problem("not a number", f"{where}: line {line}", got=str(row)))
+    if not rows and not problems:
+        problems.append(Problem("no beam", where, "a line a beam"))
+    if problems:
+        raise SourceError(problems)
+    altitudes, azimuths, indices = zip(*rows, strict=True)
+    return Beams(np.array(altitudes), np.array(azimuths), np.array(indices, np.int64))
+
+
+def _load_array(path: Path) -> NDArray[np.int32]:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except ValueError as error:
+        raise SourceError(Problem("not a NumPy array", str(path), got=str(error))) from error
+    if array.ndim != 2 or not np.issubdtype(array.dtype, np.integer):
+        raise SourceError(
+            Problem(
+                "not an array of ranges", str(path), "whole numbers, shape (beam, column)",
+                f"{array.dtype}, shape {array.shape}",
+            )
+        )  # fmt: skip
+    return np.asarray(array, np.int32)
+
+
+def _decode(content: bytes, path: Path) -> NDArray[np.int32]:
+    if len(content) < _HEADER:
+        raise SourceError(
+            Problem("range file is cut short", str(path), "a header of 8 bytes", f"{len(content)}")
+        )
+    little, big = (tuple(map(int, np.frombuffer(content, f"{order}u4", 2))) for order in "<>")
+    if _length(little) != len(content) and _length(big) == len(content):
+        raise SourceError(
+            Problem(
+                "range file is big-endian", str(path), "little-endian numbers",
+                f"a header that reads {big[0]} x {big[1]} only with its bytes swapped",
+                "write it again as uint32 rows, uint32 columns, int32 ranges, little-endian",
+            )
+        )  # fmt: skip
+    if _length(little) != len(content):
+        raise SourceError(
+            Problem(
+                "header disagrees with the file's length", str(path),
+                f"{_length(little)} bytes for {little[0]} x {little[1]} ranges",
+                f"{len(content)} bytes", "copy the file again",
+            )
+        )  # fmt: skip
+    return np.frombuffer(content, "<i4", offset=_HEADER).reshape(little).astype(np.int32)
+
+
+def _length(shape: tuple[int, ...]) -> int:
+    return _HEADER + 4 * shape[0] * shape[1]

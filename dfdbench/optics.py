@@ -1,0 +1,242 @@
+"""Thin-lens optics (thesis, ch. 2): how large the blur of a point is, and what it tells of depth.
+
+Lengths are in metres throughout. What the thesis calls the blur radius, Eq. 2.11 to 2.16, is the
+full width D (d_f - d_o) / d_f projected onto the sensor; its figures and tables use that number,
+and so does this module.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dfdbench.errors import InputError, Problem
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ThinLens:
+    """A lens, focused at one distance, before a sensor.
+
+    Parameters
+    ----------
+    f_number : float
+        n, the focal length over the aperture's diameter.
+    focal_length : float
+        f, in metres.
+    focus_distance : float
+        d_o, the distance that is in focus, in metres.
+    pixel_size : float
+        In metres.
+
+    Raises
+    ------
+    InputError
+        Where a number is not positive, or the focus lies within the focal length.
+
+    Examples
+    --------
+    >>> lens = ThinLens(3.7, 9.6e-3, 0.5, 4.8e-6)  # Table 2.1
+    >>> round(lens.max_blur_radius() / lens.pixel_size, 2)
+    10.58
+    """
+
+    f_number: float
+    focal_length: float
+    focus_distance: float
+    pixel_size: float
+
+    def __post_init__(self) -> None:
+        problems = [
+            Problem("not a positive number", name, got=str(value))
+            for name, value in vars(self).items()
+            if not (np.isfinite(value) and value > 0)
+        ]
+        if not problems and self.focus_distance <= self.focal_length:
+            problems.append(
+                Problem(
+                    "no real image", "focus_distance", f"more than the {self.focal_length:g} m "
+                    "of the focal length", f"{self.focus_distance:g} m",
+                )
+            )  # fmt: skip
+        if problems:
+            raise InputError(problems)
+
+    def blur_radius_far(self, distance: ArrayLike) -> Floats:
+        """Return the blur of points beyond the focus, in metres on the sensor (Eq. 2.8 to 2.11).
+
+        Parameters
+        ----------
+        distance : array_like of float
+            d_f in metres, at least the focus distance; infinity is allowed.
+        """
+        return self._scale() * (1 / self.focus_distance - 1 / _distances(distance))
+
+    def blur_radius_near(self, distance: ArrayLike) -> Floats:
+        """Return the blur of points before the focus, in metres on the sensor (Eq. 2.15, 2.16).
+
+        Parameters
+        ----------
+        distance : array_like of float
+            d_n in metres, at most the focus distance.
+        """
+        return self._scale() * (1 / _distances(distance) - 1 / self.focus_distance)
+
+    def blur_radius(self, distance: ArrayLike) -> Floats:
+        """Return the blur at any distance, in metres on the sensor (Fig. 2.5, blue line).
+
+        Examples
+        --------
+        >>> lens = ThinLens(3.7, 9.6e-3, 0.5, 4.8e-6)
+        >>> (lens.blur_radius([0.4, 0.5, 1.0]) * 1e6).round(2).tolist()
+        [12.7, 0.0, 25.4]
+        """
+        return np.abs(self.blur_radius_far(distance))
+
+    def max_blur_radius(self) -> float:
+        """Return the blur of a point at infinity, in metres on the sensor (Eq. 2.12)."""
+        return float(self.focal_length**2 / (self.f_number * self._reach()))
+
+    def quantised_blur_radius(self, distance: ArrayLike) -> NDArray[np.int64]:
+        """Return the blur in whole pixels, rounded up (Fig. 2.5, black line).
+
+        Examples
+        --------
+        >>> lens = ThinLens(3.7, 9.6e-3, 0.5, 4.8e-6)
+        >>> lens.quantised_blur_radius([0.4, 0.5, 1.0, np.inf]).tolist()
+        [3, 0, 6, 11]
+        """
+        # Twelve digits: 6.000000000001 pixels are six.
+        pixels = np.round(self.blur_radius(distance) / self.pixel_size, 12)
+        return np.ceil(pixels).astype(np.int64)
+
+    def depth_of_field(self, blur: float | None = None) -> tuple[float, float]:
+        """Return the nearest and the farthest distance that look sharp (Eq. 2.17, 2.18).
+
+        Their difference is the depth of field (Eq. 2.19).
+
+        Parameters
+        ----------
+        blur : float, optional
+            The blur that is acceptable, in metres; by default one pixel.
+
+        Returns
+        -------
+        near, far : float
+            In metres; `far` is infinite from the hyperfocal distance on.
+
+        Examples
+        --------
+        >>> near, far = ThinLens(3.7, 9.6e-3, 0.5, 4.8e-6).depth_of_field()
+        >>> round(near, 4), round(far, 4)
+        (0.4568, 0.5522)
+        """
+        accepted = self.pixel_size if blur is None else blur
+        square, loss = self.focal_length**2, self.f_number * accepted * self._reach()
+        near = self.focus_distance * square / (square + loss)
+        far = self.focus_distance * square / (square - loss) if loss < square else np.inf
+        return float(near), float(far)
+
+    def hyperfocal_distance(self, blur: float | None = None) -> float:
+        """Return the nearest focus that keeps infinity sharp, in metres (from Eq. 2.17).
+
+        It is the focus distance at which ``n c (d_o - f) = f^2``.
+
+        Parameters
+        ----------
+        blur : float, optional
+            The blur that is acceptable, in metres; by default one pixel.
+        """
+        accepted = self.pixel_size if blur is None else blur
+        return float(self.focal_length**2 / (self.f_number * accepted) + self.focal_length)
+
+    def blur_difference(self, first: ArrayLike, second: ArrayLike) -> Floats:
+        """Return by how many pixels the blur of two points differs (Eq. 2.20, 2.21).
+
+        The points lie on the same side of the focus; they can be told apart from 1 on.
+
+        Parameters
+        ----------
+        first, second : array_like of float
+            d_1 and d_2 in metres.
+        """
+        inverse = np.abs(1 / _distances(second) - 1 / _distances(first))
+        return np.asarray(self._scale() * inverse / self.pixel_size)
+
+    def depth_resolution(self, distance: ArrayLike) -> Floats:
+        """Return how much farther a point must lie for its blur to grow by a pixel, in metres.
+
+        Eq. 2.21 as an equality, solved for d_2 - d_1; infinite where no distance is far enough.
+
+        Parameters
+        ----------
+        distance : array_like of float
+            d_1 in metres, at least the focus distance.
+
+        Examples
+        --------
+        >>> lens = ThinLens(3.7, 9.6e-3, 0.5, 4.8e-6)
+        >>> lens.depth_resolution([0.5, 1.0, 8.0]).round(3).tolist()
+        [0.052, 0.233, inf]
+        """
+        start = _distances(distance)
+        inverse = 1 / start - self.pixel_size / self._scale()
+        with np.errstate(divide="ignore"):
+            return np.where(inverse > 1e-12, 1 / np.maximum(inverse, 1e-12) - start, np.inf)
+
+    def _reach(self) -> float:
+        return self.focus_distance - self.focal_length
+
+    def _scale(self) -> float:
+        return self.focus_distance * self.focal_length**2 / (self.f_number * self._reach())
+
+
+def image_distance(object_distance: ArrayLike, focal_length: float) -> Floats:
+    """Return where a thin lens forms the image, in metres behind it (Eq. 2.2, 2.9).
+
+    Parameters
+    ----------
+    object_distance : array_like of float
+        d_o in metres, more than the focal length.
+    focal_length : float
+        f in metres.
+
+    Examples
+    --------
+    >>> image_distance(0.5, 9.6e-3).round(6).item()
+    0.009788
+    """
+    distance = _distances(object_distance)
+    return np.asarray(focal_length * distance / (distance - focal_length))
+
+
+def image_height(
+    object_height: ArrayLike, object_distance: ArrayLike, focal_length: float
+) -> Floats:
+    """Return how high an object's image is, in metres (Eq. 2.3, 2.4).
+
+    Parameters
+    ----------
+    object_height, object_distance : array_like of float
+        h_o and d_o in metres.
+    focal_length : float
+        f in metres.
+
+    Examples
+    --------
+    >>> image_height(1.0, 0.5, 9.6e-3).round(6).item()
+    0.019576
+    """
+    distance = _distances(object_distance)
+    height = np.asarray(object_height, np.float64)
+    return np.asarray(height * image_distance(distance, focal_length) / distance)
+
+
+def _distances(distance: ArrayLike) -> Floats:
+    metres = np.asarray(distance, np.float64)
+    if not (metres > 0).all():
+        raise InputError(Problem("a distance is not positive", "distance", got=str(metres.min())))
+    return metres

@@ -1,0 +1,60 @@
+"""Photographs that ship with scikit-image, and noise to see them through: for made scenes."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import skimage.data
+import skimage.io
+from numpy.typing import NDArray
+
+from dfdbench.errors import Problem, SourceError
+
+Floats = NDArray[np.float64]
+
+GAMMA = 2.2
+
+
+@cache
+def photograph(name: str) -> Floats:
+    """Return a photograph as linear reflectance, shape (y, x, 3), 0 to 1.
+
+    Raises
+    ------
+    SourceError
+        Where this scikit-image does not ship it.
+    """
+    path = Path(skimage.data.__file__).parent / f"{name}.png"
+    if not path.exists():
+        raise SourceError(
+            Problem(
+                "a photograph is missing", str(path), "shipped with scikit-image",
+                fix="pip install --force-reinstall scikit-image",
+            )
+        )  # fmt: skip
+    image = skimage.io.imread(path)
+    if image.ndim == 2:
+        image = np.repeat(image[:, :, np.newaxis], 3, axis=2)
+    # The photographs are gamma-encoded: light is linear.
+    table = (np.arange(256) / 255.0) ** GAMMA
+    return np.asarray(table[image[:, :, :3]])
+
+
+def normal_numbers(shape: tuple[int, ...], seed: tuple[int, ...]) -> Floats:
+    """Return numbers close to normal, the same ones for a seed in every version of NumPy.
+
+    Examples
+    --------
+    >>> abs(normal_numbers((1000,), (1,)).std().round(1).item())
+    1.0
+    """
+    # The sum of four 16-bit numbers is close to normal, and unlike NumPy's own normal numbers
+    # the raw stream is promised never to change.
+    generator = np.random.PCG64(np.random.SeedSequence(seed))
+    raw = generator.random_raw(int(np.prod(shape)))
+    total = sum(((raw >> np.uint64(16 * part)) & np.uint64(0xFFFF)).astype(np.float64)
+                for part in range(4))  # fmt: skip
+    spread = np.sqrt(4 * (65536.0**2 - 1) / 12)
+    return np.asarray((total - 2 * 65535.0) / spread).reshape(shape)

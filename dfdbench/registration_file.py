@@ -1,0 +1,114 @@
+"""Keep a registration in a small file that a person can read and correct."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import Problem, SourceError
+from dfdbench.files import write_whole
+
+Floats = NDArray[np.float64]
+
+NAME = "registration.toml"
+_LEAST_PAIRS = 4
+_HEAD = """\
+# Where the LIDAR's depth map lies on the image. Each pair is one point of the scene: its place
+# in the depth map, scaled up, and its place in the cropped image, both x, y in pixels from the
+# middle of the top left one. Move a point to correct the fit; add more, and all are fitted.
+# Instead of pairs there may be: matrix = [[...], [...], [...]], projective, 3 x 3.
+"""
+
+
+def read_registration(path: Path) -> Floats:
+    """Return the projective matrix that a file gives, outright or by pairs of points.
+
+    Parameters
+    ----------
+    path : Path
+        TOML with `matrix`, or with four or more `[[pairs]]` of `lidar` and `image`.
+
+    Returns
+    -------
+    ndarray of float, shape (3, 3)
+        From the scaled-up depth map to the cropped image, (x, y) in pixels.
+
+    Raises
+    ------
+    SourceError
+        Where the file gives no such matrix.
+    """
+    where = str(path)
+    try:
+        content = tomllib.loads(path.read_text("utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SourceError(Problem("cannot read the registration", where, got=str(error))) from error
+    if "matrix" in content:
+        return _matrix(content["matrix"], where)
+    pairs = content.get("pairs", [])
+    if not isinstance(pairs, list) or len(pairs) < _LEAST_PAIRS:
+        raise SourceError(
+            Problem(
+                "too few pairs of points", where, f"{_LEAST_PAIRS} or more [[pairs]], or a matrix",
+                f"{len(pairs)}",
+            )
+        )  # fmt: skip
+    source, target = (_points(pairs, key, where) for key in ("lidar", "image"))
+    fitted, _ = cv2.findHomography(source, target, 0)
+    if fitted is None or not np.isfinite(fitted).all():
+        raise SourceError(Problem("the points lie on one line", where, "corners of a surface"))
+    return np.asarray(fitted, np.float64)
+
+
+def write_registration(path: Path, matrix: Floats, corners: Floats, note: str) -> None:
+    """Write a registration as the pairs of four corners.
+
+    Parameters
+    ----------
+    path : Path
+        Where to.
+    matrix : ndarray of float, shape (3, 3)
+        From the scaled-up depth map to the cropped image.
+    corners : ndarray of float, shape (4, 2)
+        Places (x, y) in the depth map to write down.
+    note : str
+        How it was found: a comment in the file.
+    """
+    target = cv2.perspectiveTransform(corners[np.newaxis].astype(np.float64), matrix)[0]
+    pairs = [
+        f"[[pairs]]\nlidar = [{u:.2f}, {v:.2f}]\nimage = [{x:.2f}, {y:.2f}]\n"
+        for (u, v), (x, y) in zip(corners, target, strict=True)
+    ]
+    write_whole(path, "\n".join([f"{_HEAD}# {note}\n", *pairs]))
+
+
+def _matrix(given: Any, where: str) -> Floats:
+    try:
+        matrix = np.asarray(given, np.float64)
+    except (TypeError, ValueError):
+        matrix = np.zeros(0)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not np.linalg.det(matrix):
+        raise SourceError(
+            Problem(
+                "not a projective matrix", f"{where}: matrix", "3 rows of 3 numbers", f"{given}"
+            )
+        )
+    return matrix
+
+
+def _points(pairs: list[Any], key: str, where: str) -> Floats:
+    problems, points = [], []
+    for number, pair in enumerate(pairs):
+        try:
+            x, y = pair[key]
+            points.append((float(x), float(y)))
+        except (TypeError, ValueError, KeyError):
+            problems.append(Problem("not a point", f"{where}: pairs[{number}].{key}", "[x, y]"))
+    if problems:
+        raise SourceError(problems)
+    return np.array(points)

@@ -1,0 +1,215 @@
+"""Simulate the capture rig: boards with photographs on them, seen by camera and LIDAR.
+
+It gives what the rig would write, and the truth that the pipeline must find again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from statistics import NormalDist
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.lens import LensTable
+from dfdbench.lidar import Beams
+from dfdbench.photographs import normal_numbers, photograph
+from dfdbench.raycast import Board, Surface, Texture, View, cast
+from dfdbench.rig import Pose, Rig, beam_directions
+
+Floats = NDArray[np.float64]
+
+RIG = Rig()
+#: How the simulated LIDAR is turned on its mount: what registration has to find.
+MOUNTED = Pose(yaw=0.55, pitch=-0.35, roll=0.9)
+
+_SEED = 20190806
+_WALL = 3.2  # metres
+_WALL_GREY = 0.16
+_WHITE_AT = 55.0  # ms: exposure at which a white surface fills the sensor
+_READ_NOISE = 1.0  # levels of 255
+_NOISE_AT_GREY = 3.1  # levels of 255, standard deviation at half signal
+_CONVERTER_STEPS = 1023  # 10 bit
+_RADIUS_STEP = 0.25  # pixels: blur radii are rounded to this
+_RANGE_NOISE = 15.0  # mm, one scan
+_LOST = 0.02  # share of returns that one scan misses
+_TURN = 2048
+_ROOM = (3.0, 1.4, _WALL)  # metres from the LIDAR to the walls: aside, up and down, fore and aft
+
+# The sixteen boards: photograph, its pixels per metre, tint.
+_TEXTURES = (
+    Texture("brick", 700, (1.0, 0.85, 0.7)),
+    Texture("grass", 800, (0.85, 1.0, 0.8)),
+    Texture("gravel", 700),
+    Texture("coins", 600, (1.0, 0.9, 0.75)),
+    Texture("astronaut", 700),
+    Texture("motorcycle_left", 900),
+    Texture("ihc", 700),
+    Texture("chelsea", 600),
+    Texture("text", 500, (1.0, 0.95, 0.85)),
+    Texture("page", 500),
+    Texture("coffee", 700),
+    Texture("cell", 800, (1.0, 0.8, 0.85)),
+    Texture("brick", 450, (0.75, 0.88, 1.0)),
+    Texture("camera", 700),
+    Texture("motorcycle_right", 600, (1.0, 0.9, 0.75)),
+    Texture("gravel", 450, (0.8, 1.0, 0.75)),
+)
+
+_WIDTH, _HEIGHT = 672, 654  # pixels that a board covers: more than the crop, less than a frame
+_FLAT_NEAR, _FLAT_FAR = 1.5, 2.5  # metres
+_OBLIQUE_NEAR, _OBLIQUE_FAR = 1.5, 2.2
+_OBLIQUE_HEIGHT = 0.6
+# Returns that never come back: a strip of mirror on the board, in the board's own metres.
+_MIRROR = (0.06, 0.11, -0.02, 0.04)
+
+
+@dataclass(frozen=True)
+class SimulatedScene:
+    """One board before a wall.
+
+    Parameters
+    ----------
+    number : int
+        0 to 63: 16 textures of 4 geometries each, as k00 to k63 (thesis, 3.2.4).
+    rig : Rig
+        Camera and mount.
+    pose : Pose
+        How the LIDAR is turned.
+    """
+
+    number: int
+    rig: Rig = RIG
+    pose: Pose = MOUNTED
+
+    @property
+    def board(self) -> Board:
+        """The board: flat at 2.5 m, oblique with its near side left or right, flat at 1.5 m."""
+        texture = _TEXTURES[self.number // 4 % len(_TEXTURES)]
+        geometry = self.number % 4
+        if geometry in (0, 3):
+            distance = _FLAT_FAR if geometry == 0 else _FLAT_NEAR
+            metre = distance / self.rig.focal_length
+            return Board((0.0, 0.0, distance), (_WIDTH * metre, _HEIGHT * metre), texture)
+        half = _WIDTH / 2 / self.rig.focal_length
+        near, far = half * _OBLIQUE_NEAR, half * _OBLIQUE_FAR
+        width, middle = near + far, (far - near) / 2
+        slant = (_OBLIQUE_FAR - _OBLIQUE_NEAR) / width
+        side = 1 if geometry == 1 else -1
+        centre = (side * middle, 0.0, (_OBLIQUE_NEAR + _OBLIQUE_FAR) / 2)
+        return Board(centre, (width, _OBLIQUE_HEIGHT), texture, slant=side * slant)
+
+    def look(self) -> View:
+        """Return what the camera sees before its lens blurs it; four rays a pixel for colour."""
+        surfaces = self._surfaces()
+        photographs = {
+            self.board.texture.photograph: photograph(self.board.texture.photograph),
+            "wall": np.full((2, 2, 3), _WALL_GREY),
+        }
+        shape, focal = self.rig.frame_size, self.rig.focal_length
+        centre = cast(surfaces, photographs, 0.0, shape, focal)
+        corners = [
+            cast(surfaces, photographs, 0.0, shape, focal, (y, x)).reflectance
+            for y in (-0.25, 0.25)
+            for x in (-0.25, 0.25)
+        ]
+        mean = (corners[0] + corners[1] + corners[2] + corners[3]) / 4
+        return View(centre.distance, centre.normal, mean)
+
+    def frame(self, light: Floats, exposure_ms: int, seed: tuple[int, ...]) -> NDArray[np.uint8]:
+        """Return one captured frame: exposure, noise, saturation, 10-bit converter, 8-bit file.
+
+        Parameters
+        ----------
+        light : ndarray of float, shape (y, x, 3)
+            What reaches the sensor; 1 is a white surface.
+        exposure_ms : int
+            In milliseconds.
+        seed : tuple of int
+            Of the noise, beside the scene's number.
+        """
+        signal = light * (exposure_ms / _WHITE_AT)
+        shot = (_NOISE_AT_GREY**2 - _READ_NOISE**2) / 0.5
+        spread = np.sqrt(_READ_NOISE**2 + shot * np.clip(signal, 0, 1)) / 255
+        noisy = signal + spread * normal_numbers(light.shape, (_SEED, self.number, *seed))
+        steps = np.rint(np.clip(noisy, 0, 1) * _CONVERTER_STEPS)
+        return (steps.astype(np.int64) >> 2).astype(np.uint8)
+
+    def scan(self, beams: Beams, number: int) -> NDArray[np.int32]:
+        """Return one LIDAR scan: ranges in mm with noise, 0 where nothing came back.
+
+        Parameters
+        ----------
+        beams : Beams
+            Where the beams point.
+        number : int
+            Which scan; each has its own noise.
+        """
+        columns = np.arange(_TURN)
+        directions = self.pose.turn(beam_directions(beams, columns))
+        origin = np.array([0.0, -self.rig.baseline, 0.0])
+        reach = 1 / np.maximum(np.abs(directions), 1e-9) * np.array(_ROOM)
+        distance = reach.min(axis=-1)
+        # Only what looks ahead can meet the board.
+        hits = self.board.meet(origin, directions)
+        distance = np.minimum(distance, hits.distance)
+        left, right, top, bottom = _MIRROR
+        across, down = hits.place[..., 0], hits.place[..., 1]
+        mirror = np.isfinite(hits.distance) & (left < across) & (across < right)
+        mirror &= (top < down) & (down < bottom)
+        seed = (_SEED, self.number, 10_000 + number)
+        noisy = distance * 1000 + _RANGE_NOISE * normal_numbers(distance.shape, (*seed, 0))
+        lost = normal_numbers(distance.shape, (*seed, 1)) > _quantile(_LOST)
+        return np.where(mirror | lost, 0, np.rint(noisy)).astype(np.int32)
+
+    def truth(self, view: View) -> NDArray[np.uint16]:
+        """Return the distance from the camera in mm, cropped as images are."""
+        millimetres = np.rint(view.distance * 1000).astype(np.uint16)
+        return np.asarray(self.rig.crop(millimetres), np.uint16)
+
+    def _surfaces(self) -> tuple[Surface, ...]:
+        wall = Board((0.0, 0.0, _WALL), (40.0, 40.0), Texture("wall", 1.0))
+        return (self.board, wall)
+
+
+def defocus(view: View, table: LensTable, step: int) -> Floats:
+    """Return what a lens lets reach the sensor at a voltage step: each point spread to a disc.
+
+    Parameters
+    ----------
+    view : View
+        What lies before the lens.
+    table : LensTable
+        Its blur radius by distance.
+    step : int
+        The voltage step.
+
+    Returns
+    -------
+    ndarray of float, shape (y, x, 3)
+        Each pixel gathers with the disc of its own distance.
+    """
+    radius = np.round(table.radius_at(step, view.distance) / _RADIUS_STEP) * _RADIUS_STEP
+    light = np.zeros_like(view.reflectance)
+    for value in np.unique(radius):
+        blurred = cv2.filter2D(
+            view.reflectance.astype(np.float32), -1, _disc(float(value)),
+            borderType=cv2.BORDER_REPLICATE,
+        )  # fmt: skip
+        light[radius == value] = blurred[radius == value]
+    return light
+
+
+@cache
+def _disc(radius: float) -> NDArray[np.float32]:
+    reach = int(np.ceil(radius + 0.5))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    disc = np.clip(radius + 0.5 - np.hypot(x, y), 0, 1)
+    return np.asarray(disc / disc.sum(), np.float32)
+
+
+def _quantile(share: float) -> float:
+    # Where a normal number lies above with this chance.
+    return NormalDist().inv_cdf(1 - share)

@@ -1,0 +1,283 @@
+"""One scene of the capture rig on disk, raw or as published: what is there, and what is wrong."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import Problem, SourceError
+from dfdbench.lidar import Beams, average_scans, depth_image, warp
+from dfdbench.lidar_files import read_beams, read_ranges
+from dfdbench.manifest import Capture
+from dfdbench.registration_file import NAME as REGISTRATION
+from dfdbench.registration_file import read_registration
+from dfdbench.rig import Rig
+
+Image = NDArray[np.uint8]
+Depth = tuple[NDArray[np.uint8], NDArray[np.bool_]]
+Read = TypeVar("Read")
+
+_FARTHEST = 255
+
+
+class PublishedScene:
+    """A scene as published: ``left/exp_30/image_141_30.00.png``, ``lidar/..._8bit_x6.png``.
+
+    Parameters
+    ----------
+    folder : Path
+        The scene's.
+    capture : Capture
+        Of the manifest.
+    """
+
+    def __init__(self, folder: Path, capture: Capture) -> None:
+        self.folder = folder
+        self._capture = capture
+
+    def exposures(self) -> tuple[int, ...]:
+        """Return the exposure times, in ms, of which there are images."""
+        return _exposures(self.folder / "left")
+
+    def images(self, exposure_ms: int, step: int) -> list[Path]:
+        """Return the one file of an image; none where it is missing."""
+        path = _exposure_folder(self.folder / "left", exposure_ms)
+        return [file for file in [path / f"{_image_name(exposure_ms, step)}.png"] if file.exists()]
+
+    def image(self, exposure_ms: int, step: int) -> Image:
+        """Return one image, RGB."""
+        return _decode(self.images(exposure_ms, step)[0], cv2.IMREAD_COLOR_RGB)
+
+    def depth(self) -> Depth:
+        """Return depth levels in centimetres and where they are known."""
+        levels = _decode(self.depth_files()[0], cv2.IMREAD_GRAYSCALE)
+        return levels, (levels > 0) & (levels < _FARTHEST)
+
+    def depth_files(self) -> list[Path]:
+        """Return the LIDAR's depth map."""
+        found = sorted((self.folder / "lidar").glob("lidar_rng_*_8bit*.png"))
+        return sorted(found, key=lambda path: not path.stem.endswith("_x6"))[:1]
+
+    def image_problems(self, exposure_ms: int, step: int) -> list[Problem]:
+        """Return what is wrong with an image's file, found without decoding it."""
+        return _png_problems(self.images(exposure_ms, step), (self._capture.crop_size,) * 2)
+
+    def depth_problems(self) -> list[Problem]:
+        """Return what is wrong with the depth map's file."""
+        files = self.depth_files()
+        if not files:
+            expected = "lidar/lidar_rng_left_00000_8bit_x6.png"
+            return [Problem("scene has no LIDAR depth map", str(self.folder), expected)]
+        return _png_problems(files, (self._capture.crop_size,) * 2)
+
+
+class RawScene:
+    """A scene as captured: ``frames/exp_30/image_141_30.00_0.png``, ``lidar/lidar_rng_00000.bin``.
+
+    Parameters
+    ----------
+    folder : Path
+        The scene's; its ``beams.csv``, or the one beside it, replaces the thesis's calibration.
+    capture : Capture
+        Of the manifest.
+    """
+
+    def __init__(self, folder: Path, capture: Capture) -> None:
+        self.folder = folder
+        self._capture = capture
+        height, width = capture.frame_size
+        self.rig = Rig(frame_size=(height, width), crop_size=capture.crop_size)
+
+    def exposures(self) -> tuple[int, ...]:
+        """Return the exposure times, in ms, of which there are frames."""
+        return _exposures(self.folder / "frames")
+
+    def images(self, exposure_ms: int, step: int) -> list[Path]:
+        """Return the frames of one image."""
+        folder = _exposure_folder(self.folder / "frames", exposure_ms)
+        return sorted(folder.glob(f"{_image_name(exposure_ms, step)}_*.png"))
+
+    def steps(self, exposure_ms: int) -> tuple[int, ...]:
+        """Return the voltage steps of which there are frames at an exposure."""
+        folder = _exposure_folder(self.folder / "frames", exposure_ms)
+        names = [path.name.split("_") for path in folder.glob("image_*_*.png")]
+        return tuple(sorted({int(parts[1]) for parts in names if parts[1].isdigit()}))
+
+    def frame(self, exposure_ms: int, step: int) -> Image:
+        """Return the average of an image's frames, not cropped."""
+        frames = [_decode(p, cv2.IMREAD_COLOR_RGB) for p in self.images(exposure_ms, step)]
+        return average_frames(frames)
+
+    def image(self, exposure_ms: int, step: int) -> Image:
+        """Return the average of an image's frames, cropped."""
+        return np.asarray(self.rig.crop(self.frame(exposure_ms, step)), np.uint8)
+
+    def ranges(self) -> NDArray[np.float64]:
+        """Return the average of the LIDAR's scans, in mm."""
+        return average_scans([read_ranges(path) for path in self.scans()])
+
+    def beams(self) -> Beams:
+        """Return where the beams point: the scene's calibration, the folder's, or the thesis's."""
+        return read_beams(self.beams_file())
+
+    def depth(self) -> Depth:
+        """Return depth levels in centimetres and where they are known."""
+        levels, valid = depth_image(self.ranges(), self.beams())
+        size = self._capture.crop_size
+        return warp(levels, valid, read_registration(self.registration), (size, size))
+
+    def scans(self) -> list[Path]:
+        """Return the LIDAR's range files."""
+        folder = self.folder / "lidar"
+        return sorted([*folder.glob("lidar_rng_*.bin"), *folder.glob("lidar_rng_*.npy")])
+
+    def beams_file(self) -> Path | None:
+        """Return the calibration's file, None for the thesis's."""
+        places = (self.folder / "beams.csv", self.folder.parent / "beams.csv")
+        return next((path for path in places if path.exists()), None)
+
+    @property
+    def registration(self) -> Path:
+        """Where the transform to the image is kept."""
+        return self.folder / REGISTRATION
+
+    def depth_files(self) -> list[Path]:
+        """Return range files, calibration and registration."""
+        beams = self.beams_file()
+        return [*self.scans(), *([beams] if beams else []), self.registration]
+
+    def image_problems(self, exposure_ms: int, step: int) -> list[Problem]:
+        """Return what is wrong with an image's frames, found without decoding them."""
+        files = self.images(exposure_ms, step)
+        problems = _png_problems(files, tuple(self._capture.frame_size))
+        if len(files) != self._capture.frames:
+            name = _image_name(exposure_ms, step)
+            place = _exposure_folder(self.folder / "frames", exposure_ms) / f"{name}_*.png"
+            problems.append(
+                Problem(
+                    "frames are missing", str(place), str(self._capture.frames), str(len(files))
+                )
+            )
+        return problems
+
+    def scan_problems(self) -> list[Problem]:
+        """Return what is wrong with the range files and the calibration."""
+        if not self.scans():
+            return [Problem("scene has no LIDAR", str(self.folder), "lidar/lidar_rng_00000.bin")]
+        problems: list[Problem] = []
+        beams = _attempt(self.beams, problems)
+        misfits = []
+        for path in self.scans():
+            ranges = _attempt(partial(read_ranges, path), problems)
+            if ranges is not None and beams is not None and len(ranges) != len(beams.altitude):
+                misfits.append(
+                    Problem(
+                        "calibration does not fit the scan", str(self.beams_file() or path),
+                        f"{len(ranges)} beams, as {path.name}", f"{len(beams.altitude)} beams",
+                    )
+                )  # fmt: skip
+        # The scans of a scene are of one LIDAR: one misfit says it all.
+        problems += misfits[:1]
+        return problems
+
+    def depth_problems(self) -> list[Problem]:
+        """Return what is wrong with range files, calibration and registration."""
+        problems = self.scan_problems()
+        if not self.registration.exists():
+            problems.append(
+                Problem(
+                    "scene is not registered", str(self.registration),
+                    fix=f"dfdbench register {self.folder.name} --source {self.folder.parent}",
+                )
+            )  # fmt: skip
+        else:
+            _attempt(lambda: read_registration(self.registration), problems)
+        return problems
+
+
+def find_scene(folder: Path, name: str, capture: Capture) -> PublishedScene | RawScene | None:
+    """Return a scene's files in the layout that they are in; None where there is no such folder."""
+    place = folder / name
+    if (place / "frames").is_dir():
+        return RawScene(place, capture)
+    return PublishedScene(place, capture) if place.is_dir() else None
+
+
+def average_frames(frames: list[Image]) -> Image:
+    """Return the mean of several frames, pixel by pixel, rounded half up (thesis, 3.2.3).
+
+    Examples
+    --------
+    >>> average_frames([np.array([[7, 0]], np.uint8), np.array([[8, 0]], np.uint8)]).tolist()
+    [[8, 0]]
+    """
+    total = np.sum([frame.astype(np.uint32) for frame in frames], axis=0)
+    count = len(frames)
+    return np.asarray((2 * total + count) // (2 * count), np.uint8)
+
+
+def _attempt(read: Callable[[], Read], problems: list[Problem]) -> Read | None:
+    try:
+        return read()
+    except SourceError as error:
+        problems.extend(error.problems)
+        return None
+
+
+def _exposures(folder: Path) -> tuple[int, ...]:
+    names = (place.name.removeprefix("exp_") for place in folder.glob("exp_*") if place.is_dir())
+    return tuple(sorted({int(name) for name in names if name.isdigit()}))
+
+
+def _exposure_folder(folder: Path, exposure_ms: int) -> Path:
+    # The thesis's folders are exp_10 to exp_70; a leading zero is as good.
+    padded = folder / f"exp_{exposure_ms:02d}"
+    return padded if padded.is_dir() else folder / f"exp_{exposure_ms}"
+
+
+def _image_name(exposure_ms: int, step: int) -> str:
+    return f"image_{step}_{exposure_ms}.00"
+
+
+def _png_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
+    return [problem for path in files for problem in _png_problem(path, size)]
+
+
+def _png_problem(path: Path, size: tuple[int, ...]) -> Iterator[Problem]:
+    try:
+        with path.open("rb") as file:
+            head = file.read(24)
+            file.seek(0, 2)
+            length = file.tell()
+            file.seek(max(length - 16, 0))
+            tail = file.read()
+    except OSError as error:
+        yield Problem("cannot read the file", str(path), got=error.strerror or str(error))
+        return
+    if not head.startswith(b"\x89PNG\r\n\x1a\n") or len(head) < 24:
+        yield Problem("not a PNG file", str(path), got=f"bytes {head[:8]!r}")
+        return
+    # A truncated PNG decodes to an image whose end is missing: the end mark tells.
+    if b"IEND" not in tail:
+        yield Problem("PNG file is damaged", str(path), got=f"{length} bytes, cut short")
+    width, height = struct.unpack(">II", head[16:24])
+    if (height, width) != size:
+        expected = " x ".join(map(str, size))
+        yield Problem(
+            "size differs", str(path), f"{expected} (height x width)", f"{height} x {width}"
+        )
+
+
+def _decode(path: Path, mode: int) -> Image:
+    content = np.frombuffer(path.read_bytes(), np.uint8)
+    image = cv2.imdecode(content, mode)
+    if image is None:
+        raise SourceError(Problem("PNG file is damaged", str(path), fix="fetch it again"))
+    return np.asarray(image, np.uint8)

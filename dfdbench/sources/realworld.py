@@ -1,0 +1,174 @@
+"""Read the thesis's captures: two voltage steps a pair, or the sharpest step to be blurred."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import DfdbenchError, Problem, SourceError
+from dfdbench.manifest import Manifest, Pair
+from dfdbench.sharpness import sharpest
+from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
+from dfdbench.sources.interface import SceneImages
+
+
+class RealworldFolder:
+    """Scenes k00 to k63 in a folder, as published or as captured; layouts may be mixed.
+
+    A manifest without a blur recipe pairs two voltage steps; one with a recipe takes the sharpest
+    step of each exposure, whose defocus image the build makes.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        With the section `capture`.
+    folder : Path
+        Holds the scenes.
+    pair : tuple of int, optional
+        In-focus and defocus voltage step; by default the manifest's.
+
+    Raises
+    ------
+    SourceError
+        Where the folder holds no scene of the manifest, or the pair cannot be had.
+    """
+
+    def __init__(
+        self, manifest: Manifest, folder: Path, pair: tuple[int, int] | None = None
+    ) -> None:
+        if manifest.capture is None:
+            raise SourceError(Problem("section is missing", f"{manifest.stem}: capture"))
+        self._manifest = manifest
+        self._capture = manifest.capture
+        self._synthetic = manifest.recipe is not None
+        self._steps = self._wanted_steps(pair)
+        found = {name: find_scene(folder, name, self._capture) for name in manifest.scene_names}
+        self._scenes = {name: files for name, files in found.items() if files}
+        if not self._scenes:
+            raise SourceError(
+                Problem(
+                    "no scene found", str(folder), "folders such as k33 with left/exp_30 and lidar",
+                    "none" if folder.is_dir() else "no such folder",
+                )
+            )  # fmt: skip
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """Which voltage steps make a pair."""
+        return {"pair": "sharpest" if self._synthetic else list(self._steps)}
+
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """All that keeps pairs from being built, of every scene that is there."""
+        return tuple(problem for _, problems in self._checked.values() for problem in problems)
+
+    def available_pairs(self) -> tuple[Pair, ...]:
+        """Return the pairs whose images and depth map are there and whole."""
+        return tuple(
+            pair
+            for pair in self._manifest.pairs()
+            if pair.scene in self._scenes and pair.at["exposure_ms"] in self._checked[pair.scene][0]
+        )
+
+    def signature(self, scene: str) -> str:
+        """Return the SHA-256 over the scene's files that a build reads."""
+        files = self._scenes[scene]
+        digest = hashlib.sha256(type(files).__name__.encode())
+        paths = [
+            path
+            for exposure in self._checked[scene][0]
+            for step in self._steps
+            for path in files.images(exposure, step)
+        ]
+        for path in [*paths, *files.depth_files()]:
+            digest.update(path.name.encode())
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+        return digest.hexdigest()
+
+    def read(self, scene: str) -> SceneImages:
+        """Read one scene."""
+        files = self._scenes[scene]
+        try:
+            levels, valid = files.depth()
+        except DfdbenchError as error:
+            raise SourceError(error.problems) from error
+        exposures = self._manifest.axes["exposure_ms"]
+        shape = (len(exposures), *levels.shape, 3)
+        infocus, defocus = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+        available = np.zeros(len(exposures), bool)
+        for exposure in self._checked[scene][0]:
+            place = exposures.index(exposure)
+            images = [files.image(exposure, step) for step in self._steps]
+            chosen = (images[sharpest(images)],) if self._synthetic else images
+            infocus[place], defocus[place] = chosen[0], chosen[-1]
+            available[place] = True
+        return SceneImages(
+            infocus, self._as_told(levels), valid, available, None if self._synthetic else defocus
+        )
+
+    def missing_help(self, missing: tuple[Pair, ...]) -> str:
+        """Return what is wrong with the scenes that are there, and how to go on."""
+        lines = [f"mend what is named below; --allow-missing accepts {len(self._scenes)} scenes"]
+        if not self.problems:
+            return "add the scenes that are missing; --allow-missing accepts what is there"
+        for number, problem in enumerate(self.problems, start=1):
+            lines.append(f"{number}. {problem}")
+        return "\n".join(lines)
+
+    @cached_property
+    def _checked(self) -> dict[str, tuple[tuple[int, ...], list[Problem]]]:
+        # Every file is looked at before any is used: what is wrong is told at once.
+        return {name: self._check(files) for name, files in self._scenes.items()}
+
+    def _check(self, files: PublishedScene | RawScene) -> tuple[tuple[int, ...], list[Problem]]:
+        without_depth = files.depth_problems()
+        problems, usable = list(without_depth), []
+        for exposure in self._manifest.axes["exposure_ms"]:
+            if exposure not in files.exposures():
+                continue
+            there = [step for step in self._steps if files.images(exposure, step)]
+            lacking = [step for step in self._steps if step not in there]
+            wrong = [p for step in there for p in files.image_problems(exposure, step)]
+            if lacking:
+                wrong.append(
+                    Problem(
+                        "voltage step is missing", f"{files.folder}, exposure {exposure} ms",
+                        ", ".join(map(str, self._steps)),
+                        f"no image at {', '.join(map(str, lacking))}",
+                    )
+                )  # fmt: skip
+            if not wrong:
+                usable.append(exposure)
+            problems += wrong
+        return ((), problems) if without_depth else (tuple(usable), problems)
+
+    def _wanted_steps(self, pair: tuple[int, int] | None) -> tuple[int, ...]:
+        known = self._capture.voltage_step
+        if self._synthetic:
+            if pair:
+                raise SourceError(
+                    Problem(
+                        f"{self._manifest.short} takes the sharpest voltage step", "--pair",
+                        fix="leave out --pair, or build realworld",
+                    )
+                )  # fmt: skip
+            return tuple(known)
+        steps = pair or (self._capture.infocus_step, self._capture.defocus_step)
+        if steps[0] == steps[1] or not set(steps) <= set(known):
+            raise SourceError(
+                Problem(
+                    "not a pair of voltage steps", "--pair",
+                    f"two of {known[0]} to {known[-1]}, as 141,129", f"{steps[0]},{steps[1]}",
+                )
+            )  # fmt: skip
+        return steps
+
+    def _as_told(self, levels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        # Eq. 7.1: what is near is bright, as in Middlebury's maps.
+        return 255 - levels if self._manifest.depth.grows_with == "nearness" else levels

@@ -1,0 +1,43 @@
+from pathlib import Path
+
+import pytest
+
+from tests.test_cli import Command
+
+BLUR = ("optics", "blur", "--f-number", "3.7", "--focal-length", "9.6mm", "--focus", "0.5m")
+
+
+def test_blur_prints_a_table_and_draws_the_curve(dfdbench: Command) -> None:
+    outcome = dfdbench(*BLUR, "--pixel", "4.8um", "--range", "40cm", "4")
+    assert outcome.status == 0, outcome.err
+    assert "10.58 pixels" in outcome.out
+    assert "0.4568 m to 0.5522 m" in outcome.out
+    assert Path("blur.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_pairs_ranks_the_lens_that_is_shipped_and_one_of_ones_own(dfdbench: Command) -> None:
+    outcome = dfdbench("optics", "pairs", "--range", "1.5", "2.2")
+    row = next(line for line in outcome.out.splitlines() if "141-129" in line)
+    assert row.split() == ["3", "141-129", "1", "1", "2", "2", "3", "3", "3", "4", "4", "3", "3"]
+    assert Path("pairs.png").exists()
+    Path("mine.csv").write_text("step,1,2,3\n1,5,5,5\n2,4,3,2\n")
+    mine = dfdbench("optics", "pairs", "--lens", "mine.csv", "--range", "1", "3", "--out", "a.png")
+    assert "2-1" in mine.out
+    assert Path("a.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ((*BLUR, "--pixel", "4.8"), "--pixel"),
+        ((*BLUR, "--pixel", "4.8um", "--range", "4", "1"), "the range is empty"),
+        (("optics", "pairs", "--lens", "none.csv"), "cannot read the lens table"),
+        (("optics", "pairs", "--range", "5", "6"), "0.4 to 4 m"),
+        ((*BLUR, "--pixel", "4.8um", "--out", "/proc/no/blur.png"), "cannot write the figure"),
+    ],
+)
+def test_a_mistake_ends_with_a_message_and_status_2(
+    dfdbench: Command, arguments: tuple[str, ...], told: str
+) -> None:
+    outcome = dfdbench(*arguments)
+    assert (outcome.status, told in outcome.err) == (2, True), outcome.err

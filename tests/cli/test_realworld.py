@@ -1,0 +1,74 @@
+from pathlib import Path
+
+import pytest
+
+from tests.test_cli import Command
+
+SIMULATE = ("simulate", "realworld", "--out", "raw", "--steps", "129,141", "--exposures", "40")
+
+
+def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
+    made = dfdbench(*SIMULATE, "--scenes", "k34")
+    assert made.status == 0, made.err
+    assert "dfdbench register k34 --source raw" in made.err
+    assert "simulated 0 scenes, 1 kept from before" in dfdbench(*SIMULATE, "--scenes", "k34").out
+
+    unregistered = dfdbench("build", "realworld", "--source", "raw")
+    assert (unregistered.status, "nothing to build" in unregistered.err) == (2, True)
+    assert "dfdbench register k34 --source raw" in unregistered.err
+
+    found = dfdbench("register", "k34", "--source", "raw")
+    assert found.status == 0, found.err
+    assert Path("raw/k34/registration.png").read_bytes().startswith(b"\x89PNG")
+    by_hand = Path("raw/k34/registration.toml").read_text() + "# looked at\n"
+    Path("raw/k34/registration.toml").write_text(by_hand)
+    assert "kept" in dfdbench("register", "all", "--source", "raw").out
+    assert Path("raw/k34/registration.toml").read_text() == by_hand
+    assert "estimated" in dfdbench("register", "k34", "--source", "raw", "--fresh").out
+
+    built = dfdbench("build", "realworld", "--source", "raw", "--allow-missing")
+    assert (built.status, "1 pairs, 1 scenes" in built.out) == (0, True), built.err
+    other = dfdbench("build", "realworld", "--source", "raw", "--pair", "129,141")
+    assert (other.status, "--store PATH" in other.err) == (2, True)
+
+    run = ("run", "--method", "mymodule:predict", "--dataset", "realworld", "--split",
+           "test-pruned", "--no-predictions")  # fmt: skip
+    ran = dfdbench(*run)
+    assert ran.status == 0, ran.err
+    rows = [line.split() for line in ran.out.splitlines()]
+    near_right = next(row for row in rows if row[:1] == ["oblique-near-right"])
+    assert near_right[-1] == "1/14"
+    asked = dfdbench("run", "--method", "local", "--dataset", "realworld", "--split", "k34")
+    assert (asked.status, "captured defocus" in asked.err) == (2, True)
+    assert "| texture | scenes |" in dfdbench(*run, "--format", "markdown").out
+
+
+def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:
+    assert "46 images" in dfdbench("simulate", "lens", "--out", "dots").out
+    measured = dfdbench("optics", "sharpness", "dots")
+    assert measured.status == 0, measured.err
+    assert "54.75" in measured.out
+    assert "going down" in measured.out
+    assert {path.name for path in Path("sharpness").iterdir()} == {"temperature.png", "voltage.png"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("simulate", "realworld", "--out", "o", "--scenes", "k64"), "unknown scene"),
+        (("simulate", "realworld", "--out", "o", "--steps", "1-3"), "127, 128"),
+        (("simulate", "realworld", "--out", "o", "--exposures", "x"), "10, 20"),
+        (("register", "k33", "--source", "none"), "no raw captures"),
+        (("register", "all", "--source", "none"), "no raw scene found"),
+        (("register", "all", "--source", "none", "--dataset", "demo"), "demo-1: capture"),
+        (("register", "all", "--source", "none", "--baseline", "93"), "--baseline"),
+        (("optics", "sharpness", "none"), "no captures of a lens test"),
+        (("build", "realworld", "--source", "none"), "no such folder"),
+        (("build", "realworld", "--source", "none", "--pair", "141"), "two steps, as 141,129"),
+    ],
+)
+def test_a_mistake_ends_with_a_message_and_status_2(
+    dfdbench: Command, arguments: tuple[str, ...], told: str
+) -> None:
+    outcome = dfdbench(*arguments)
+    assert (outcome.status, told in outcome.err) == (2, True), outcome.err

@@ -1,0 +1,38 @@
+"""Small real-world captures, for the tests of what reads them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dfdbench.catalog import find_manifest
+from dfdbench.manifest import Manifest
+from dfdbench.manifest_reader import parse_manifest
+from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
+
+STEPS = (129, 135, 141)
+
+
+def manifest_with_few_steps(name: str) -> Manifest:
+    """A released manifest, with three of its seventeen voltage steps."""
+    lines = find_manifest(name).toml.splitlines()
+    few = [
+        f"voltage_step = {list(STEPS)}" if line.startswith("voltage_step") else line
+        for line in lines
+    ]
+    return parse_manifest("\n".join(few).encode(), f"{name}-1.toml")
+
+
+def raw_scene(folder: Path, name: str) -> RawScene:
+    capture = find_manifest("realworld").capture
+    assert capture is not None
+    scene = find_scene(folder, name, capture)
+    assert isinstance(scene, RawScene)
+    return scene
+
+
+def published_scene(folder: Path, name: str) -> PublishedScene:
+    capture = find_manifest("realworld").capture
+    assert capture is not None
+    scene = find_scene(folder, name, capture)
+    assert isinstance(scene, PublishedScene)
+    return scene

@@ -1,0 +1,186 @@
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dfdbench.blur import RECIPES, synthesize
+from dfdbench.build import build_store
+from dfdbench.catalog import find_manifest
+from dfdbench.errors import SourceError
+from dfdbench.lidar_files import write_ranges
+from dfdbench.parallel import Threads
+from dfdbench.sources import open_source
+from dfdbench.sources.captures import average_frames
+from dfdbench.sources.realworld import RealworldFolder
+from dfdbench.store import Store
+from tests.conftest import write_png
+from tests.realworld import manifest_with_few_steps, raw_scene
+
+CAPTURED = find_manifest("realworld")
+
+
+@pytest.fixture
+def published(tmp_path: Path) -> Path:
+    """k33 and k34 as published, at two exposures and three voltage steps, noise for images."""
+    random = np.random.default_rng(8)
+    for scene in ("k33", "k34"):
+        place = tmp_path / "site" / scene
+        for exposure in (10, 30):
+            for step in (129, 130, 141):
+                image = random.integers(0, 256, (630, 630, 3)).astype(np.uint8)
+                name = f"image_{step}_{exposure}.00.png"
+                write_png(place / "left" / f"exp_{exposure}" / name, image)
+        levels = np.linspace(150, 220, 630).astype(np.uint8)[np.newaxis].repeat(630, axis=0)
+        levels[:9], levels[9:20] = 0, 255
+        write_png(place / "lidar/lidar_rng_left_00000_8bit_x6.png", levels)
+    return tmp_path / "site"
+
+
+@pytest.fixture
+def spoiled(captures: Path, tmp_path: Path) -> Path:
+    """A copy of the simulated captures to damage."""
+    shutil.copytree(captures, tmp_path / "raw")
+    return tmp_path / "raw"
+
+
+def test_the_published_layout_is_built_as_captured(published: Path, tmp_path: Path) -> None:
+    source = open_source(CAPTURED, published)
+    report = build_store(CAPTURED, source, tmp_path / "s.zarr")
+    assert (report.pairs, report.scenes_built) == (4, ("k33", "k34"))
+    store = Store(tmp_path / "s.zarr")
+    assert (store.recipe_name, store.recipe) == ("", None)
+    assert store.attributes["options"] == {"pair": [141, 129]}
+    pair = store.pairs("test")[1]
+    assert pair.id == "k33/exposure_ms30"
+    images = store.read(pair)
+    for image, step in ((images.infocus, 141), (images.defocus, 129)):
+        path = published / f"k33/left/exp_30/image_{step}_30.00.png"
+        assert (image == cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).all()
+    assert not images.valid[:20].any()
+    assert images.valid[20:].all()
+    assert len(store.pairs("test-pruned")) == 4
+
+
+def test_another_pair_of_voltage_steps(published: Path) -> None:
+    images = RealworldFolder(CAPTURED, published, (141, 130)).read("k34")
+    path = published / "k34/left/exp_10/image_130_10.00.png"
+    assert images.defocus is not None
+    assert (images.defocus[0] == cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).all()
+    for wrong in ((141, 141), (141, 99)):
+        with pytest.raises(SourceError, match="not a pair of voltage steps"):
+            RealworldFolder(CAPTURED, published, wrong)
+    with pytest.raises(SourceError, match="takes the sharpest"):
+        open_source(find_manifest("realworld-synthetic"), published, pair=(141, 129))
+    with pytest.raises(SourceError, match="has no voltage steps"):
+        open_source(find_manifest("demo"), pair=(141, 129))
+    with pytest.raises(SourceError, match="are captured"):
+        build_store(CAPTURED, open_source(CAPTURED, published), published / "s", recipe="text")
+
+
+def test_raw_captures_give_back_the_truth(captures: Path, tmp_path: Path) -> None:
+    report = build_store(CAPTURED, open_source(CAPTURED, captures), tmp_path / "s.zarr")
+    assert report.pairs == 2
+    store = Store(tmp_path / "s.zarr")
+    for pair in store.pairs("all"):
+        images = store.read(pair)
+        truth = cv2.imread(str(captures / "truth" / pair.scene / "distance_mm.png"), -1)
+        assert truth is not None
+        near = np.abs(images.depth.astype(int) - truth.astype(int) // 10) <= 2
+        assert near[images.valid].mean() > 0.95
+        assert images.valid.mean() > 0.9
+        assert images.infocus.shape == (630, 630, 3)
+    source = open_source(CAPTURED, captures)
+    again = build_store(CAPTURED, source, tmp_path / "t.zarr", pool=Threads(2))
+    assert again.fingerprint == report.fingerprint
+
+
+def test_the_pipeline_never_reads_the_truth(spoiled: Path) -> None:
+    before = RealworldFolder(CAPTURED, spoiled).signature("k01")
+    shutil.rmtree(spoiled / "truth")
+    source = RealworldFolder(CAPTURED, spoiled)
+    assert source.signature("k01") == before
+    assert source.problems == ()
+
+
+def test_synthetic_blur_takes_the_sharpest_step_and_inverts_the_depth(
+    captures: Path, tmp_path: Path
+) -> None:
+    manifest = manifest_with_few_steps("realworld-synthetic")
+    build_store(manifest, open_source(manifest, captures), tmp_path / "s.zarr")
+    store = Store(tmp_path / "s.zarr")
+    pair = store.pairs("k03")[0]
+    images = store.read(pair)
+    scene = raw_scene(captures, "k03")
+    assert (images.infocus == scene.image(40, 135)).all()
+    levels, valid = scene.depth()
+    assert (images.depth == 255 - levels).all()
+    assert (images.valid == valid).all()
+    expected = synthesize(images.infocus, images.depth, RECIPES["published"])
+    assert (images.defocus == expected).all()
+
+
+def test_frames_are_averaged_half_up() -> None:
+    frames = [np.full((2, 2, 3), value, np.uint8) for value in (10, 10, 11, 11)]
+    assert (average_frames(frames) == 11).all()
+    frames[3][:] = 10
+    assert (average_frames(frames) == 10).all()
+
+
+def test_all_that_is_wrong_is_told_and_the_other_scenes_build(
+    spoiled: Path, published: Path, tmp_path: Path
+) -> None:
+    for name in ("k32", "k35", "k44", "k45", "k46"):
+        shutil.copytree(spoiled / "k03", spoiled / name)
+    for name in ("k33", "k34"):
+        shutil.copytree(published / name, spoiled / name)
+    shutil.rmtree(spoiled / "k32/lidar")
+    (spoiled / "k33/left/exp_30/image_129_30.00.png").unlink()
+    (spoiled / "k34/lidar/lidar_rng_left_00000_8bit_x6.png").unlink()
+    scan = spoiled / "k35/lidar/lidar_rng_00001.bin"
+    ranges = np.frombuffer(scan.read_bytes()[8:], "<i4").reshape(64, 2048)
+    scan.write_bytes(np.array([64, 2048], ">u4").tobytes() + ranges.astype(">i4").tobytes())
+    write_ranges(spoiled / "k35/lidar/lidar_rng_00002.bin", ranges.astype(np.int32))
+    with (spoiled / "k35/lidar/lidar_rng_00002.bin").open("ab") as file:
+        file.write(b"more")
+    rows = (
+        (Path(__file__).parents[2] / "manifests/realworld-1/os1_beams.csv").read_text().splitlines()
+    )
+    (spoiled / "k44/beams.csv").write_text("\n".join(rows[:-1]))
+    frame = np.zeros((20, 30, 3), np.uint8)
+    write_png(spoiled / "k45/frames/exp_40/image_141_40.00_1.png", frame)
+    cut = spoiled / "k45/frames/exp_40/image_129_40.00_0.png"
+    cut.write_bytes(cut.read_bytes()[:1000])
+    (spoiled / "k46/registration.toml").unlink()
+    (spoiled / "k46/frames/exp_40/image_141_40.00_3.png").unlink()
+
+    source = open_source(CAPTURED, spoiled)
+    report = build_store(CAPTURED, source, tmp_path / "s.zarr")
+    assert report.scenes_built == ("k01", "k03", "k33")
+    assert report.pairs == 3
+    told = source.missing_help(report.missing)
+    for what, where in (
+        ("scene has no LIDAR", "k32"),
+        ("voltage step is missing", "k33, exposure 30 ms"),
+        ("scene has no LIDAR depth map", "k34"),
+        ("range file is big-endian", "k35/lidar/lidar_rng_00001.bin"),
+        ("header disagrees", "k35/lidar/lidar_rng_00002.bin"),
+        ("calibration does not fit", "k44/beams.csv"),
+        ("63 beams", ""),
+        ("size differs", "k45/frames/exp_40/image_141_40.00_1.png"),
+        ("cut short", "k45/frames/exp_40/image_129_40.00_0.png"),
+        ("scene is not registered", "k46/registration.toml"),
+        ("frames are missing", "image_141_40.00_*.png"),
+    ):
+        assert what in told
+        assert where in told
+
+
+def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="no scene found"):
+        open_source(CAPTURED, tmp_path)
+    with pytest.raises(SourceError, match="no such folder"):
+        open_source(CAPTURED, tmp_path / "none")
+    with pytest.raises(SourceError, match="simulate realworld"):
+        open_source(CAPTURED)

@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy import ndimage
+
+from dfdbench.errors import InputError
+from dfdbench.lidar import (
+    Beams,
+    align_columns,
+    average_scans,
+    crop_columns,
+    depth_image,
+    fill_missing,
+    in_range,
+    median_cross,
+    to_cartesian,
+    to_levels,
+    upsample,
+    warp,
+)
+from dfdbench.lidar_files import read_beams
+
+images = hnp.arrays(np.float64, (20, 24), elements=st.integers(0, 255).map(float))
+
+
+def flat_wall(distance: float) -> np.ndarray:
+    """Ranges of a wall straight ahead, at X = distance in mm; nothing behind the LIDAR."""
+    beams = read_beams()
+    ahead, _, _ = to_cartesian(np.ones((64, 2048)), beams)
+    return np.where(ahead > 0.2, distance / np.maximum(ahead, 0.2), 0.0)
+
+
+def test_missing_returns_do_not_pull_an_average_down() -> None:
+    scans = [np.array([[1500, 0, 0, 7]]), np.array([[1502, 900, 0, 9]])]
+    assert average_scans(scans).tolist() == [[1501, 900, 0, 8]]
+    with pytest.raises(InputError, match="differ in shape"):
+        average_scans([np.zeros((2, 3), np.int32), np.zeros((2, 4), np.int32)])
+
+
+def test_equations_3_5_to_3_9_by_hand() -> None:
+    beams = read_beams()
+    x, y, z = to_cartesian(np.full((64, 2048), 2000.0), beams)
+    # Beam 0: altitude 16.4486 degrees, azimuth index 17; measurement 1000 is column 1017.
+    theta, phi = 2 * np.pi * (1017 - 1023.5) / 2048, np.deg2rad(16.4486)
+    assert x[0, 1000] == pytest.approx(2000 * np.cos(theta) * np.cos(phi))
+    assert y[0, 1000] == pytest.approx(-2000 * np.sin(theta) * np.cos(phi))
+    assert z[0, 1000] == pytest.approx(2000 * np.sin(phi))
+    # Beam 63, index -17: measurement 5 wraps to 2036.
+    assert x[63, 5] == pytest.approx(
+        2000 * np.cos(2 * np.pi * (2036 - 1023.5) / 2048) * np.cos(np.deg2rad(-16.8294))
+    )
+    assert np.sqrt(x**2 + y**2 + z**2) == pytest.approx(np.full((64, 2048), 2000.0))
+
+
+def test_a_calibration_of_63_beams_is_refused() -> None:
+    with pytest.raises(InputError, match="64 beams"):
+        to_cartesian(np.zeros((64, 2048)), Beams(np.zeros(63), np.zeros(63), np.zeros(63, int)))
+
+
+def test_aligned_columns_look_in_one_direction() -> None:
+    beams = read_beams()
+    x, y, _ = to_cartesian(np.ones((64, 2048)), beams)
+    direction = align_columns(np.arctan2(y, x), beams)
+    assert np.abs(np.diff(direction, axis=0)).max() < 1e-12
+
+
+@given(images, st.sampled_from([3, 7, 13]))
+def test_the_median_is_that_of_a_plain_filter(image: np.ndarray, length: int) -> None:
+    down = ndimage.median_filter(image, size=(length, 1), mode="reflect")
+    both = ndimage.median_filter(down, size=(1, length), mode="reflect")
+    assert (median_cross(image, length) == both).all()
+
+
+def test_the_median_keeps_a_straight_edge_and_drops_a_speck() -> None:
+    image = np.full((30, 30), 250.0)
+    image[:, 12:] = 150.0
+    expected = image.copy()
+    image[10, 20] = 0.0
+    assert (median_cross(image) == expected).all()
+
+
+def test_levels_are_centimetres_rounded_down() -> None:
+    distance = np.array([1499.999, 1500, 1509.99, 2549.9, 2550, 9000])
+    assert to_levels(distance).tolist() == [149, 150, 150, 254, 255, 255]
+    assert in_range(distance).tolist() == [True] * 4 + [False] * 2
+
+
+def test_six_steps_of_upsampling_keep_a_plane_within_a_level() -> None:
+    plane = np.floor(np.linspace(150, 220, 60))[np.newaxis, :].repeat(20, axis=0)
+    levels, valid = upsample(plane, np.ones(plane.shape, bool))
+    assert levels.shape == (360, 360)
+    assert valid.all()
+    expected = plane[0].repeat(6)
+    assert np.abs(levels - expected)[:, 12:-12].max() <= 1
+
+
+def test_a_missing_return_stays_missing_and_smears_nowhere() -> None:
+    ranges, beams = flat_wall(1500.0), read_beams()
+    hole = np.zeros((64, 2048), bool)
+    hole[30:34, 1020:1030] = True
+    levels, valid = depth_image(np.where(hole, 0, ranges), beams)
+    aligned = crop_columns(align_columns(hole.astype(float), beams)) > 0
+    assert (valid != aligned.repeat(18, axis=0).repeat(6, axis=1)).all()
+    assert np.isin(levels, [149, 150]).all()
+
+
+def test_what_lies_beyond_the_levels_is_not_valid() -> None:
+    _, valid = depth_image(flat_wall(2600.0), read_beams())
+    assert not valid.any()
+    _, valid = depth_image(flat_wall(2500.0), read_beams())
+    assert valid.all()
+
+
+def test_filling_takes_the_nearest_value_and_needs_one() -> None:
+    values = np.array([[1.0, 0, 0, 0, 5.0]])
+    assert fill_missing(values, values > 0).tolist() in ([[1, 1, 1, 5, 5]], [[1, 1, 5, 5, 5]])
+    with pytest.raises(InputError, match="saw nothing"):
+        fill_missing(values, np.zeros(values.shape, bool))
+
+
+def test_warping_moves_levels_and_validity_together() -> None:
+    levels = np.arange(100, 130, dtype=float).reshape(5, 6)
+    valid = np.ones((5, 6), bool)
+    valid[2, 3] = False
+    shift = np.array([[1.0, 0, 1], [0, 1, 2], [0, 0, 1]])
+    moved, seen = warp(levels, valid, shift, (5, 6))
+    assert (moved[2:, 1:] == np.where(valid, levels, 0)[:3, :5]).all()
+    assert not seen[:2].any()
+    assert not seen[:, 0].any()
+    assert not seen[4, 4]
+    assert (moved[~seen] == 0).all()

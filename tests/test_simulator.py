@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+
+from dfdbench.lens import read_lens_table
+from dfdbench.lidar_files import read_beams
+from dfdbench.raycast import View
+from dfdbench.rig import Pose
+from dfdbench.sharpness import spectrum_sum
+from dfdbench.simulator import SimulatedScene, defocus
+
+MID_GREY = np.full((200, 200, 3), 0.5)
+
+
+def levels(scene: SimulatedScene, exposure: int, seed: tuple[int, ...]) -> np.ndarray:
+    # White fills the sensor at 55 ms: a half is mid grey there.
+    return scene.frame(MID_GREY, exposure, seed).astype(float)
+
+
+def test_the_noise_at_mid_grey_is_that_of_the_camera() -> None:
+    frame = levels(SimulatedScene(0), 55, (1,))
+    assert frame.mean() == pytest.approx(127.5, abs=1)
+    assert frame.std() == pytest.approx(3.1, abs=0.1)
+
+
+def test_exposure_is_linear_and_saturates() -> None:
+    scene = SimulatedScene(0)
+    assert levels(scene, 10, (1,)).mean() == pytest.approx(127.5 * 10 / 55, abs=1)
+    assert (scene.frame(np.full((9, 9, 3), 2.0), 70, (1,)) == 255).all()
+
+
+def test_the_same_seed_gives_the_same_frame_and_another_another() -> None:
+    scene, again = SimulatedScene(5), SimulatedScene(5)
+    assert (levels(scene, 30, (141, 30, 0)) == levels(again, 30, (141, 30, 0))).all()
+    assert (levels(scene, 30, (141, 30, 0)) != levels(again, 30, (141, 30, 1))).any()
+    beams = read_beams()
+    assert (scene.scan(beams, 0) == again.scan(beams, 0)).all()
+    assert (scene.scan(beams, 0) != scene.scan(beams, 1)).any()
+
+
+@pytest.mark.parametrize(
+    ("number", "left", "right"), [(0, 2.5, 2.5), (1, 1.5, 2.2), (2, 2.2, 1.5), (3, 1.5, 1.5)]
+)
+def test_the_four_geometries(number: int, left: float, right: float) -> None:
+    board = SimulatedScene(number).board
+    ends = [board.centre[2] + board.slant * side * board.size[0] / 2 for side in (-1, 1)]
+    assert ends == pytest.approx([left, right])
+
+
+def test_a_scan_sees_the_board_at_its_distance_and_loses_returns() -> None:
+    beams = read_beams()
+    ranges = SimulatedScene(3, pose=Pose()).scan(beams, 0)
+    ahead = ranges[28:36, 1000:1040]
+    assert np.median(ahead[ahead > 0]) == pytest.approx(1500, abs=10)
+    assert np.abs(ahead[ahead > 0] - 1505).max() < 100
+    assert 0.01 < (ranges == 0).mean() < 0.03
+    # The mirror on the board never returns anything.
+    averaged = np.mean([SimulatedScene(3).scan(beams, n) for n in range(5)], axis=0)
+    assert (averaged == 0).sum() > 10
+
+
+def test_the_blur_follows_the_lens_table() -> None:
+    table = read_lens_table()
+    point = np.zeros((41, 41, 3))
+    point[20, 20] = 1.0
+    near, far = (View(np.full((41, 41), d), np.zeros(point.shape), point) for d in (1.5, 2.2))
+    reach = {}
+    for step, view, distance in ((141, near, 1.5), (141, far, 2.2), (135, near, 1.5)):
+        spread = defocus(view, table, step)[..., 0]
+        assert spread.sum() == pytest.approx(1, abs=1e-5)
+        lit = np.flatnonzero(spread[20] > 1e-4)
+        reach[step, distance] = (lit[-1] - lit[0]) / 2
+    assert reach == {(141, 1.5): 7, (141, 2.2): 9, (135, 1.5): 1}
+
+
+def test_the_sharpest_step_is_the_one_with_the_smallest_radius() -> None:
+    random = np.random.default_rng(0)
+    view = View(np.full((64, 64), 1.5), np.zeros((64, 64, 3)), random.random((64, 64, 3)))
+    sums = {
+        step: spectrum_sum((255 * defocus(view, read_lens_table(), step)).astype(np.uint8))
+        for step in (129, 135, 141)
+    }
+    assert max(sums, key=lambda step: sums[step]) == 135
