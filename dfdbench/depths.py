@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dfdbench.coverage import DepthHistogram, depth_histogram
-from dfdbench.errors import Problem, StoreError
+from dfdbench.errors import InputError, Problem, StoreError
 from dfdbench.manifest import Manifest
 from dfdbench.store import Store
 
@@ -124,6 +124,52 @@ def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
     return tuple(scene for scene in manifest.scene_names if scene not in tested)
 
 
-def needs_inversion(train: Manifest, test: Manifest) -> bool:
-    """Return whether the test's levels must be turned round (Eq. 7.1) to mean the same."""
-    return train.depth.grows_with != test.depth.grows_with
+def sides_of(
+    store: Store,
+    train: str | None = None,
+    test: str | None = None,
+    fold: str | None = None,
+    other: Store | None = None,
+) -> tuple[Side, Side]:
+    """Return the training and the test side of a comparison.
+
+    Parameters
+    ----------
+    store : Store
+        The data set that trains, and tests unless there is another.
+    train, test : str, optional
+        Splits; by default ``"train"`` and ``"test"``, of another data set ``"all"``.
+    fold : str, optional
+        Instead of both: a fold, or a scene, tests, and all other scenes train.
+    other : Store, optional
+        The data set that tests. Its levels are turned round (Eq. 7.1) where they grow the
+        other way than those of `store`.
+
+    Raises
+    ------
+    InputError
+        Where a fold is asked for beside a split.
+    StoreError
+        Where a store holds none of the scenes.
+    """
+    if fold is not None and (train or test or other):
+        raise InputError(
+            Problem(
+                "a fold says both what trains and what tests", "--fold", "no other split",
+                fix="leave out --train, --test and --test-dataset",
+            )
+        )  # fmt: skip
+    histograms = scene_histograms(store)
+    manifest = store.manifest
+    if fold is not None:
+        return (
+            side_of(store, histograms, f"all but {fold}", training_of(manifest, fold)),
+            side_of(store, histograms, fold, manifest.scenes_of(fold)),
+        )
+    tester, found = (store, histograms) if other is None else (other, scene_histograms(other))
+    train, test = train or "train", test or ("test" if other is None else "all")
+    inverted = manifest.depth.grows_with != tester.manifest.depth.grows_with
+    return (
+        side_of(store, histograms, train, manifest.scenes_of(train)),
+        side_of(tester, found, test, tester.manifest.scenes_of(test), inverted),
+    )

@@ -34,6 +34,7 @@ from dfdbench.result import (
     save_result,
 )
 from dfdbench.store import PairImages, Store
+from dfdbench.trained_on import coverage_warnings
 
 _IDENTITY = "run.json"
 _JOURNAL = "pairs.jsonl"
@@ -344,6 +345,7 @@ def _result(store: Store, method: Method, split: str, pairs: list[PairResult], s
     printed = sum(bool(pair.warnings) for pair in pairs)
     if printed:
         warnings.append(f"the method printed to standard output on {printed} pairs")
+    warnings += coverage_warnings(method.trained_on, store, split)
     return Result(
         schema_version=1,
         dataset=DatasetRecord(

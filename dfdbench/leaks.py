@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -82,8 +82,8 @@ def image_hash(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return np.asarray(found.hash.ravel(), bool)
 
 
-def scene_hashes(store: Store) -> dict[str, Hashes]:
-    """Hash one image for each depth map of each scene, by ``scene/axis`` and value.
+def scene_hashes(store: Store, scenes: Iterable[str]) -> dict[str, Hashes]:
+    """Hash one image for each depth map of some scenes; its name is the scene and the view.
 
     The lightings of a view show one picture; the last that the store holds stands for all.
     """
@@ -93,7 +93,7 @@ def scene_hashes(store: Store) -> dict[str, Hashes]:
     others = [axis for axis in manifest.axes if axis not in manifest.depth.axes]
     order = [*manifest.depth.axes, *others]
     hashes: dict[str, Hashes] = {}
-    for scene in store.scenes:
+    for scene in scenes:
         arrays = store.scene(scene)
         last = {
             tuple(place[:views]): place
