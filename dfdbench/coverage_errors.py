@@ -1,4 +1,4 @@
-"""A run's errors on covered, scarce and missing levels: is it the data or the method?"""
+"""A run's errors on covered, scarce and missing levels: the data's fault or the method's."""
 
 from __future__ import annotations
 

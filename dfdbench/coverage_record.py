@@ -125,7 +125,7 @@ def compare(
     bound: DensityBound | None = None,
     criterion: Criterion = Criterion.either,
     allowed_share: float = 0.0,
-    leaks: list[Leak] | None = None,
+    leaks: tuple[Leak, ...] = (),
 ) -> CoverageRecord:
     """Hold a test side against a training side.
 
@@ -139,7 +139,7 @@ def compare(
         What decides whether the test is covered; the record has both.
     allowed_share : float
         Share of the test's known pixels that may lie on uncovered levels.
-    leaks : list of Leak, optional
+    leaks : tuple of Leak
         What was found on both sides.
     """
     bound = bound or DensityBound()
@@ -166,7 +166,7 @@ def compare(
         verdicts=list(coverage.verdicts),
         leaks=[
             LeakRecord(kind=leak.kind, train=leak.train, test=leak.test, detail=leak.detail)
-            for leak in leaks or []
+            for leak in leaks
         ],
     )
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 
 from dfdbench.coverage import Verdict
 from dfdbench.coverage_record import CoverageRecord, RangeRecord, SideRecord
 from dfdbench.tables import Table, percent
 
+SCHEMA_VERSION = 1
 _SCENES_NAMED = 4
 _ABSENT_NAMED = 8
 
@@ -66,17 +68,27 @@ def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
     return Table(title, columns, rows, align, tuple(notes))
 
 
+def each_as_json(records: Mapping[str, CoverageRecord], kind: str) -> str:
+    """Return the records of `each_table` as JSON, by scene or fold."""
+    content = {
+        "format": f"dfdbench coverage, each {kind}",
+        "schema_version": SCHEMA_VERSION,
+        "records": {name: record.model_dump(mode="json") for name, record in records.items()},
+    }
+    return json.dumps(content, indent=1) + "\n"
+
+
 def _notes(record: CoverageRecord) -> list[str]:
-    shares = record.shares
+    shares, as_crops = record.shares, record.expanded_shares
     notes = [
         f"missing: in the test, never in training: {percent(shares['missing'])} of "
         f"{record.test.known_pixels:,} known test pixels; {record.test.unknown_pixels:,} are "
         "unknown and left out",
         "thesis: more pixels in the test than in training, pairs weighted by their lightings: "
-        f"{percent(shares['thesis'])}; as 32 x 32 crops {percent(record.expanded_shares['thesis'])}",
+        f"{percent(shares['thesis'])}; as 32 x 32 crops {percent(as_crops['thesis'])}",
         f"density: {record.density_factor:g} times the share in training, and at least "
         f"{percent(record.density_floor)} of the test: {percent(shares['density'])}; as crops "
-        f"{percent(record.expanded_shares['density'])}",
+        f"{percent(as_crops['density'])}",
     ]
     if record.test.inverted:
         notes.append("the test's levels were turned round, 255 - level (Eq. 7.1), to mean the same")
@@ -98,7 +110,8 @@ def _short(names: Sequence[str]) -> str:
 
 
 def _name(side: SideRecord) -> str:
-    return f"{side.dataset}, {side.split} ({side.pairs} pairs of {len(side.scenes)} scenes)"
+    scenes = f"{len(side.scenes)} scene{'s' * (len(side.scenes) != 1)}"
+    return f"{side.dataset}, {side.split} ({side.pairs} pairs of {scenes})"
 
 
 def _scenes_of(item: RangeRecord) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 
 from dfdbench.coverage import Coverage, as_ranges
-from dfdbench.tables import percent
 from dfdbench.depths import Side, scene_histograms, side_of, training_of
 from dfdbench.errors import DfdbenchError
 from dfdbench.store import Store, open_store
+from dfdbench.tables import percent
 
 #: How `trained_on` names scenes: a manifest's name and version, then a split, or the fold or
 #: scene that was left out.

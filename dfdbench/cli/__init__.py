@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from dfdbench import __version__
-from dfdbench.cli import datasets, methods
+from dfdbench.cli import coverage, datasets, difficulty, methods, splits
 from dfdbench.cli.screen import say
 from dfdbench.errors import DfdbenchError
 
@@ -27,6 +27,9 @@ app.command()(datasets.info)
 app.command()(datasets.build)
 app.command()(methods.run)
 app.command("check-method")(methods.check_method_command)
+app.command()(coverage.coverage)
+app.command()(splits.split)
+app.command()(difficulty.difficulty)
 
 
 @app.callback(invoke_without_command=True)
