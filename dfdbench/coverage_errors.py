@@ -122,7 +122,7 @@ def pair_of(record: PairResult) -> Pair:
     return Pair(record.scene, tuple(record.coordinates.items()))
 
 
-def error_table(join: ErrorJoin, title: str) -> Table:
+def error_table(join: ErrorJoin, title: str, trained: bool) -> Table:
     """Return mean errors by verdict, then by scene on covered and on other levels."""
     whole = np.ones(256, bool)
     total = join.total
@@ -139,7 +139,7 @@ def error_table(join: ErrorJoin, title: str) -> Table:
     ]  # fmt: skip
     return Table(
         title, ("levels", "pixels", "of all", "mean absolute error", "root mean square"),
-        tuple(rows), "lrrrr", (conclusion(join),), frozenset({len(rows) - 2}),
+        tuple(rows), "lrrrr", (conclusion(join, trained),), frozenset({len(rows) - 2}),
     )  # fmt: skip
 
 
@@ -149,33 +149,45 @@ def scene_table(join: ErrorJoin) -> Table:
         (
             scene, percent(errors.share(join.uncovered)),
             *(_number(errors.mean(join.levels[verdict])) for verdict in reversed(Verdict)),
-            percent(owed) if (owed := errors.owed_to(join.uncovered)) >= 0 else _NOTHING,
+            percent(excess) if (excess := errors.excess(join.uncovered)) > 0 else _NOTHING,
         )
         for scene, errors in join.of_scenes().items()
     ]  # fmt: skip
-    columns = ("scene", "uncovered", *map(str, reversed(Verdict)), "error owed to coverage")
+    columns = ("scene", "uncovered", *map(str, reversed(Verdict)), "excess")
     note = (
-        "error owed to coverage: the share of the scene's mean error that would be gone if its "
-        "uncovered levels did as well as its covered ones; – where they do no worse"
+        "excess: by what share the scene's mean error would fall if its uncovered levels did as "
+        "well as its covered ones; – where they do no worse"
     )
     return Table("mean absolute error by scene, in levels", columns, tuple(rows), "lrrrrr", (note,))
 
 
-def conclusion(join: ErrorJoin) -> str:
-    """Return in one sentence whether the errors lie where training lacks levels."""
+def conclusion(join: ErrorJoin, trained: bool) -> str:
+    """Return in one sentence whether the errors lie where training lacks levels.
+
+    Parameters
+    ----------
+    join : ErrorJoin
+        The errors by level.
+    trained : bool
+        Whether the method says what it was trained on: one that was never trained cannot fail
+        for lack of training, so that its errors show what else is hard about those levels.
+    """
     total, levels = join.total, join.uncovered
     share = total.share(levels)
     if not share:
         return "every pixel lies on a covered level: what is wrong is not coverage"
-    owed = total.owed_to(levels)
-    if math.isnan(owed):
-        return "no covered level to compare with"
+    excess = total.excess(levels)
+    if math.isnan(excess):
+        return "no pixel lies on a covered level: there is nothing to compare with"
     facts = (
         f"{percent(share)} of the pixels lie on uncovered levels; if they did as well as the "
-        f"others, the mean error would fall by {percent(max(owed, 0.0))}"
+        f"others, the mean error would fall by {percent(max(excess, 0.0))}"
     )
-    reading = "coverage explains little" if owed < _SMALL else "coverage is part of it"
-    return f"{facts}: {reading}"
+    if excess < _SMALL:
+        return f"{facts}: most of the error has another cause than coverage"
+    if not trained:
+        return f"{facts}; the method names no training, so these levels are hard for other reasons"
+    return f"{facts}: the errors gather where training lacks levels"
 
 
 def errors_as_json(join: ErrorJoin, result: Result, record: CoverageRecord) -> str:
@@ -197,11 +209,12 @@ def errors_as_json(join: ErrorJoin, result: Result, record: CoverageRecord) -> s
         "dataset": result.dataset.name,
         "fingerprint": result.dataset.fingerprint,
         "split": result.dataset.split,
-        "trained_on": f"{record.train.dataset}, {record.train.split}",
+        "trained_on": result.method.trained_on,
+        "compared_with": f"{record.train.dataset}, {record.train.split}",
         "verdicts": by_verdict,
         "uncovered_share": total.share(join.uncovered),
-        "error_owed_to_coverage": _or_null(total.owed_to(join.uncovered)),
-        "conclusion": conclusion(join),
+        "excess": _or_null(total.excess(join.uncovered)),
+        "conclusion": conclusion(join, result.method.trained_on is not None),
         "levels": {
             "pixels": total.pixels.tolist(),
             "mean_absolute_error": [_or_null(total.mean(mask)) for mask in single],

@@ -146,7 +146,7 @@ def difficulty_figure(
     panels : sequence of (str, ndarray of uint8 of shape (y, x, 3), Difficulty)
         A pair's name, its in-focus image and what `smallest_step` found, a row each.
     """
-    figure = Figure(figsize=(9, 3.1 * len(panels) + 0.8), layout="constrained")
+    figure = Figure(figsize=(9, 2.6 * len(panels) + 0.8), layout="constrained")
     grid = figure.subplots(len(panels), 2, squeeze=False)
     figure.suptitle(title)
     for (name, image, found), axes in zip(panels, grid, strict=True):

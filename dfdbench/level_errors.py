@@ -55,8 +55,8 @@ class LevelErrors:
         pixels = self.pixels[levels].sum()
         return math.sqrt(self.squared[levels].sum() / pixels) if pixels else math.nan
 
-    def owed_to(self, levels: Mask) -> float:
-        """Return the share of the mean error that is gone if these levels did as the others.
+    def excess(self, levels: Mask) -> float:
+        """Return by what share the mean error falls if these levels did as well as the others.
 
         Negative where they do better than the others; NaN where one side has no pixel.
         """
@@ -84,7 +84,7 @@ def level_errors(
     >>> depth = np.array([[9, 9, 80]], np.uint8)
     >>> errors = level_errors(depth, depth > 0, np.array([[19, 13, 81]], np.float32))
     >>> scarce = np.arange(256) == 9
-    >>> errors.mean(scarce), errors.mean(~scarce), round(errors.owed_to(scarce), 3)
+    >>> errors.mean(scarce), errors.mean(~scarce), round(errors.excess(scarce), 3)
     (7.0, 1.0, 0.8)
     """
     known = depth[valid]

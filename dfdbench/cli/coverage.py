@@ -222,7 +222,7 @@ def _show_errors(
     if format is AnswerFormat.json:
         print(content, end="")
     else:
-        show(error_table(join, title), format)
+        show(error_table(join, title, run.method.trained_on is not None), format)
         show(scene_table(join), format)
     keep(
         out or path.parent / "coverage",
