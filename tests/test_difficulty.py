@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import spearmanr
 
 from dfdbench.blur import RECIPES, synthesize
 from dfdbench.difficulty import UNSEEN, smallest_step
 from dfdbench.errors import InputError
+from dfdbench.methods.baselines import Local
+from dfdbench.store import Store
 
 RECIPE = RECIPES["published"]
 
@@ -65,3 +68,21 @@ def test_only_known_pixels_count() -> None:
     assert math.isnan(smallest_step(image, depth, ~(depth > 0), RECIPE).share_above(1))
     with pytest.raises(InputError, match="noise"):
         smallest_step(image, depth, valid, RECIPE, noise=-1)
+
+
+def test_the_errors_of_local_follow_it(demo_store: Store) -> None:
+    # Both views of one test scene under every light: the shares rank the errors, and pixels
+    # whose blur shows only larger steps err more.
+    predict, steps, errors, shares, means = Local(RECIPE), [], [], [], []
+    for pair in demo_store.pairs("Market")[:9]:
+        images = demo_store.read(pair)
+        found = smallest_step(images.infocus, images.depth, images.valid, RECIPE)
+        error = np.abs(predict(images.infocus, images.defocus) - images.depth)[images.valid]
+        steps.append(found.step[images.valid])
+        errors.append(error)
+        shares.append(found.share_above(8))
+        means.append(error.mean())
+    assert spearmanr(shares, means).statistic > 0.8
+    step, error = np.concatenate(steps), np.concatenate(errors)
+    by_step = [error[step == value].mean() for value in (4, 32, 128, UNSEEN)]
+    assert by_step == sorted(by_step)
