@@ -237,12 +237,7 @@ def _in_order(scenes: Scenes, groups: Sequence[Group]) -> Group:
     return tuple(name for name in scenes.names if name in chosen)
 
 
-def propose_folds(
-    scenes: Scenes,
-    number: int,
-    seed: int = 0,
-    on_restart: Callable[[int, int], None] | None = None,
-) -> list[Folds]:
+def propose_folds(scenes: Scenes, number: int, seed: int = 0) -> list[Folds]:
     """Search partitions into folds, the best first: fewest folds not covered, then least share.
 
     From random partitions, two groups are exchanged as long as that helps; each restart gives
@@ -267,12 +262,10 @@ def propose_folds(
         return Folds(tuple(known[test] for test in tests))
 
     proposals: dict[tuple[Group, ...], Folds] = {}
-    for restart in range(_RESTARTS):
+    for _ in range(_RESTARTS):
         best = _improve(_random_folds(scenes, number, random), judge)
         folds = tuple(sorted(best.folds, key=lambda f: scenes.names.index(f.test[0])))
         proposals[tuple(fold.test for fold in folds)] = Folds(folds)
-        if on_restart:
-            on_restart(restart + 1, _RESTARTS)
     return sorted(proposals.values(), key=lambda p: (p.cost, [fold.test for fold in p.folds]))
 
 

@@ -10,7 +10,6 @@ import typer
 
 from dfdbench.cli.answer import AnswerFormat, keep, show
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
-from dfdbench.cli.screen import progress
 from dfdbench.coverage import Criterion, DensityBound
 from dfdbench.depths import scene_histograms
 from dfdbench.errors import InputError, Problem
@@ -106,8 +105,7 @@ def _propose_folds(
     format: AnswerFormat,
 ) -> None:
     manifest = store.manifest
-    with progress("searching folds") as step:
-        proposals = propose_folds(scenes, number, seed, step)
+    proposals = propose_folds(scenes, number, seed)
     best = proposals[0]
     hopeless = hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
     tests = [
