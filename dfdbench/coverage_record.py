@@ -113,10 +113,13 @@ class CoverageRecord(Model):
         """Return which levels have one of the verdicts, for each of the 256."""
         return [verdict in verdicts for verdict in self.verdicts]
 
-    def ranges_of(self, verdict: Verdict) -> str:
-        """Return the levels of a verdict as text, or an empty text."""
-        levels = self.levels(verdict)
-        return ", ".join(range_text(*run) for run in runs([mark or None for mark in levels]))
+    def ranges_of(self, kind: Verdict | Criterion) -> str:
+        """Return the uncovered levels of a verdict, or by a criterion, as ranges."""
+        keys: list[bool | None] = [None] * LEVELS
+        for item in self.ranges:
+            if kind in (item.verdict, *item.criteria, Criterion.either):
+                keys[item.first : item.last + 1] = [True] * (item.last + 1 - item.first)
+        return ", ".join(range_text(*run) for run in runs(keys))
 
 
 def compare(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 
-from dfdbench.coverage import Verdict
+from dfdbench.coverage import Criterion, Verdict
 from dfdbench.coverage_record import CoverageRecord, RangeRecord, SideRecord
 from dfdbench.tables import Table, percent
 
@@ -46,25 +46,26 @@ def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
     rows = tuple(
         (
             name, ", ".join(record.test.scenes) if kind == "fold" else str(record.test.pairs),
-            *(percent(record.shares[key]) for key in ("thesis", "density", "missing")),
-            record.ranges_of(Verdict.missing) or "–", record.ranges_of(Verdict.scarce) or "–",
+            percent(record.shares["thesis"]), record.ranges_of(Criterion.thesis) or "–",
+            percent(record.shares["density"]), record.ranges_of(Criterion.density) or "–",
+            record.ranges_of(Verdict.missing) or "–",
         )
         for name, record in records.items()
     )  # fmt: skip
     columns = (
-        kind, "test scenes" if kind == "fold" else "pairs", "thesis", "density", "missing",
-        "missing levels", "scarce levels",
+        kind, "test scenes" if kind == "fold" else "pairs", "thesis", "levels", "density",
+        "levels", "missing levels",
     )  # fmt: skip
     first = next(iter(records.values()))
     notes = [
-        "share of the test's known pixels on uncovered levels by criterion thesis and density, "
-        "and on missing ones",
+        "share of the test's known pixels on levels that are not covered by criterion thesis and "
+        "by criterion density, and which; missing ones count in the first",
     ]
     absent = sorted({scene for r in records.values() for scene in _absent(r)})
     if absent:
         notes.append(f"not in the store, so on neither side: {', '.join(absent)}")
     title = f"each {kind} of {first.test.dataset} against all other scenes"
-    align = "llrrrll" if kind == "fold" else "lrrrrll"
+    align = "llrlrll" if kind == "fold" else "lrrlrll"
     return Table(title, columns, rows, align, tuple(notes))
 
 
