@@ -27,6 +27,7 @@ from dfdbench.run_folder import (
     read_journal,
 )
 from dfdbench.store import Store
+from dfdbench.trained_on import coverage_warnings
 
 _BATCH = 256  # pairs whose depth maps are in memory together when many run at once
 
@@ -199,6 +200,7 @@ def _result(store: Store, method: Method, split: str, pairs: list[PairResult], s
     together = sum(not pair.timed_alone for pair in evaluated)
     if together:
         warnings.append(f"{together} pairs were run several at once: times are not comparable")
+    warnings += coverage_warnings(method.trained_on, store, split)
     return Result(
         schema_version=1,
         dataset=DatasetRecord(

@@ -9,7 +9,18 @@ from typing import Annotated
 import typer
 
 from dfdbench import __version__
-from dfdbench.cli import building, datasets, leaderboard, methods, optics, realworld, reports
+from dfdbench.cli import (
+    building,
+    coverage,
+    datasets,
+    difficulty,
+    leaderboard,
+    methods,
+    optics,
+    realworld,
+    reports,
+    splits,
+)
 from dfdbench.cli.screen import say
 from dfdbench.errors import DfdbenchError
 
@@ -39,6 +50,9 @@ app.add_typer(leaderboard.app, name="leaderboard")
 app.command("register")(realworld.register_scenes)
 app.add_typer(optics.app, name="optics", no_args_is_help=True)
 app.add_typer(realworld.simulate_app, name="simulate", no_args_is_help=True)
+app.command()(coverage.coverage)
+app.command()(splits.split)
+app.command()(difficulty.difficulty)
 
 
 @app.callback(invoke_without_command=True)

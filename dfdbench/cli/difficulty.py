@@ -1,0 +1,69 @@
+"""The verb that says how much of the depth the images can show: difficulty."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dfdbench.cli.answer import AnswerFormat, keep, show
+from dfdbench.cli.screen import progress
+from dfdbench.coverage_figures import difficulty_figure
+from dfdbench.difficulty import ROUNDING, Difficulty, smallest_step
+from dfdbench.difficulty_report import COARSE, difficulty_as_json, difficulty_rows, difficulty_table
+from dfdbench.errors import InputError, Problem
+from dfdbench.manifest import Pair
+from dfdbench.store import Store, open_store
+
+
+def difficulty(
+    dataset: Annotated[str, typer.Argument(help="A data set's name or a store's path.")],
+    split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
+    noise: Annotated[
+        float, typer.Option(min=0, help="Grey levels a change must exceed; default: rounding.")
+    ] = ROUNDING,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; default: results/DATASET-difficulty/SPLIT.")
+    ] = None,
+    format: Annotated[
+        AnswerFormat, typer.Option(help="How the answer is printed.")
+    ] = AnswerFormat.table,
+) -> None:
+    """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
+    store = open_store(dataset)
+    manifest = store.manifest
+    manifest.scenes_of(split)
+    pairs = store.pairs(split)
+    if store.recipe is None or not pairs:
+        what = "no synthetic blur: captured images" if store.recipe is None else "no pair of split"
+        raise InputError(Problem(f"{what} {split}", str(store.path)))
+    found: dict[Pair, Difficulty] = {}
+    with progress("looking at pairs") as step:
+        for number, pair in enumerate(pairs, 1):
+            found[pair] = _difficulty_of(store, pair, noise)
+            step(number, len(pairs))
+    rows = difficulty_rows(manifest, found)
+    content = difficulty_as_json(manifest, store.fingerprint, noise, rows)
+    if format is AnswerFormat.json:
+        print(content, end="")
+    else:
+        show(difficulty_table(manifest, rows, noise), format)
+    folder = out or Path("results") / f"{store.path.stem}-difficulty" / split
+    order = sorted(found, key=lambda pair: found[pair].share_above(COARSE))
+    # The easiest pair, the middle one and the hardest.
+    chosen = dict.fromkeys((order[0], order[len(order) // 2], order[-1]))
+    figure = difficulty_figure(
+        f"easiest, median and hardest pair of {manifest.stem}, {split}",
+        [(pair.id, store.read(pair).infocus, found[pair]) for pair in chosen],
+    )
+    keep(folder, {"difficulty.json": content, "difficulty.png": figure})
+
+
+def _difficulty_of(store: Store, pair: Pair, noise: float) -> Difficulty:
+    images, recipe = store.read(pair), store.recipe
+    assert recipe is not None
+    depth = images.depth
+    if store.manifest.depth.grows_with == "distance":
+        depth = 255 - depth
+    return smallest_step(images.infocus, depth, images.valid, recipe, noise)

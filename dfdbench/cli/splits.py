@@ -1,0 +1,138 @@
+"""The verb that proposes splits: split."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from dfdbench.cli.answer import AnswerFormat, keep, show
+from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
+from dfdbench.coverage import Criterion, DensityBound
+from dfdbench.depths import scene_histograms
+from dfdbench.errors import InputError, Problem
+from dfdbench.leaks import scene_hashes, scenes_alike
+from dfdbench.manifest import Manifest
+from dfdbench.split_report import (
+    folds_as_json,
+    folds_fragment,
+    folds_table,
+    ranking_as_json,
+    ranking_table,
+    split_fragment,
+)
+from dfdbench.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
+from dfdbench.store import Store, open_store
+
+
+def split(
+    dataset: Annotated[str, typer.Argument(help="A data set's name or a store's path.")],
+    test_scenes: Annotated[
+        int | None, typer.Option(min=1, help="Propose tests of this many scenes.")
+    ] = None,
+    folds: Annotated[
+        int | None, typer.Option(min=2, help="Propose this many folds instead.")
+    ] = None,
+    criterion: CriterionOption = Criterion.either,
+    allow: AllowOption = 0.0,
+    density_factor: FactorOption = DensityBound.factor,
+    density_floor: FloorOption = DensityBound.floor,
+    seed: Annotated[int, typer.Option(min=0, help="Of folds, and of draws from too many.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; default: results/DATASET-splits/...")
+    ] = None,
+    format: Annotated[
+        AnswerFormat, typer.Option(help="How the answer is printed.")
+    ] = AnswerFormat.table,
+) -> None:
+    """Propose splits or folds by scene whose training covers their tests' depths."""
+    if (test_scenes is None) == (folds is None):
+        raise InputError(
+            Problem("ask for one thing", "--test-scenes or --folds", fix="--test-scenes 3")
+        )
+    store = open_store(dataset)
+    bound = DensityBound(density_factor, density_floor)
+    scenes = _scenes(store, criterion, bound, allow)
+    settings = f"criterion {criterion}, seed {seed}"
+    absent = [name for name in store.manifest.scene_names if name not in scenes.names]
+    if absent:
+        settings += f"; without {', '.join(absent)}, which the store does not hold"
+    if test_scenes is not None:
+        _propose_tests(store, scenes, test_scenes, seed, settings, out, format)
+    elif folds is not None:
+        _propose_folds(store, scenes, folds, seed, settings, out, format)
+
+
+def _propose_tests(
+    store: Store,
+    scenes: Scenes,
+    size: int,
+    seed: int,
+    settings: str,
+    out: Path | None,
+    format: AnswerFormat,
+) -> None:
+    manifest = store.manifest
+    published = _published_test(manifest, scenes)
+    ranking = rank_tests(scenes, size, seed, published)
+    best = ranking.candidates[0].test
+    train = tuple(name for name in scenes.names if name not in best)
+    why = (
+        f"dfdbench split {manifest.short} --test-scenes {size}: first of "
+        f"{len(ranking.candidates):,} ({settings})"
+    )
+    content = ranking_as_json(manifest, ranking, published)
+    if format is AnswerFormat.json:
+        print(content, end="")
+    else:
+        show(ranking_table(manifest, ranking, published, scenes.criterion), format)
+    fragment = split_fragment(manifest, best, train, why)
+    keep(
+        out or Path("results") / f"{store.path.stem}-splits" / f"test-{size}",
+        {"split.toml": fragment, "split.json": content},
+    )
+
+
+def _propose_folds(
+    store: Store,
+    scenes: Scenes,
+    number: int,
+    seed: int,
+    settings: str,
+    out: Path | None,
+    format: AnswerFormat,
+) -> None:
+    manifest = store.manifest
+    proposals = propose_folds(scenes, number, seed)
+    best = proposals[0]
+    hopeless = hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
+    tests = [
+        tuple(name for name in fold.test_scenes if name in scenes.names) for fold in manifest.folds
+    ]
+    published = Folds(tuple(scenes.judge([test for test in tests if test])))
+    why = f"dfdbench split {manifest.short} --folds {number} ({settings})"
+    content = folds_as_json(manifest, proposals, hopeless, published)
+    if format is AnswerFormat.json:
+        print(content, end="")
+    else:
+        show(folds_table(manifest, proposals, hopeless, published), format)
+    keep(
+        out or Path("results") / f"{store.path.stem}-splits" / f"folds-{number}",
+        {"folds.toml": folds_fragment(best, why), "folds.json": content},
+    )
+
+
+def _scenes(store: Store, criterion: Criterion, bound: DensityBound, allow: float) -> Scenes:
+    histograms = {name: h for name, h in scene_histograms(store).items() if h.known}
+    groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
+    counts = np.stack([histogram.counts for histogram in histograms.values()])
+    return Scenes(tuple(histograms), counts, tuple(groups), criterion, bound, allow)
+
+
+def _published_test(manifest: Manifest, scenes: Scenes) -> tuple[str, ...]:
+    # Ranked only where all its scenes are built: a part of it is another test.
+    names = {split.name for split in manifest.splits}
+    test = manifest.scenes_of("test") if "test" in names else ()
+    return test if set(test) <= set(scenes.names) else ()

@@ -1,0 +1,231 @@
+"""A run's errors on covered, scarce and missing levels: the data's fault or the method's."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dfdbench.coverage import Mask, Verdict
+from dfdbench.coverage_record import CoverageRecord
+from dfdbench.errors import Problem, ResultError
+from dfdbench.fingerprint import array_digest
+from dfdbench.level_errors import LevelErrors, level_errors
+from dfdbench.manifest import Pair
+from dfdbench.result import PairResult, Result
+from dfdbench.run_folder import read_prediction
+from dfdbench.store import Store
+from dfdbench.tables import Table, percent
+
+SCHEMA_VERSION = 1
+#: Below this share of the error, uncovered levels are not what is wrong.
+_SMALL = 0.1
+_NOTHING = "–"
+
+
+@dataclass(frozen=True)
+class ErrorJoin:
+    """Errors by level of each pair, with the verdicts on the levels.
+
+    Parameters
+    ----------
+    pairs : dict of str to LevelErrors
+        By the pair's id, in the result's order; only pairs with a prediction.
+    scenes : dict of str to str
+        The scene of each pair.
+    levels : dict of Verdict to ndarray of bool, shape (256,)
+        The levels of each verdict, in the sense of the run's ground truth.
+    """
+
+    pairs: dict[str, LevelErrors]
+    scenes: dict[str, str]
+    levels: dict[Verdict, Mask]
+
+    @property
+    def uncovered(self) -> Mask:
+        """Levels that are missing or scarce."""
+        return np.asarray(self.levels[Verdict.missing] | self.levels[Verdict.scarce])
+
+    @property
+    def total(self) -> LevelErrors:
+        """The errors of all pairs."""
+        return LevelErrors.total(self.pairs.values())
+
+    def of_scenes(self) -> dict[str, LevelErrors]:
+        """Return the errors by scene."""
+        names = dict.fromkeys(self.scenes.values())
+        return {
+            name: LevelErrors.total(e for id_, e in self.pairs.items() if self.scenes[id_] == name)
+            for name in names
+        }
+
+
+def join_errors(store: Store, result: Result, folder: Path, record: CoverageRecord) -> ErrorJoin:
+    """Read a run's predictions and sum their errors by true level.
+
+    Parameters
+    ----------
+    store : Store
+        The data set that was run on.
+    result : Result
+        The run.
+    folder : Path
+        The run's folder, with its predictions.
+    record : CoverageRecord
+        The verdicts on the levels of the run's split.
+
+    Raises
+    ------
+    ResultError
+        Where the run is of another data set, kept no predictions, or they are not its own.
+    """
+    if result.dataset.fingerprint != store.fingerprint:
+        raise ResultError(
+            Problem(
+                "the result is of another data set", str(store.path),
+                result.dataset.fingerprint, store.fingerprint,
+                "name the store that was run on: dfdbench coverage STORE --result FILE",
+            )
+        )  # fmt: skip
+    errors, problems = {}, []
+    evaluated = [pair for pair in result.pairs if pair.status == "ok"]
+    for pair in evaluated:
+        prediction = read_prediction(folder, pair_of(pair))
+        if prediction is None:
+            problems.append(Problem("no prediction was kept", f"{folder}: {pair.id}"))
+        elif array_digest("depth", ("y", "x"), prediction) != pair.prediction_sha256:
+            problems.append(Problem("the prediction is not the result's", f"{folder}: {pair.id}"))
+        else:
+            errors[pair.id] = level_errors(*store.read_depth(pair_of(pair)), prediction)
+    if problems or not errors:
+        more = f"{len(problems)} of {len(evaluated)} pairs"
+        first = problems[0] if problems else Problem("no pair was evaluated", str(folder))
+        raise ResultError(
+            Problem(
+                first.what, first.where, got=more,
+                fix="run the method again, without --no-predictions",
+            )
+        )  # fmt: skip
+    levels = {verdict: np.array(record.levels(verdict)) for verdict in Verdict}
+    if record.test.inverted:
+        levels = {verdict: mask[::-1] for verdict, mask in levels.items()}
+    scenes = {pair.id: pair.scene for pair in evaluated}
+    return ErrorJoin(errors, scenes, levels)
+
+
+def pair_of(record: PairResult) -> Pair:
+    """Return the pair that a result's record is of."""
+    return Pair(record.scene, tuple(record.coordinates.items()))
+
+
+def error_table(join: ErrorJoin, title: str, trained: bool) -> Table:
+    """Return mean errors by verdict, then by scene on covered and on other levels."""
+    whole = np.ones(256, bool)
+    total = join.total
+    kinds: Mapping[str, Mask] = {
+        **{str(verdict): join.levels[verdict] for verdict in reversed(Verdict)},
+        "all known": whole,
+    }
+    rows = [
+        (
+            kind, f"{int(total.pixels[mask].sum()):,}", percent(total.share(mask)),
+            _number(total.mean(mask)), _number(total.root_mean_square(mask)),
+        )
+        for kind, mask in kinds.items()
+    ]  # fmt: skip
+    return Table(
+        title, ("levels", "pixels", "of all", "mean absolute error", "root mean square"),
+        tuple(rows), "lrrrr", (conclusion(join, trained),), frozenset({len(rows) - 2}),
+    )  # fmt: skip
+
+
+def scene_table(join: ErrorJoin) -> Table:
+    """Return mean absolute errors by scene on covered, scarce and missing levels."""
+    rows = [
+        (
+            scene, percent(errors.share(join.uncovered)),
+            *(_number(errors.mean(join.levels[verdict])) for verdict in reversed(Verdict)),
+            percent(excess) if (excess := errors.excess(join.uncovered)) > 0 else _NOTHING,
+        )
+        for scene, errors in join.of_scenes().items()
+    ]  # fmt: skip
+    columns = ("scene", "uncovered", *map(str, reversed(Verdict)), "excess")
+    note = (
+        "excess: by what share the scene's mean error would fall if its uncovered levels did as "
+        "well as its covered ones; – where they do no worse"
+    )
+    return Table("mean absolute error by scene, in levels", columns, tuple(rows), "lrrrrr", (note,))
+
+
+def conclusion(join: ErrorJoin, trained: bool) -> str:
+    """Return in one sentence whether the errors lie where training lacks levels.
+
+    Parameters
+    ----------
+    join : ErrorJoin
+        The errors by level.
+    trained : bool
+        Whether the method says what it was trained on: one that was never trained cannot fail
+        for lack of training, so that its errors show what else is hard about those levels.
+    """
+    total, levels = join.total, join.uncovered
+    share = total.share(levels)
+    if not share:
+        return "every pixel lies on a covered level: what is wrong is not coverage"
+    excess = total.excess(levels)
+    if math.isnan(excess):
+        return "no pixel lies on a covered level: there is nothing to compare with"
+    facts = (
+        f"{percent(share)} of the pixels lie on uncovered levels; if they did as well as the "
+        f"others, the mean error would fall by {percent(max(excess, 0.0))}"
+    )
+    if excess < _SMALL:
+        return f"{facts}: most of the error has another cause than coverage"
+    if not trained:
+        return f"{facts}; the method names no training, so these levels are hard for other reasons"
+    return f"{facts}: the errors gather where training lacks levels"
+
+
+def errors_as_json(join: ErrorJoin, result: Result, record: CoverageRecord) -> str:
+    """Return the errors by verdict and by level as JSON."""
+    total = join.total
+    by_verdict = {
+        str(verdict): {
+            "pixels": int(total.pixels[mask].sum()),
+            "mean_absolute_error": _or_null(total.mean(mask)),
+            "root_mean_square_error": _or_null(total.root_mean_square(mask)),
+        }
+        for verdict, mask in join.levels.items()
+    }
+    single = np.eye(256, dtype=bool)
+    content = {
+        "format": "dfdbench coverage errors",
+        "schema_version": SCHEMA_VERSION,
+        "method": result.method.name,
+        "dataset": result.dataset.name,
+        "fingerprint": result.dataset.fingerprint,
+        "split": result.dataset.split,
+        "trained_on": result.method.trained_on,
+        "compared_with": f"{record.train.dataset}, {record.train.split}",
+        "verdicts": by_verdict,
+        "uncovered_share": total.share(join.uncovered),
+        "excess": _or_null(total.excess(join.uncovered)),
+        "conclusion": conclusion(join, result.method.trained_on is not None),
+        "levels": {
+            "pixels": total.pixels.tolist(),
+            "mean_absolute_error": [_or_null(total.mean(mask)) for mask in single],
+        },
+    }
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+def _or_null(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _number(value: float) -> str:
+    return _NOTHING if math.isnan(value) else f"{value:.2f}"

@@ -1,0 +1,214 @@
+"""Figures of depth coverage, of errors on uncovered levels, and of difficulty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from dfdbench.coverage import LEVELS, Mask, Verdict, runs
+from dfdbench.coverage_errors import ErrorJoin, pair_of
+from dfdbench.coverage_record import CoverageRecord, SideRecord
+from dfdbench.difficulty import STEPS, UNSEEN, Difficulty
+from dfdbench.result import PairResult, Result
+from dfdbench.run_folder import read_prediction
+from dfdbench.store import Store
+
+# Okabe and Ito's colours, which the colour-blind can tell apart.
+_TRAIN, _TEST, _MISSING, _SCARCE = "#0072B2", "#D55E00", "#CC79A7", "#E69F00"
+_OF_VERDICT = {Verdict.missing: _MISSING, Verdict.scarce: _SCARCE, Verdict.covered: "#009E73"}
+_LABELLED = 12
+_PANELS = 3
+_ERROR_LIMIT = 50.0
+
+
+def coverage_figure(record: CoverageRecord) -> Figure:
+    """Draw the depths of both sides as Figs 5.10, 5.19 and 5.9, the offending ranges marked."""
+    figure = Figure(figsize=(12, 10), layout="constrained")
+    top, middle, bottom = figure.subplots(3, 1, sharex=True)
+    figure.suptitle(f"depths of {_name(record.test)}, held against {_name(record.train)}")
+    for axis in (top, middle):
+        _steps(axis, record.train.counts, f"training: {record.train.split}", _TRAIN, fill=True)
+        _steps(axis, record.test.counts, f"test: {record.test.split}", _TEST)
+        axis.set_ylabel("pixels of all pairs")
+        for item in record.ranges:
+            axis.axvspan(
+                item.first - 0.5, item.last + 0.5, color=_OF_VERDICT[item.verdict], alpha=0.35,
+                linewidth=0, zorder=0,
+            )  # fmt: skip
+    middle.set_yscale("log")
+    middle.set_ylabel("pixels of all pairs, log scale")
+    _label_ranges(middle, record)
+    _steps(bottom, record.train.counts, "training, as is", _TRAIN, fill=True, share=True)
+    _steps(bottom, record.train.expanded, "training, as 32 x 32 crops", "black", share=True)
+    _steps(bottom, record.test.counts, "test, as is", _TEST, share=True)
+    bottom.set(ylabel="known pixels (%)", xlabel="depth level", xlim=(-1, LEVELS))
+    handles = [
+        Patch(color=_OF_VERDICT[verdict], alpha=0.35, label=f"{verdict}: {text}")
+        for verdict in (Verdict.missing, Verdict.scarce)
+        if (text := record.ranges_of(verdict)) and len(text) < 90
+    ]
+    top.legend(handles=[*top.get_legend_handles_labels()[0], *handles], loc="best", fontsize=9)
+    bottom.legend(loc="best", fontsize=9)
+    for axis in (top, middle, bottom):
+        axis.grid(alpha=0.3)
+    return figure
+
+
+def level_error_figure(join: ErrorJoin, title: str) -> Figure:
+    """Draw the mean absolute error at each true level, coloured by the level's verdict."""
+    total = join.total
+    present = total.pixels > 0
+    mean = np.where(present, total.absolute / np.maximum(total.pixels, 1), 0)
+    figure = Figure(figsize=(12, 6), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    levels = np.arange(LEVELS)
+    for verdict, mask in join.levels.items():
+        chosen = mask & present
+        if chosen.any():
+            colour = _OF_VERDICT[verdict]
+            top.bar(levels[chosen], mean[chosen], width=1, color=colour, label=str(verdict))
+            bottom.bar(levels[chosen], total.pixels[chosen], width=1, color=colour)
+    top.set(title=title, ylabel="mean absolute error (levels)")
+    top.legend()
+    bottom.set(xlabel="true depth level", ylabel="pixels", xlim=(-1, LEVELS), yscale="log")
+    for axis in (top, bottom):
+        axis.grid(alpha=0.3)
+    return figure
+
+
+def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> Figure:
+    """Draw truth, prediction, mask, error and both overlaid, as Figs 5.20 and 7.5.
+
+    Shown are the pairs of different scenes with the most uncovered pixels; where all is covered,
+    those with the largest errors.
+    """
+    rows = _shown(result, join)
+    figure = Figure(figsize=(15, 2.7 * len(rows) + 0.9), layout="constrained")
+    grid = figure.subplots(len(rows), 5, squeeze=False)
+    figure.suptitle(f"{result.method.name} on {result.dataset.name}: where training lacks levels")
+    heads = ("ground truth", "prediction", "uncovered levels", "|error|", "error under the mask")
+    colours = ListedColormap(["white", _SCARCE, _MISSING])
+    for record, axes in zip(rows, grid, strict=True):
+        depth, valid = store.read_depth(pair_of(record))
+        prediction = read_prediction(folder, pair_of(record))
+        assert prediction is not None
+        error = np.abs(prediction - depth)
+        kind = np.where(join.levels[Verdict.missing], 2, join.levels[Verdict.scarce])[depth]
+        kind = np.ma.masked_where(~valid, kind)
+        known = np.ma.masked_where(~valid, error)
+        levels = {"cmap": "viridis", "vmin": 0, "vmax": 255, "interpolation": "nearest"}
+        errors = {"cmap": "gray", "vmin": 0, "vmax": _ERROR_LIMIT, "interpolation": "nearest"}
+        shown = axes[0].imshow(np.ma.masked_where(~valid, depth), **levels)
+        axes[1].imshow(prediction, **levels)
+        axes[2].imshow(kind, cmap=colours, vmin=0, vmax=2, interpolation="nearest")
+        scale = axes[3].imshow(known, **errors)
+        axes[4].imshow(known, **errors)
+        axes[4].imshow(
+            np.ma.masked_where(np.ma.filled(kind, 0) == 0, kind), cmap=colours, vmin=0, vmax=2,
+            alpha=0.5, interpolation="nearest",
+        )  # fmt: skip
+        axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
+        figure.colorbar(shown, ax=axes[1], label="depth level", fraction=0.05)
+        figure.colorbar(scale, ax=axes[4], label="levels", fraction=0.05, extend="max")
+        for axis in axes:
+            axis.set_xticks([])
+            axis.set_yticks([])
+            axis.set_facecolor("#56B4E9")
+    for axis, head in zip(grid[0], heads, strict=True):
+        axis.set_title(head, fontsize=10)
+    figure.legend(
+        handles=[
+            Patch(color=_SCARCE, label="scarce"),
+            Patch(color=_MISSING, label="missing"),
+            Patch(color="#56B4E9", label="depth unknown"),
+        ],
+        loc="outside lower center", ncols=3,
+    )  # fmt: skip
+    return figure
+
+
+def difficulty_figure(
+    title: str, panels: Sequence[tuple[str, NDArray[np.uint8], Difficulty]]
+) -> Figure:
+    """Draw in-focus images and, beside them, the smallest level step that their blur shows.
+
+    Parameters
+    ----------
+    title : str
+        Above the figure.
+    panels : sequence of (str, ndarray of uint8 of shape (y, x, 3), Difficulty)
+        A pair's name, its in-focus image and what `smallest_step` found, a row each.
+    """
+    figure = Figure(figsize=(9, 2.6 * len(panels) + 0.8), layout="constrained")
+    grid = figure.subplots(len(panels), 2, squeeze=False)
+    figure.suptitle(title)
+    for (name, image, found), axes in zip(panels, grid, strict=True):
+        axes[0].imshow(image)
+        step = np.ma.masked_where(~found.valid, np.log2(found.step))
+        shown = axes[1].imshow(step, cmap="cividis", vmin=0, vmax=8, interpolation="nearest")
+        axes[0].set_ylabel(name.replace("/", "\n"), fontsize=8)
+        bar = figure.colorbar(shown, ax=axes[1], label="levels", fraction=0.05)
+        bar.set_ticks(range(len(STEPS) + 1), labels=[*map(str, STEPS), f"none below {UNSEEN}"])
+        for axis in axes:
+            axis.set_xticks([])
+            axis.set_yticks([])
+            axis.set_facecolor("0.75")
+    grid[0][0].set_title("in-focus", fontsize=10)
+    grid[0][1].set_title("smallest step that is seen", fontsize=10)
+    return figure
+
+
+def _shown(result: Result, join: ErrorJoin) -> list[PairResult]:
+    records = {pair.id: pair for pair in result.pairs if pair.id in join.pairs}
+
+    def weight(identity: str) -> tuple[float, float]:
+        errors = join.pairs[identity]
+        return errors.share(join.uncovered), errors.mean(np.ones(LEVELS, bool))
+
+    best: dict[str, str] = {}
+    for identity in sorted(records, key=weight, reverse=True):
+        best.setdefault(join.scenes[identity], identity)
+    return [records[identity] for identity in list(best.values())[:_PANELS]]
+
+
+def _steps(
+    axis: Axes,
+    counts: Sequence[float],
+    label: str,
+    colour: str,
+    fill: bool = False,
+    share: bool = False,
+) -> None:
+    values = np.asarray(counts, np.float64)
+    if share:
+        values = 100 * values / max(values.sum(), 1)
+    levels = np.arange(LEVELS)
+    if fill:
+        axis.fill_between(levels, values, step="mid", color=colour, alpha=0.5, label=label)
+    else:
+        axis.step(levels, values, where="mid", color=colour, linewidth=1.2, label=label)
+
+
+def _label_ranges(axis: Axes, record: CoverageRecord) -> None:
+    # Of neighbouring ranges only the ends are named, the largest of them: more cannot be read.
+    marked: Mask = np.array(record.levels(Verdict.missing, Verdict.scarce))
+    counts = np.asarray(record.test.counts)
+    spans = runs([mark or None for mark in marked.tolist()])
+    largest = sorted(spans, key=lambda span: -counts[span[0] : span[1] + 1].sum())[:_LABELLED]
+    for first, last in largest:
+        axis.annotate(
+            str(first) if first == last else f"{first}-{last}", ((first + last) / 2, 1.0),
+            xycoords=("data", "axes fraction"), xytext=(0, 3), textcoords="offset points",
+            rotation=90, ha="center", va="bottom", fontsize=8,
+        )  # fmt: skip
+
+
+def _name(side: SideRecord) -> str:
+    return f"{side.dataset}, {side.split}"

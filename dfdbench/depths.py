@@ -1,0 +1,175 @@
+"""The depth histograms of a built data set, each depth map read once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from dfdbench.coverage import DepthHistogram, depth_histogram
+from dfdbench.errors import InputError, Problem, StoreError
+from dfdbench.manifest import Manifest
+from dfdbench.store import Store
+
+
+@dataclass(frozen=True)
+class Side:
+    """The training or the test side of a comparison.
+
+    Parameters
+    ----------
+    dataset : str
+        The manifest's name and version.
+    fingerprint : str
+        Of the store that the depth maps come from.
+    name : str
+        Of the split: ``"train"``, ``"K03"``, ``"all but K03"``.
+    scenes : dict of str to DepthHistogram
+        By scene, levels in the sense of the training set.
+    absent : tuple of str
+        Scenes of the split that the store does not hold.
+    inverted : bool
+        True where levels were turned round (Eq. 7.1) to be compared with training.
+    """
+
+    dataset: str
+    fingerprint: str
+    name: str
+    scenes: dict[str, DepthHistogram]
+    absent: tuple[str, ...]
+    inverted: bool = False
+
+    @property
+    def histogram(self) -> DepthHistogram:
+        """The histogram of all its scenes."""
+        return DepthHistogram.total(self.scenes.values())
+
+
+def scene_histograms(store: Store) -> dict[str, DepthHistogram]:
+    """Count each scene's depth levels over the pairs that the manifest gives it.
+
+    The weights are the manifest's pairs and not the store's, so that a store with one lighting
+    a scene leads to the same verdicts as the whole set. A depth map without a known pixel
+    stands for one that the store does not have, and is left out.
+
+    Returns
+    -------
+    dict of str to DepthHistogram
+        By scene, in the manifest's order; levels as stored.
+    """
+    axes = store.manifest.depth.axes
+    uses = Counter(
+        (pair.scene, tuple(pair.at[axis] for axis in axes)) for pair in store.manifest.pairs()
+    )
+    histograms = {}
+    for scene in store.scenes:
+        arrays = store.scene(scene)
+        depth, valid = arrays["depth"].values, arrays["valid"].values
+        extent = depth.shape[: len(axes)]
+        histograms[scene] = DepthHistogram.total(
+            depth_histogram(depth[place], valid[place], pairs)
+            for place in np.ndindex(extent)
+            if valid[place].any()
+            and (pairs := uses[scene, _values(store.manifest, place)])
+        )  # fmt: skip
+    return histograms
+
+
+def _values(manifest: Manifest, place: tuple[int, ...]) -> tuple[int, ...]:
+    axes = manifest.depth.axes
+    return tuple(manifest.axes[axis][index] for axis, index in zip(axes, place, strict=True))
+
+
+def side_of(
+    store: Store,
+    histograms: dict[str, DepthHistogram],
+    name: str,
+    scenes: tuple[str, ...],
+    inverted: bool = False,
+) -> Side:
+    """Return one side of a comparison: some scenes of a store under a name.
+
+    Raises
+    ------
+    StoreError
+        Where the store holds none of the scenes.
+    """
+    chosen = {
+        scene: histograms[scene].inverted() if inverted else histograms[scene]
+        for scene in scenes
+        if scene in histograms
+    }
+    if not any(histogram.known for histogram in chosen.values()):
+        raise StoreError(
+            Problem(
+                f"the store holds no depth of {name}", str(store.path),
+                fix=f"build {store.manifest.short} with the scenes of that split",
+            )
+        )  # fmt: skip
+    absent = tuple(scene for scene in scenes if scene not in histograms)
+    return Side(store.manifest.stem, store.fingerprint, name, chosen, absent, inverted)
+
+
+def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
+    """Return the scenes that train when a fold, or a single scene, tests: all others.
+
+    Examples
+    --------
+    >>> from dfdbench.catalog import find_manifest
+    >>> len(training_of(find_manifest("middlebury"), "K03"))
+    24
+    """
+    tested = set(manifest.scenes_of(fold))
+    return tuple(scene for scene in manifest.scene_names if scene not in tested)
+
+
+def sides_of(
+    store: Store,
+    train: str | None = None,
+    test: str | None = None,
+    fold: str | None = None,
+    other: Store | None = None,
+) -> tuple[Side, Side]:
+    """Return the training and the test side of a comparison.
+
+    Parameters
+    ----------
+    store : Store
+        The data set that trains, and tests unless there is another.
+    train, test : str, optional
+        Splits; by default ``"train"`` and ``"test"``, of another data set ``"all"``.
+    fold : str, optional
+        Instead of both: a fold, or a scene, tests, and all other scenes train.
+    other : Store, optional
+        The data set that tests. Its levels are turned round (Eq. 7.1) where they grow the
+        other way than those of `store`.
+
+    Raises
+    ------
+    InputError
+        Where a fold is asked for beside a split.
+    StoreError
+        Where a store holds none of the scenes.
+    """
+    if fold is not None and (train or test or other):
+        raise InputError(
+            Problem(
+                "a fold says both what trains and what tests", "--fold", "no other split",
+                fix="leave out --train, --test and --test-dataset",
+            )
+        )  # fmt: skip
+    histograms = scene_histograms(store)
+    manifest = store.manifest
+    if fold is not None:
+        return (
+            side_of(store, histograms, f"all but {fold}", training_of(manifest, fold)),
+            side_of(store, histograms, fold, manifest.scenes_of(fold)),
+        )
+    tester, found = (store, histograms) if other is None else (other, scene_histograms(other))
+    train, test = train or "train", test or ("test" if other is None else "all")
+    inverted = manifest.depth.grows_with != tester.manifest.depth.grows_with
+    return (
+        side_of(store, histograms, train, manifest.scenes_of(train)),
+        side_of(tester, found, test, tester.manifest.scenes_of(test), inverted),
+    )

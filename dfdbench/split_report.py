@@ -1,0 +1,177 @@
+"""Proposed splits and folds as tables and as fragments of a manifest."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from dfdbench.manifest import Manifest
+from dfdbench.splits import Candidate, Folds, Hopeless, Ranking
+from dfdbench.tables import Table, percent
+
+SCHEMA_VERSION = 1
+#: Proposals that tables and files hold.
+SHOWN = 10
+
+
+def ranking_table(
+    manifest: Manifest, ranking: Ranking, published: Sequence[str], criterion: str
+) -> Table:
+    """Return the best test sets, and the published one with its rank."""
+    rank = ranking.rank(published)
+    chosen = list(enumerate(ranking.candidates[:SHOWN], 1))
+    if rank is not None and rank > SHOWN:
+        chosen.append((rank, ranking.candidates[rank - 1]))
+    rows = tuple(
+        (
+            f"{number:,}" + (" (published)" if number == rank else ""), ", ".join(candidate.test),
+            str(pair_count(manifest, candidate.test)), percent(candidate.uncovered),
+            f"{candidate.overlap:.3f}",
+        )
+        for number, candidate in chosen
+    )  # fmt: skip
+    count = len(ranking.candidates)
+    notes = [
+        f"{ranking.covered:,} of {count:,} choices are covered by criterion {criterion}"
+        + ("" if ranking.exhaustive else "; drawn at random, there are more"),
+        "ranked by the share of the test's pixels on uncovered levels, then by overlap: the area "
+        "that the depth histograms of test and training have in common",
+    ]
+    if rank is None:
+        notes.append(_why_unranked(published, len(ranking.candidates[0].test)))
+    elif not ranking.candidates[rank - 1].covered:
+        notes.append(f"the published test ({', '.join(published)}) is not covered: rank {rank:,}")
+    columns = ("rank", "test scenes", "pairs", "uncovered", "overlap")
+    rules = frozenset({SHOWN - 1}) if len(rows) > SHOWN else frozenset()
+    return Table(
+        f"test sets of {manifest.stem}", columns, rows, "rlrrr", tuple(notes), rules
+    )  # fmt: skip
+
+
+def folds_table(
+    manifest: Manifest, proposals: Sequence[Folds], hopeless: Sequence[Hopeless], published: Folds
+) -> Table:
+    """Return the best folds, what the published ones reach, and which cannot be covered."""
+    best = proposals[0]
+    rows = tuple(
+        (
+            fold_name(number), ", ".join(fold.test), str(pair_count(manifest, fold.test)),
+            percent(fold.uncovered), f"{fold.overlap:.3f}", "yes" if fold.covered else "no",
+        )
+        for number, fold in enumerate(best.folds, 1)
+    )  # fmt: skip
+    notes = [_score("best of " + str(len(proposals)) + " found", best)]
+    if published.folds:
+        ahead = sum(proposal.cost < published.cost for proposal in proposals)
+        notes.append(
+            f"{_score('published folds', published)}: {ahead} of {len(proposals)} found are better"
+        )
+    if hopeless:
+        largest = max(len(fold.test) for fold in best.folds)
+        least = math.ceil(len(hopeless) / largest)
+        notes.append(
+            f"{len(hopeless)} scenes leave their fold uncovered whatever else is in it; they fill "
+            f"at least {least} of {len(best.folds)} folds"
+        )
+    notes += [_why_hopeless(item) for item in hopeless]
+    columns = ("fold", "test scenes", "pairs", "uncovered", "overlap", "covered")
+    return Table(f"folds of {manifest.stem}", columns, rows, "llrrrl", tuple(notes))
+
+
+def split_fragment(manifest: Manifest, test: Sequence[str], train: Sequence[str], why: str) -> str:
+    """Return a split as the lines of a manifest: partition ``covered``."""
+    lines = [f"# {why}", ""]
+    for name, scenes in (("train-covered", train), ("test-covered", test)):
+        lines += [
+            "[[splits]]",
+            f'name = "{name}"',
+            'partition = "covered"',
+            f"pairs = {pair_count(manifest, scenes)}",
+            f"scenes = {json.dumps(list(scenes))}",
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def folds_fragment(folds: Folds, why: str) -> str:
+    """Return folds as the lines of a manifest, instead of those that it has."""
+    lines = [f"# {why}", "# They take the place of the manifest's own folds.", ""]
+    for number, fold in enumerate(folds.folds, 1):
+        lines += [
+            "[[folds]]",
+            f'name = "{fold_name(number)}"',
+            f"test_scenes = {json.dumps(list(fold.test))}",
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def ranking_as_json(manifest: Manifest, ranking: Ranking, published: Sequence[str]) -> str:
+    """Return a ranking's best as JSON."""
+    content = {
+        "format": "dfdbench split",
+        "schema_version": SCHEMA_VERSION,
+        "dataset": manifest.stem,
+        "choices": len(ranking.candidates),
+        "exhaustive": ranking.exhaustive,
+        "covered": ranking.covered,
+        "published": {"test": list(published), "rank": ranking.rank(published)},
+        "candidates": [asdict(candidate) for candidate in ranking.candidates[:SHOWN]],
+    }
+    return json.dumps(content, indent=1) + "\n"
+
+
+def folds_as_json(
+    manifest: Manifest, proposals: Sequence[Folds], hopeless: Sequence[Hopeless], published: Folds
+) -> str:
+    """Return proposed folds as JSON, the best first, and the published ones."""
+
+    def described(folds: Folds) -> dict[str, object]:
+        return {"not_covered": folds.not_covered, "folds": [asdict(fold) for fold in folds.folds]}
+
+    content = {
+        "format": "dfdbench split, folds",
+        "schema_version": SCHEMA_VERSION,
+        "dataset": manifest.stem,
+        "published": described(published) if published.folds else None,
+        "proposals": [described(folds) for folds in proposals[:SHOWN]],
+        "cannot_be_covered": [asdict(item) for item in hopeless],
+    }
+    return json.dumps(content, indent=1) + "\n"
+
+
+def pair_count(manifest: Manifest, scenes: Sequence[str]) -> int:
+    """Return how many pairs the manifest has of some scenes."""
+    return sum(pair.scene in scenes for pair in manifest.pairs())
+
+
+def fold_name(number: int) -> str:
+    """Return the name of a proposed fold, unlike those of the thesis.
+
+    Examples
+    --------
+    >>> fold_name(3)
+    'C03'
+    """
+    return f"C{number:02d}"
+
+
+def _score(what: str, folds: Folds) -> str:
+    worst: Candidate = max(folds.folds, key=lambda fold: fold.uncovered)
+    return (
+        f"{what}: {folds.not_covered} of {len(folds.folds)} not covered, at worst "
+        f"{percent(worst.uncovered)} ({', '.join(worst.test)})"
+    )
+
+
+def _why_hopeless(item: Hopeless) -> str:
+    why = f"rare in all other scenes: {item.levels}" if item.levels else "no level alone is why"
+    return f"{item.scene}: {why}; at least {percent(item.least)} of its fold is uncovered"
+
+
+def _why_unranked(published: Sequence[str], size: int) -> str:
+    if not published:
+        return "the manifest has no published split that can be ranked with the scenes built"
+    return f"the published test has {len(published)} scenes, not {size}: it has no rank among these"

@@ -1,0 +1,323 @@
+"""Propose splits and folds by scene whose training sets cover their tests."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.coverage import Criterion, DensityBound, as_ranges, uncovered
+from dfdbench.errors import InputError, Problem
+
+#: Up to this many choices are all looked at; of more, so many are drawn at random.
+EXHAUSTIVE_LIMIT = 300_000
+_CHUNK = 4096
+_RESTARTS = 40
+
+Group = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One test set of a split, or of a fold.
+
+    Parameters
+    ----------
+    test : tuple of str
+        Its scenes; all others train.
+    uncovered : float
+        Share of the test's known pixels on levels that are not covered.
+    overlap : float
+        How much the depths of test and training look alike: the area that their histograms,
+        each of area 1, have in common.
+    covered : bool
+        Whether the uncovered share is small enough, by default none.
+    """
+
+    test: Group
+    uncovered: float
+    overlap: float
+    covered: bool
+
+    @property
+    def order(self) -> tuple[float, float, Group]:
+        """What candidates are ranked by, the best first."""
+        return (0.0 if self.covered else self.uncovered, -self.overlap, self.test)
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Candidates, the best first, and whether they are all there are."""
+
+    candidates: tuple[Candidate, ...]
+    exhaustive: bool
+
+    @property
+    def covered(self) -> int:
+        """How many candidates are covered."""
+        return sum(candidate.covered for candidate in self.candidates)
+
+    def rank(self, test: Sequence[str]) -> int | None:
+        """Return the rank of a test set, from 1, or None where it is not among them."""
+        wanted = set(test)
+        for number, candidate in enumerate(self.candidates, 1):
+            if set(candidate.test) == wanted:
+                return number
+        return None
+
+
+@dataclass(frozen=True)
+class Folds:
+    """A cross validation: each scene in one fold.
+
+    Parameters
+    ----------
+    folds : tuple of Candidate
+        In the order of their scenes.
+    """
+
+    folds: tuple[Candidate, ...]
+
+    @property
+    def not_covered(self) -> int:
+        """How many folds are not covered."""
+        return sum(not fold.covered for fold in self.folds)
+
+    @property
+    def cost(self) -> tuple[int, float]:
+        """What partitions are ranked by: folds not covered, then the sum of their shares."""
+        return self.not_covered, round(math.fsum(fold.uncovered for fold in self.folds), 12)
+
+
+@dataclass(frozen=True)
+class Hopeless:
+    """A scene whose fold no choice of companions can cover, and the levels that are why."""
+
+    scene: str
+    levels: str
+    least: float
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """The scenes to choose from.
+
+    Parameters
+    ----------
+    names : tuple of str
+        In the manifest's order.
+    counts : ndarray of int64, shape (scenes, 256)
+        Known pixels of each level, weighted by pairs.
+    groups : tuple of tuple of str
+        Scenes that must not be parted (`dfdbench.leaks.scenes_alike`).
+    criterion, bound
+        By which a level counts as not covered.
+    allowed : float
+        Uncovered share that still counts as covered.
+    """
+
+    names: Group
+    counts: NDArray[np.int64]
+    groups: tuple[Group, ...]
+    criterion: Criterion = Criterion.either
+    bound: DensityBound = field(default_factory=DensityBound)
+    allowed: float = 0.0
+
+    def judge(self, tests: Sequence[Group]) -> list[Candidate]:
+        """Return a candidate for each test set."""
+        place = {name: number for number, name in enumerate(self.names)}
+        total = self.counts.sum(axis=0)
+        judged = []
+        for start in range(0, len(tests), _CHUNK):
+            part = tests[start : start + _CHUNK]
+            member = np.zeros((len(part), len(self.names)), np.int64)
+            for row, test in enumerate(part):
+                member[row, [place[name] for name in test]] = 1
+            in_test = member @ self.counts
+            in_train = total - in_test
+            levels = uncovered(in_train, in_test, self.criterion, self.bound)
+            known = np.maximum(in_test.sum(axis=1), 1)
+            shares = np.where(levels, in_test, 0).sum(axis=1) / known
+            trained = np.maximum(in_train.sum(axis=1), 1)
+            overlaps = np.minimum(in_test / known[:, None], in_train / trained[:, None]).sum(axis=1)
+            judged += [
+                Candidate(
+                    test, float(share), round(float(overlap), 12), bool(share <= self.allowed)
+                )
+                for test, share, overlap in zip(part, shares, overlaps, strict=True)
+            ]
+        return judged
+
+    def alone(self, name: str) -> NDArray[np.bool_]:
+        """Return the levels that a scene's fellows do not cover when it is tested alone."""
+        own = self.counts[self.names.index(name)]
+        return uncovered(self.counts.sum(axis=0) - own, own, self.criterion, self.bound)
+
+
+def rank_tests(scenes: Scenes, size: int, seed: int = 0, also: Group = ()) -> Ranking:
+    """Rank every test set of a size, by uncovered share, then by overlap.
+
+    Parameters
+    ----------
+    scenes : Scenes
+        What to choose from; groups go into the test whole.
+    size : int
+        Scenes in the test.
+    seed : int
+        Of the draw, where there are more than `EXHAUSTIVE_LIMIT` choices.
+    also : tuple of str
+        A test set that is ranked whether or not it would be drawn, or keeps groups whole.
+
+    Raises
+    ------
+    InputError
+        Where no choice of whole groups has that size.
+
+    Examples
+    --------
+    >>> counts = np.zeros((3, 256), np.int64)
+    >>> counts[:, 80] = 5
+    >>> counts[2, 9] = 1
+    >>> scenes = Scenes(("A", "B", "C"), counts, (("A",), ("B",), ("C",)))
+    >>> [candidate.test for candidate in rank_tests(scenes, 1).candidates]
+    [('A',), ('B',), ('C',)]
+    """
+    sizes = [len(group) for group in scenes.groups]
+    possible = _choices(sizes, size) if 0 < size < len(scenes.names) else 0
+    if not possible:
+        raise InputError(
+            Problem(
+                "no such split", "test scenes", f"1 to {len(scenes.names) - 1}, a sum of whole "
+                "groups: scenes of one texture or with near-duplicate images stay together",
+                f"{size}; groups of {', '.join(map(str, sorted(set(sizes))))} scenes",
+            )
+        )  # fmt: skip
+    exhaustive = possible <= EXHAUSTIVE_LIMIT
+    found = _all_tests(scenes, size) if exhaustive else _drawn_tests(scenes, size, seed)
+    tests = list(dict.fromkeys(found))
+    if also and len(also) == size and also not in tests:
+        tests.append(also)
+    ranked = sorted(scenes.judge(tests), key=lambda candidate: candidate.order)
+    return Ranking(tuple(ranked), exhaustive)
+
+
+def _choices(sizes: Sequence[int], size: int) -> int:
+    ways = [1] + [0] * size
+    for extent in sizes:
+        for total in range(size, extent - 1, -1):
+            ways[total] += ways[total - extent]
+    return ways[size]
+
+
+def _all_tests(scenes: Scenes, size: int) -> Iterator[Group]:
+    smallest = min(len(group) for group in scenes.groups)
+    for number in range(1, size // smallest + 1):
+        for groups in itertools.combinations(scenes.groups, number):
+            if sum(map(len, groups)) == size:
+                yield _in_order(scenes, groups)
+
+
+def _drawn_tests(scenes: Scenes, size: int, seed: int) -> Iterator[Group]:
+    random = np.random.default_rng(seed)
+    for _ in range(EXHAUSTIVE_LIMIT):
+        groups: list[Group] = []
+        for number in random.permutation(len(scenes.groups)):
+            if sum(map(len, groups)) + len(scenes.groups[number]) <= size:
+                groups.append(scenes.groups[number])
+        if sum(map(len, groups)) == size:
+            yield _in_order(scenes, groups)
+
+
+def _in_order(scenes: Scenes, groups: Sequence[Group]) -> Group:
+    chosen = {name for group in groups for name in group}
+    return tuple(name for name in scenes.names if name in chosen)
+
+
+def propose_folds(scenes: Scenes, number: int, seed: int = 0) -> list[Folds]:
+    """Search partitions into folds, the best first: fewest folds not covered, then least share.
+
+    From random partitions, two groups are exchanged as long as that helps; each restart gives
+    one proposal. The same seed gives the same proposals.
+
+    Raises
+    ------
+    InputError
+        Where there are fewer groups than folds.
+    """
+    if not 2 <= number <= len(scenes.groups):
+        raise InputError(
+            Problem("no such folds", "folds", f"2 to {len(scenes.groups)}", str(number))
+        )
+    random = np.random.default_rng(seed)
+    known: dict[Group, Candidate] = {}
+
+    def judge(folds: Sequence[Sequence[Group]]) -> Folds:
+        tests = [_in_order(scenes, fold) for fold in folds]
+        unknown = [test for test in tests if test not in known]
+        known.update(zip(unknown, scenes.judge(unknown), strict=True))
+        return Folds(tuple(known[test] for test in tests))
+
+    proposals: dict[tuple[Group, ...], Folds] = {}
+    for _ in range(_RESTARTS):
+        best = _improve(_random_folds(scenes, number, random), judge)
+        folds = tuple(sorted(best.folds, key=lambda f: scenes.names.index(f.test[0])))
+        proposals[tuple(fold.test for fold in folds)] = Folds(folds)
+    return sorted(proposals.values(), key=lambda p: (p.cost, [fold.test for fold in p.folds]))
+
+
+def _random_folds(scenes: Scenes, number: int, random: np.random.Generator) -> list[list[Group]]:
+    order = [scenes.groups[place] for place in random.permutation(len(scenes.groups))]
+    folds: list[list[Group]] = [[] for _ in range(number)]
+    for group in sorted(order, key=len, reverse=True):
+        min(folds, key=lambda fold: sum(map(len, fold))).append(group)
+    return folds
+
+
+def _improve(
+    folds: list[list[Group]], judge: Callable[[Sequence[Sequence[Group]]], Folds]
+) -> Folds:
+    better = True
+    while better:
+        better = False
+        for a, b in itertools.combinations(range(len(folds)), 2):
+            least = judge([folds[a], folds[b]]).cost
+            if least == (0, 0.0):
+                continue
+            for i, j in itertools.product(range(len(folds[a])), range(len(folds[b]))):
+                if len(folds[a][i]) != len(folds[b][j]):
+                    continue
+                folds[a][i], folds[b][j] = folds[b][j], folds[a][i]
+                cost = judge([folds[a], folds[b]]).cost
+                if cost < least:
+                    least, better = cost, True
+                else:
+                    folds[a][i], folds[b][j] = folds[b][j], folds[a][i]
+    return judge(folds)
+
+
+def hopeless_scenes(scenes: Scenes, sizes: set[int]) -> list[Hopeless]:
+    """Return the scenes whose fold is not covered whatever else is in it, and why.
+
+    All folds of the given sizes are tried. Where they are too many, the scene alone is the
+    proof, under the thesis's criterion: a companion only adds to the test and takes from
+    training, so that a level which is not covered stays so.
+    """
+    rankings = [rank_tests(scenes, size) for size in sorted(sizes)]
+    exhaustive = all(ranking.exhaustive for ranking in rankings)
+    least = dict.fromkeys(scenes.names, 1.0)
+    for ranking in rankings:
+        for candidate in ranking.candidates:
+            for name in candidate.test:
+                least[name] = min(least[name], candidate.uncovered)
+    found = []
+    for name in scenes.names:
+        by_count = replace(scenes, criterion=Criterion.thesis).alone(name)
+        proven = scenes.criterion is not Criterion.density and by_count.any()
+        if least[name] > scenes.allowed if exhaustive else proven:
+            levels = by_count if proven else scenes.alone(name)
+            found.append(Hopeless(name, as_ranges(levels), least[name]))
+    return found

@@ -1,0 +1,294 @@
+"""The verbs coverage, split and difficulty, end to end."""
+
+import json
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import jsonschema
+import numpy as np
+import pytest
+
+from dfdbench.build import build_store
+from dfdbench.catalog import find_manifest
+from dfdbench.cli import main
+from dfdbench.manifest_reader import parse_manifest
+from dfdbench.parallel import Threads
+from dfdbench.result import load_result
+from dfdbench.sources import open_source
+from tests.conftest import TINY_TOML, shared_data_folder, write_png
+
+LEARNED = """
+import numpy as np
+
+class Learned:
+    trained_on = "tiny-1, split train"
+
+    def __call__(self, infocus, defocus):
+        # Right wherever the depth is 100, far off elsewhere.
+        return np.full(infocus.shape[:2], 100)
+
+class Elsewhere(Learned):
+    trained_on = "tiny-1, all but K2"
+
+class Silent(Learned):
+    trained_on = "a lot of images"
+"""
+
+
+class Outcome(NamedTuple):
+    status: int
+    out: str
+    err: str
+
+
+Command = Callable[..., Outcome]
+
+
+@pytest.fixture
+def dfdbench(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Command:
+    (tmp_path / "work").mkdir()
+    (tmp_path / "work/learned.py").write_text(LEARNED)
+    monkeypatch.chdir(tmp_path / "work")
+
+    def command(*arguments: str) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["dfdbench", *arguments])
+        status = 0
+        try:
+            main()
+        except SystemExit as exit_:
+            status = int(exit_.code or 0)
+        captured = capsys.readouterr()
+        return Outcome(status, captured.out, captured.err)
+
+    return command
+
+
+def build(toml: str, folder: Path, path: Path) -> str:
+    manifest = parse_manifest(toml.encode(), "tiny-1.toml")
+    build_store(manifest, open_source(manifest, folder), path)
+    return str(path)
+
+
+@pytest.fixture
+def uneven(tiny_folder: Path, tmp_path: Path) -> str:
+    """One trains with 100; Two and Three test with 100, and Three with some 36 to 38 besides."""
+    for number, scene in enumerate(("One", "Two", "Three")):
+        for view in (1, 5):
+            depth = np.full((24, 30 + number), 100, np.uint8)
+            if scene == "Three":
+                depth[:4] = 36 + np.arange(32) % 3
+            depth[-1] = 0
+            write_png(tiny_folder / scene / f"disp{view}.png", depth)
+    return build(TINY_TOML, tiny_folder, tmp_path / "uneven.zarr")
+
+
+def test_what_training_lacks_is_named_kept_and_ends_with_status_1(
+    dfdbench: Command, uneven: str
+) -> None:
+    outcome = dfdbench("coverage", uneven, "--criterion", "thesis")
+    assert outcome.status == 1
+    row = next(line for line in outcome.out.splitlines() if "36-38" in line)
+    assert "missing" in row
+    assert "Three 100.0 %" in row
+    assert "NOT covered" in outcome.out
+    folder = Path("results/uneven-coverage/train-test")
+    record = json.loads((folder / "coverage.json").read_text())
+    schema = Path(__file__).parents[1] / "dfdbench/schemas/coverage-1.json"
+    jsonschema.validate(record, json.loads(schema.read_text()))
+    assert record["schema_version"] == 1
+    # Three: 3 pairs of 4 rows of 32 pixels; 7 pairs in all, one row of each unknown.
+    assert record["ranges"][0]["test_pixels"] == 3 * 4 * 32
+    assert record["test"]["unknown_pixels"] == 4 * 31 + 3 * 32
+    assert record["verdicts"][36:39] == ["missing"] * 3
+    assert (folder / "coverage.png").stat().st_size > 10_000
+    printed = dfdbench("coverage", uneven, "--criterion", "thesis", "--format", "json")
+    assert json.loads(printed.out) == record
+
+
+def test_a_covered_test_ends_with_status_0(dfdbench: Command, uneven: str) -> None:
+    fine = dfdbench("coverage", uneven, "--train", "Two", "--test", "One")
+    assert (fine.status, fine.out.splitlines()[-1][:8]) == (0, "covered:")
+    assert dfdbench("coverage", uneven, "--allow", "0.2", "--criterion", "density").status == 0
+    assert dfdbench("coverage", uneven, "--fold", "K2").status == 1
+
+
+def test_each_fold_and_each_scene_have_their_row(dfdbench: Command, uneven: str) -> None:
+    folds = dfdbench("coverage", uneven, "--each", "fold", "--format", "markdown")
+    assert folds.status == 1
+    assert "| K2 | Three |" in folds.out
+    scenes = dfdbench("coverage", uneven, "--each", "scene", "--format", "json")
+    records = json.loads(scenes.out)["records"]
+    assert records["Three"]["shares"]["missing"] > 0
+    assert records["One"]["shares"]["missing"] == 0
+
+
+def test_leaks_are_an_error(dfdbench: Command, uneven: str) -> None:
+    outcome = dfdbench("coverage", uneven, "--train", "all", "--test", "Two")
+    assert outcome.status == 2
+    assert "the same scene in training and test" in outcome.err
+    kept = json.loads(Path("results/uneven-coverage/all-Two/coverage.json").read_text())
+    assert [leak["kind"] for leak in kept["leaks"]] == ["scene"]
+
+
+def test_another_data_set_is_turned_round_where_it_grows_the_other_way(
+    dfdbench: Command, uneven: str, tiny_folder: Path, tmp_path: Path
+) -> None:
+    # Distances 251, 247 and 244 are the near levels 4, 8 and 11 after Eq. 7.1; 155 is 100.
+    far = TINY_TOML.replace('"nearness"', '"distance"').replace('name = "tiny"', 'name = "far"')
+    random = np.random.default_rng(8)
+    for number, scene in enumerate(("One", "Two", "Three")):
+        for view in (1, 5):
+            depth = np.full((24, 30 + number), 155, np.uint8)
+            depth[: 3 * number, :3] = (251, 247, 244)
+            write_png(tiny_folder / scene / f"disp{view}.png", depth)
+            for exposure in (0, 1):
+                image = random.integers(0, 256, (*depth.shape, 3)).astype(np.uint8)
+                write_png(tiny_folder / scene / f"Illum1/Exp{exposure}/view{view}.png", image)
+    other = build(far, tiny_folder, tmp_path / "far.zarr")
+    outcome = dfdbench("coverage", uneven, "--test-dataset", other, "--criterion", "thesis")
+    assert outcome.status == 1
+    for levels in ("4", "8", "11"):
+        assert any(line.split()[:2] == [levels, "missing"] for line in outcome.out.splitlines())
+    assert "Eq. 7.1" in outcome.out
+
+
+def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: str) -> None:
+    ran = dfdbench("run", "--method", "learned:Elsewhere", "--dataset", uneven, "--split", "K2")
+    assert ran.status == 0
+    path = Path("results/uneven-K2/learned-Elsewhere/result.json")
+    (warning,) = load_result(path).warnings
+    assert "tiny-1, all but K2, leaves missing or scarce: 36-38" in warning
+    assert "missing or scarce: 36-38" in ran.out
+    outcome = dfdbench("coverage", uneven, "--result", str(path))
+    assert outcome.status == 1
+    errors = json.loads((path.parent / "coverage/errors.json").read_text())
+    assert errors["verdicts"]["covered"]["mean_absolute_error"] == 0
+    assert errors["verdicts"]["missing"]["mean_absolute_error"] == pytest.approx(63, abs=0.1)
+    assert errors["excess"] == 1
+    assert "gather where training lacks levels" in errors["conclusion"]
+    for figure in ("coverage.png", "errors.png", "masks.png"):
+        assert (path.parent / "coverage" / figure).stat().st_size > 5_000
+    # The same predictions held against a training set that has those levels.
+    other = dfdbench("coverage", uneven, "--result", str(path), "--train", "all")
+    assert "what is wrong is not coverage" in other.out
+    assert other.status == 0
+
+
+def test_only_a_method_that_names_its_training_is_warned_of(dfdbench: Command, uneven: str) -> None:
+    def warnings(method: str, split: str = "test") -> list[str]:
+        dfdbench("run", "--method", method, "--dataset", uneven, "--split", split)
+        name = method.replace(":", "-")
+        return load_result(Path(f"results/uneven-{split}/{name}/result.json")).warnings
+
+    assert warnings("constant") == []
+    assert warnings("learned:Elsewhere", "Two") == []
+    assert "36-38" in warnings("learned:Elsewhere")[0]
+    assert "trained_on is not" in warnings("learned:Silent")[0]
+
+
+def test_predictions_that_are_gone_or_not_the_runs_are_refused(
+    dfdbench: Command, uneven: str, tiny_folder: Path, tmp_path: Path
+) -> None:
+    run = ("run", "--method", "learned:Learned", "--dataset", uneven, "--out")
+    dfdbench(*run, "none", "--no-predictions")
+    assert (
+        "no prediction was kept" in dfdbench("coverage", uneven, "--result", "none/result.json").err
+    )
+    dfdbench(*run, "a")
+    depth = np.full((24, 30), 99, np.uint8)
+    write_png(tiny_folder / "One/disp1.png", depth)
+    changed = build(TINY_TOML, tiny_folder, tmp_path / "changed.zarr")
+    other = dfdbench("coverage", changed, "--result", "a/result.json")
+    assert other.status == 2
+    assert "another data set" in other.err
+
+
+def test_a_proposed_split_is_a_fragment_of_a_manifest(dfdbench: Command, uneven: str) -> None:
+    outcome = dfdbench("split", uneven, "--test-scenes", "2", "--criterion", "thesis")
+    assert outcome.status == 0
+    assert "(published)" in outcome.out
+    fragment = Path("results/uneven-splits/test-2/split.toml").read_text()
+    manifest = parse_manifest((TINY_TOML + fragment).encode(), "tiny-1.toml")
+    assert set(manifest.scenes_of("train-covered")).isdisjoint(manifest.scenes_of("test-covered"))
+    assert len(manifest.scenes_of("test-covered")) == 2
+    single = dfdbench("split", uneven, "--test-scenes", "1", "--format", "json")
+    found = json.loads(single.out)
+    assert (found["choices"], found["exhaustive"], found["published"]["rank"]) == (3, True, None)
+    assert found["candidates"][-1]["test"] == ["Three"]
+    folds = dfdbench("split", uneven, "--folds", "3")
+    assert "Three: rare in all other scenes: 36-38" in folds.out
+    assert (
+        len(tomllib.loads(Path("results/uneven-splits/folds-3/folds.toml").read_text())["folds"])
+        == 3
+    )
+
+
+def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: str) -> None:
+    outcome = dfdbench("difficulty", uneven, "--split", "all")
+    assert outcome.status == 0
+    rows = json.loads(Path("results/uneven-difficulty/all/difficulty.json").read_text())["rows"]
+    assert len(rows) == 6
+    assert all(0 <= row["neighbours"] <= 1 for row in rows)
+    harder = dfdbench("difficulty", uneven, "--split", "all", "--noise", "20", "--format", "json")
+    for quiet, noisy in zip(rows, json.loads(harder.out)["rows"], strict=True):
+        assert quiet["neighbours"] < noisy["neighbours"]
+    assert Path("results/uneven-difficulty/all/difficulty.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["coverage"], "no data set is named"),
+        (["coverage", "STORE", "--fold", "K1", "--train", "Two"], "a fold says both"),
+        (["coverage", "STORE", "--fold", "K7"], "did you mean K"),
+        (["coverage", "STORE", "--each", "fold", "--test", "Two"], "--each takes no split"),
+        (["coverage", "STORE", "--result", "none.json"], "cannot read the result"),
+        (["split", "STORE"], "ask for one thing"),
+        (["split", "STORE", "--test-scenes", "3"], "no such split"),
+        (["split", "STORE", "--folds", "9"], "no such folds"),
+        (["difficulty", "STORE", "--split", "tset"], "did you mean test"),
+    ],
+)
+def test_a_mistake_ends_with_a_message_and_status_2(
+    dfdbench: Command, uneven: str, arguments: list[str], told: str
+) -> None:
+    outcome = dfdbench(*(uneven if word == "STORE" else word for word in arguments))
+    assert outcome.status == 2
+    assert outcome.err.startswith("error: ")
+    assert told in outcome.err
+
+
+@pytest.fixture(scope="module")
+def middlebury(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = shared_data_folder()
+    if folder is None:
+        pytest.skip("no shared Middlebury images: set DFDBENCH_SHARED_DATA")
+    manifest = find_manifest("middlebury")
+    path = tmp_path_factory.mktemp("middlebury") / "middlebury-third-1.zarr"
+    build_store(manifest, open_source(manifest, folder / "middlebury", True), path, pool=Threads(2))
+    return str(path)
+
+
+def test_middlebury_shows_what_the_thesis_found(dfdbench: Command, middlebury: str) -> None:
+    """On the scenes that are here: Midd1's wall at level 56 is what fold K03 lacks."""
+    fold = dfdbench("coverage", middlebury, "--fold", "K03", "--format", "json")
+    assert fold.status == 1
+    largest = max(json.loads(fold.out)["ranges"], key=lambda item: item["share"])
+    assert (largest["first"], largest["last"]) == (56, 56)
+    assert next(iter(largest["scenes"])) == "Midd1"
+    each = json.loads(dfdbench("coverage", middlebury, "--each", "scene", "--format", "json").out)
+    uncovered = {
+        name for name, record in each["records"].items() if record["shares"]["thesis"] > 0.01
+    }
+    assert uncovered == {
+        "Baby2", "Bowling1", "Bowling2", "Cloth2", "Lampshade1", "Laundry", "Midd1", "Monopoly",
+    }  # fmt: skip
+    proposed = json.loads(
+        dfdbench("split", middlebury, "--test-scenes", "3", "--format", "json").out
+    )
+    assert (proposed["choices"], proposed["covered"]) == (1140, 15)

@@ -1,0 +1,111 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from dfdbench.coverage import (
+    LEVELS,
+    Coverage,
+    Criterion,
+    DensityBound,
+    DepthHistogram,
+    Verdict,
+    as_ranges,
+    depth_histogram,
+    expected_uses,
+    uncovered,
+)
+from dfdbench.errors import InputError
+
+COUNTS = arrays(np.int64, LEVELS, elements=st.integers(0, 1000))
+
+
+def histogram(**levels: int) -> DepthHistogram:
+    counts = np.zeros(LEVELS, np.int64)
+    for level, pixels in levels.items():
+        counts[int(level[1:])] = pixels
+    return DepthHistogram(counts, counts.astype(np.float64), 0, 1)
+
+
+def test_each_verdict_and_each_criterion_has_its_case() -> None:
+    train = histogram(l10=100_000, l20=5, l30=9_000, l50=40)
+    test = histogram(l10=1_000, l20=6, l30=1_000, l40=1, l50=40)
+    coverage = Coverage(train, test, DensityBound(factor=4, floor=0.01))
+    assert as_ranges(coverage.missing) == "40"
+    # 20: six pixels against five, too few for the density criterion; 30: the other way round.
+    assert as_ranges(coverage.uncovered(Criterion.thesis)) == "20, 40"
+    assert as_ranges(coverage.uncovered(Criterion.density)) == "30, 50"
+    assert as_ranges(coverage.scarce) == "20, 30, 50"
+    assert coverage.verdicts[10] is Verdict.covered
+    assert coverage.verdicts[40] is Verdict.missing
+    assert coverage.verdicts[11] is None
+    assert coverage.share(coverage.missing) == pytest.approx(1 / 2047)
+
+
+def test_a_count_as_large_as_in_training_is_covered() -> None:
+    coverage = Coverage(histogram(l9=7), histogram(l9=7))
+    assert not coverage.uncovered(Criterion.thesis).any()
+
+
+@given(COUNTS, COUNTS)
+def test_criteria_agree_with_each_other(train: NDArray[np.int64], test: NDArray[np.int64]) -> None:
+    bound = DensityBound()
+    by = {c: uncovered(train, test, c, bound) for c in Criterion}
+    assert ((by[Criterion.thesis] | by[Criterion.density]) == by[Criterion.either]).all()
+    missing = (test > 0) & (train == 0)
+    assert not (missing & ~by[Criterion.thesis]).any()
+    assert not (by[Criterion.either] & (test == 0)).any()
+    # The density criterion does not depend on the sizes of the sets, the thesis's does.
+    assert (uncovered(3 * train, test, Criterion.density, bound) == by[Criterion.density]).all()
+
+
+def test_a_set_that_trains_and_tests_is_covered() -> None:
+    random = np.random.default_rng(0)
+    depth = random.integers(0, 256, (40, 50)).astype(np.uint8)
+    side = depth_histogram(depth, depth > 0)
+    assert Coverage(side, side).share(Coverage(side, side).uncovered()) == 0
+
+
+def test_unknown_pixels_are_apart_and_pairs_weigh() -> None:
+    depth = np.array([[0, 0, 9, 9, 80]], np.uint8)
+    once, thrice = (depth_histogram(depth, depth > 0, pairs) for pairs in (1, 3))
+    assert (once.known, once.unknown) == (3, 2)
+    assert (thrice.counts == 3 * once.counts).all()
+    assert (thrice.unknown, thrice.pairs) == (6, 3)
+    assert once.counts[0] == 0
+
+
+def test_inverting_turns_every_level_round() -> None:
+    depth = np.array([[4, 8, 250]], np.uint8)
+    turned = depth_histogram(255 - depth, depth > 0)
+    inverted = depth_histogram(depth, depth > 0).inverted()
+    assert (inverted.counts == turned.counts).all()
+    assert inverted.expanded == pytest.approx(turned.expanded)
+
+
+def test_expected_uses_are_those_of_all_crops() -> None:
+    height, width, crop = 7, 9, 4
+    uses = np.zeros((height, width))
+    places = [(y, x) for y in range(height - crop + 1) for x in range(width - crop + 1)]
+    for y, x in places:
+        uses[y : y + crop, x : x + crop] += 1
+    assert expected_uses((height, width), crop) == pytest.approx(uses / len(places))
+
+
+def test_a_crop_shows_as_many_pixels_as_it_has_in_eight_orientations() -> None:
+    depth = np.full((60, 90), 77, np.uint8)
+    whole = depth_histogram(depth, np.ones(depth.shape, bool))
+    assert whole.expanded.sum() == pytest.approx(8 * 32 * 32)
+    small = depth_histogram(depth[:10], np.ones((10, 90), bool))
+    assert small.expanded.sum() == pytest.approx(8 * 10 * 32)
+
+
+def test_what_is_no_depth_map_or_no_bound_is_refused() -> None:
+    with pytest.raises(InputError, match="not a depth map"):
+        depth_histogram(np.zeros((3, 3), np.float32), np.ones((3, 3), bool))
+    with pytest.raises(InputError, match="density factor"):
+        DensityBound(factor=0.5)
+    with pytest.raises(InputError, match="density floor"):
+        DensityBound(floor=float("nan"))

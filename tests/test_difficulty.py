@@ -1,0 +1,88 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import spearmanr
+
+from dfdbench.blur import RECIPES, synthesize
+from dfdbench.difficulty import UNSEEN, smallest_step
+from dfdbench.errors import InputError
+from dfdbench.methods.baselines import Local
+from dfdbench.store import Store
+
+RECIPE = RECIPES["published"]
+
+
+def texture(contrast: float, seed: int = 0) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    noise = np.random.default_rng(seed).integers(-127, 128, (24, 24, 3))
+    return np.asarray(128 + contrast * noise, np.uint8)
+
+
+def test_a_flat_image_shows_no_step_and_strong_texture_shows_small_ones() -> None:
+    depth = np.full((24, 24), 120, np.uint8)
+    flat = smallest_step(texture(0), depth, depth > 0, RECIPE)
+    assert (flat.step == UNSEEN).all()
+    assert (flat.share_above(1), flat.share_above(UNSEEN)) == (1.0, 0.0)
+    near = np.full((24, 24), 250, np.uint8)
+    assert smallest_step(texture(1), near, near > 0, RECIPE).median <= 2
+
+
+def test_a_step_is_seen_where_both_neighbours_look_different() -> None:
+    image, depth = texture(0.5), np.full((24, 24), 200, np.uint8)
+    found = smallest_step(image, depth, depth > 0, RECIPE)
+    here = synthesize(image, depth, RECIPE).astype(int)
+    for step in (1, 4, 16):
+        changes = [
+            np.abs(synthesize(image, depth + np.uint8(move), RECIPE).astype(int) - here).max(axis=2)
+            if move > 0
+            else np.abs(synthesize(image, depth - np.uint8(-move), RECIPE).astype(int) - here).max(
+                2
+            )
+            for move in (-step, step)
+        ]
+        seen = np.minimum(*changes) > 0.5
+        assert (found.step[seen] <= step).all()
+        assert (found.step[~seen] != step).all()
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(0.05, 0.9), st.integers(0, 100))
+def test_less_contrast_and_more_noise_make_it_harder(contrast: float, seed: int) -> None:
+    depth = np.random.default_rng(seed).integers(1, 256, (24, 24)).astype(np.uint8)
+    image = texture(contrast, seed)
+    quiet, noisy = (smallest_step(image, depth, depth > 0, RECIPE, noise) for noise in (0.5, 4.0))
+    assert (quiet.step <= noisy.step).all()
+    darker = smallest_step(texture(contrast / 8, seed), depth, depth > 0, RECIPE)
+    assert darker.share_above(8) >= quiet.share_above(8)
+
+
+def test_only_known_pixels_count() -> None:
+    image = texture(1)
+    image[:, :12] = 128
+    depth = np.full((24, 24), 250, np.uint8)
+    valid = np.zeros((24, 24), bool)
+    valid[:, 18:] = True
+    assert smallest_step(image, depth, valid, RECIPE).median <= 2
+    assert math.isnan(smallest_step(image, depth, ~(depth > 0), RECIPE).share_above(1))
+    with pytest.raises(InputError, match="noise"):
+        smallest_step(image, depth, valid, RECIPE, noise=-1)
+
+
+def test_the_errors_of_local_follow_it(demo_store: Store) -> None:
+    # Both views of one test scene under every light: the shares rank the errors, and pixels
+    # whose blur shows only larger steps err more.
+    predict, steps, errors, shares, means = Local(RECIPE), [], [], [], []
+    for pair in demo_store.pairs("Market")[:9]:
+        images = demo_store.read(pair)
+        found = smallest_step(images.infocus, images.depth, images.valid, RECIPE)
+        error = np.abs(predict(images.infocus, images.defocus) - images.depth)[images.valid]
+        steps.append(found.step[images.valid])
+        errors.append(error)
+        shares.append(found.share_above(8))
+        means.append(error.mean())
+    assert spearmanr(shares, means).statistic > 0.8
+    step, error = np.concatenate(steps), np.concatenate(errors)
+    by_step = [error[step == value].mean() for value in (4, 32, 128, UNSEEN)]
+    assert by_step == sorted(by_step)

@@ -1,0 +1,89 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.build import build_store
+from dfdbench.catalog import find_manifest
+from dfdbench.leaks import (
+    NEAR_DUPLICATE_BITS,
+    LeakKind,
+    find_leaks,
+    image_hash,
+    image_leaks,
+    manifest_leaks,
+    scene_hashes,
+    scenes_alike,
+)
+from dfdbench.manifest import Manifest
+from dfdbench.sources import open_source
+from dfdbench.store import Store
+
+
+def photograph(seed: int) -> NDArray[np.uint8]:
+    noise = np.random.default_rng(seed).normal(size=(120, 160, 3))
+    smooth = cv2.GaussianBlur(noise, (0, 0), 6)
+    return np.asarray(255 * (smooth - smooth.min()) / np.ptp(smooth), np.uint8)
+
+
+def distance(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> int:
+    return int((image_hash(one) != image_hash(other)).sum())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_image_in_another_guise_is_found_and_another_image_is_not(seed: int) -> None:
+    image = photograph(seed)
+    guises = {
+        "exposure": np.asarray(image * 0.4, np.uint8),
+        "gamma": np.asarray(255 * (image / 255) ** 1.8, np.uint8),
+        "size": cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA),
+        "crop": image[2:-2, 2:-2],
+    }
+    for name, guise in guises.items():
+        assert distance(image, np.asarray(guise, np.uint8)) <= NEAR_DUPLICATE_BITS, name
+    assert distance(image, photograph(seed + 100)) > 80
+
+
+def test_scenes_and_textures_in_both_splits_are_leaks() -> None:
+    realworld = find_manifest("realworld")
+    assert not manifest_leaks(
+        realworld, realworld.scenes_of("train"), realworld, realworld.scenes_of("test")
+    )
+    found = manifest_leaks(realworld, ("k00", "k05"), realworld, ("k01", "k05"))
+    assert [(leak.kind, leak.train, leak.test) for leak in found] == [
+        (LeakKind.scene, "k05", "k05"),
+        (LeakKind.texture, "k00", "k01"),
+    ]
+    assert not manifest_leaks(realworld, ("k00",), find_manifest("demo"), ("k00",))
+
+
+def test_the_demo_set_leaks_nothing(demo_store: Store) -> None:
+    manifest = demo_store.manifest
+    train, test = (scene_hashes(demo_store, manifest.scenes_of(s)) for s in ("train", "test"))
+    assert list(train["Attic"]) == ["Attic/view1", "Attic/view5"]
+    assert find_leaks(manifest, train, manifest, test) == []
+    both = find_leaks(manifest, train, manifest, {**test, "Barn": train["Barn"]})
+    assert [(leak.kind, leak.test) for leak in both] == [(LeakKind.scene, "Barn")]
+
+
+def test_a_copied_image_under_another_name_is_found_and_keeps_scenes_together(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    for number, scene in enumerate(("One", "Two", "Three")):
+        for view in (1, 5):
+            image = cv2.resize(photograph(10 * number + view), (30 + number, 24))
+            place = tiny_folder / scene / f"Illum1/Exp1/view{view}.png"
+            cv2.imwrite(str(place), image)
+    copied = cv2.imread(str(tiny_folder / "One/Illum1/Exp1/view1.png"))
+    assert copied is not None
+    darker = cv2.resize((copied * 0.6).astype(np.uint8), (32, 24))
+    cv2.imwrite(str(tiny_folder / "Three/Illum1/Exp1/view1.png"), darker)
+    build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), tmp_path / "s.zarr")
+    hashes = scene_hashes(Store(tmp_path / "s.zarr"), tiny_manifest.scene_names)
+    leaks = image_leaks({"One": hashes["One"]}, {n: hashes[n] for n in ("Two", "Three")})
+    assert [(leak.train, leak.test) for leak in leaks] == [("One/view1", "Three/view1")]
+    assert "bits" in leaks[0].as_problem().got
+    assert scenes_alike(tiny_manifest, hashes) == [("One", "Three"), ("Two",)]
+    assert image_leaks({}, hashes) == []
