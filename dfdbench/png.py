@@ -75,17 +75,15 @@ def decode_depth(content: bytes, where: str, unknown: int) -> NDArray[np.uint8]:
     Raises
     ------
     SourceError
-        As `decode_image` does, and where the file is in colour or fewer than two levels are known.
+        As `decode_image` does, and where the file is in colour or no pixel's depth is known.
     """
     image = _decode(content, where, cv2.IMREAD_COLOR_RGB)
     if not (image == image[..., :1]).all():
         raise _refused("a depth map in colour", where, "grey levels", "channels that differ")
-    levels = np.unique(image[..., 0])
-    known = levels[levels != unknown]
-    if len(known) < 2:
+    if (image[..., 0] == unknown).all():
         raise _refused(
-            "the depth map tells no depths", where, "at least two known levels", f"{len(known)}",
-            _FETCH_AGAIN,
+            "the depth map tells no depths", where, got=f"level {unknown} all over, unknown",
+            fix=_FETCH_AGAIN,
         )  # fmt: skip
     return np.ascontiguousarray(image[..., 0])
 

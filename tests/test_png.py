@@ -63,7 +63,6 @@ def test_what_is_no_image_of_the_set_is_refused(content: bytes, told: str) -> No
     [
         (IMAGE, "in colour"),
         (np.zeros((5, 5), np.uint8), "tells no depths"),
-        (np.full((5, 5), 9, np.uint8), "tells no depths"),
     ],
 )
 def test_what_is_no_depth_map_is_refused(image: NDArray[np.uint8], told: str) -> None:
