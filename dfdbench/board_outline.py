@@ -15,6 +15,7 @@ Floats = NDArray[np.float64]
 SEARCH = 70
 _TILT = 30  # pixels by which its ends may be off against each other
 _SMOOTHING = 1.5
+_BRIGHT = 200.0  # levels that the image is scaled to
 _WEAK_EDGE = 3.0  # levels a pixel: an edge of this strength counts half
 _BAND = 8  # pixels beyond a side that should be plain: what lies behind the board is not textured
 _LEAST_SUPPORT = 0.2
@@ -44,6 +45,8 @@ def find_sides(
         that is not seen.
     """
     grey = to_grey(image).astype(np.float64)
+    # A dark exposure has the same edges as a bright one, only fainter.
+    grey *= _BRIGHT / max(float(np.percentile(grey, 99)), 1.0)
     slopes = [ndimage.gaussian_filter(grey, _SMOOTHING, order=order) for order in ((0, 1), (1, 0))]
     return [_candidates(slopes, start, end, middle) for start, end in expected]
 
