@@ -1,0 +1,52 @@
+import numpy as np
+
+from dfdbench.manifest import Manifest
+from dfdbench.manifest_reader import parse_manifest
+from dfdbench.split_report import (
+    folds_as_json,
+    folds_fragment,
+    folds_table,
+    ranking_table,
+    split_fragment,
+)
+from dfdbench.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
+from tests.conftest import TINY_TOML
+
+
+def scenes() -> Scenes:
+    counts = np.zeros((3, 256), np.int64)
+    counts[:, 100] = 50
+    counts[2, 36] = 20
+    return Scenes(("One", "Two", "Three"), counts, (("One",), ("Two",), ("Three",)))
+
+
+def test_the_published_test_has_its_rank_or_a_reason(tiny_manifest: Manifest) -> None:
+    ranking = rank_tests(scenes(), 2)
+    table = ranking_table(tiny_manifest, ranking, ("Two", "Three"), "either")
+    assert sum("(published)" in row[0] for row in table.rows) == 1
+    other = ranking_table(tiny_manifest, rank_tests(scenes(), 1), ("Two", "Three"), "either")
+    assert "has 2 scenes, not 1" in other.notes[-1]
+    none = ranking_table(tiny_manifest, ranking, (), "either")
+    assert "no published split" in none.notes[-1]
+
+
+def test_folds_say_what_the_published_reach_and_what_none_can(tiny_manifest: Manifest) -> None:
+    proposals = propose_folds(scenes(), 3)
+    hopeless = hopeless_scenes(scenes(), {1})
+    published = Folds(tuple(scenes().judge([("One", "Two"), ("Three",)])))
+    notes = "\n".join(folds_table(tiny_manifest, proposals, hopeless, published).notes)
+    assert "published folds: 2 of 2 not covered" in notes
+    assert "at least 1 of 3 folds" in notes
+    assert "Three: rare in all other scenes: 36" in notes
+    text = folds_as_json(tiny_manifest, proposals, hopeless, published)
+    assert '"scene": "Three"' in text
+
+
+def test_fragments_complete_a_manifest() -> None:
+    own = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
+    fragment = split_fragment(own, ("Three",), ("One", "Two"), "why")
+    joined = parse_manifest((TINY_TOML + fragment).encode(), "tiny-1.toml")
+    assert len(joined.pairs("test-covered")) == 3
+    without = TINY_TOML[: TINY_TOML.index("[[folds]]")] + TINY_TOML[TINY_TOML.index("[[scenes]]") :]
+    folds = folds_fragment(propose_folds(scenes(), 3)[0], "why")
+    assert len(parse_manifest((without + folds).encode(), "tiny-1.toml").folds) == 3
