@@ -7,7 +7,8 @@ from dfdbench.coverage_errors import join_errors
 from dfdbench.coverage_figures import coverage_figure, level_error_figure, mask_figure
 from dfdbench.coverage_record import compare
 from dfdbench.depths import sides_of
-from dfdbench.evaluate import load_for, run_method
+from dfdbench.evaluate import run_method
+from dfdbench.pair_evaluation import load_for
 from dfdbench.store import Store
 
 
