@@ -103,6 +103,7 @@ def build_store(
         "options": dict(source.options),
     }
     with StoreWriter(place, manifest, attributes) as writer:
+        writer.refuse_to_lose([pair.id for pair in missing])
         outcomes = (pool or Threads()).map(
             _SceneBuilder(manifest, source, blur, writer.scenes), scenes, progress
         )

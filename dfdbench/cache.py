@@ -9,6 +9,8 @@ from pathlib import Path
 
 import platformdirs
 
+from dfdbench.errors import InputError, Problem
+
 DOWNLOADS = "downloads"
 STORES = "stores"
 #: What the cache holds, by the name of its folder.
@@ -55,7 +57,14 @@ def cache_entries(folder: Path) -> tuple[CacheEntry, ...]:
     """Return what a cache folder holds, by kind and name.
 
     A build that was stopped leaves ``NAME.zarr.partial``, which the next one goes on with.
+
+    Raises
+    ------
+    InputError
+        Where there is something that is no folder.
     """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(Problem("the cache is no folder", str(folder), fix="--cache DIR"))
     entries = []
     for kind in KINDS:
         place = folder / kind

@@ -96,7 +96,8 @@ def _write(path: Path, image: NDArray[np.uint8]) -> None:
                 return
             raise StoreError(
                 Problem("a file of that name holds something else", str(path),
-                        fix="export into another folder; nothing was overwritten")
+                        fix="export into another folder; no file was overwritten, and the pairs "
+                        "before this one are written")
             )  # fmt: skip
         write_whole(path, content)
     except OSError as error:

@@ -53,7 +53,7 @@ def decode_image(
     if size is not None and image.shape[:2] != size:
         raise _refused("size differs from the depth map's", where, _sides(size), _sides(image))
     if not image.any():
-        raise _refused("the image is black all over", where, fix=_FETCH_AGAIN)
+        raise _refused("the image is black all over", where)
     return image
 
 
@@ -83,7 +83,6 @@ def decode_depth(content: bytes, where: str, unknown: int) -> NDArray[np.uint8]:
     if (image[..., 0] == unknown).all():
         raise _refused(
             "the depth map tells no depths", where, got=f"level {unknown} all over, unknown",
-            fix=_FETCH_AGAIN,
         )  # fmt: skip
     return np.ascontiguousarray(image[..., 0])
 
@@ -98,9 +97,9 @@ def png_size(content: bytes, where: str) -> tuple[int, int]:
     """
     if not content.startswith(_SIGNATURE):
         got = "an empty file" if not content else f"bytes {content[:8]!r}"
-        raise _refused("not a PNG file", where, got=got, fix=_FETCH_AGAIN)
+        raise _refused("not a PNG file", where, got=got)
     if content[12:16] != b"IHDR" or len(content) < 33:
-        raise _refused("the PNG file is damaged", where, got="no size in it", fix=_FETCH_AGAIN)
+        raise _refused("the PNG file is damaged", where, got="no size in it")
     columns, rows, bits, colour_type = struct.unpack(">IIBB", content[16:26])
     if bits != 8:
         raise _refused("wrong depth of colour", where, "8 bit", f"{bits} bit")
@@ -120,7 +119,7 @@ def _decode(content: bytes, where: str, mode: int) -> NDArray[np.uint8]:
     image = None if damage else cv2.imdecode(np.frombuffer(content, np.uint8), mode)
     if image is None:
         got = damage or f"{len(content)} bytes that do not decode"
-        raise _refused("the PNG file is damaged", where, got=got, fix=_FETCH_AGAIN)
+        raise _refused("the PNG file is damaged", where, got=got)
     return np.asarray(image, np.uint8)
 
 
@@ -146,6 +145,6 @@ def _sides(of: NDArray[np.uint8] | tuple[int, int]) -> str:
 
 
 def _refused(
-    what: str, where: str, expected: str = "", got: str = "", fix: str = ""
+    what: str, where: str, expected: str = "", got: str = "", fix: str = _FETCH_AGAIN
 ) -> SourceError:
     return SourceError(Problem(what, where, expected, got, fix))

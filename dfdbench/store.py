@@ -13,6 +13,7 @@ import xarray
 import zarr
 from numpy.typing import NDArray
 from upath import UPath
+from zarr.errors import GroupNotFoundError
 
 from dfdbench.blur import BlurRecipe, find_recipe
 from dfdbench.cache import STORES, cache_folder
@@ -77,11 +78,7 @@ class Store:
         self._root = _open_root(self.path)
         self.attributes: dict[str, Any] = dict(self._root.attrs)
         if self.attributes.get("format") != FORMAT:
-            raise StoreError(
-                Problem(
-                    "not a data set built by dfdbench", str(self.path), fix="dfdbench build NAME"
-                )
-            )
+            raise _not_ours(self.path)
         if self.attributes.get("format_version") != FORMAT_VERSION:
             raise StoreError(
                 Problem(
@@ -255,6 +252,12 @@ def _open_scene(location: UPath, name: str) -> xarray.Dataset:
     return scene
 
 
+def _not_ours(location: UPath) -> StoreError:
+    return StoreError(
+        Problem("not a data set built by dfdbench", str(location), fix="dfdbench build NAME")
+    )
+
+
 def _open_root(location: UPath) -> zarr.Group:
     try:
         if not exists(location):
@@ -264,6 +267,8 @@ def _open_root(location: UPath) -> zarr.Group:
         return zarr.open_group(zarr_store(location), mode="r")
     except DfdbenchError:
         raise
+    except GroupNotFoundError as error:
+        raise _not_ours(location) from error
     except Exception as error:
         # What an object store's library raises is its own: unreachable, forbidden, no bucket.
         if is_local(location) and not isinstance(error, (OSError, ValueError, KeyError)):

@@ -156,6 +156,27 @@ class StoreWriter:
     def __exit__(self, *exception: object) -> None:
         self._held.close()
 
+    def refuse_to_lose(self, missing: list[str]) -> None:
+        """Refuse a build without pairs that the store in place holds.
+
+        Raises
+        ------
+        StoreError
+            Where finishing would lose pairs.
+        """
+        found = _attributes_of(self.path) or {}
+        lost = sorted(set(missing) - set(found.get("missing_pairs", missing)))
+        if lost:
+            named = ", ".join(lost[:3]) + (" ..." if len(lost) > 3 else "")
+            raise StoreError(
+                Problem(
+                    f"the store there holds {len(lost)} pairs that this build lacks",
+                    str(self.path), got=named,
+                    fix="build elsewhere with --store PATH, or delete that store; "
+                    "nothing was changed",
+                )
+            )  # fmt: skip
+
     def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:
         """Move the store into its place whole; return its fingerprint."""
         fingerprint = combine(digests)

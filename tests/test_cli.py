@@ -159,7 +159,7 @@ def test_missing_pairs_fail_the_build_unless_allowed(
     assert "https://example.org/tiny/One/Illum1/Exp0/view1.png" in outcome.err
     allowed = dfdbench(*arguments, "--allow-missing")
     assert allowed.status == 0
-    assert "2 kept from before" in allowed.out
+    assert "2 of them kept from before" in allowed.out
 
 
 def test_check_method_passes_and_fails(dfdbench: Command) -> None:
@@ -216,13 +216,13 @@ def test_from_the_site_to_a_verified_store_and_back_to_files(
     cache = ("--cache", str(tmp_path / "mine"))
     built = dfdbench("build", "tiny-1.toml", *cache)
     assert built.status == 0, built.err
-    assert "11 pairs" in built.out
+    assert "11 pairs of 3 scenes" in built.out
     assert "fetched 17 files" in built.err
     assert "tiny-1.lock" in built.err
     asked = len(site.requests)
     again = dfdbench("build", "tiny-1.toml", "--offline", *cache)
     assert again.status == 0, again.err
-    assert "3 kept from before" in again.out
+    assert "3 of them kept from before" in again.out
     assert len(site.requests) == asked
     store = str(tmp_path / "mine/stores/tiny-1.zarr")
     sound = dfdbench("verify", store)
@@ -241,7 +241,7 @@ def test_from_the_site_to_a_verified_store_and_back_to_files(
     assert broken.status == 1
     assert "One/depth: cannot be decoded" in broken.out
     mended = dfdbench("build", "tiny-1.toml", "--offline", *cache)
-    assert "1 scenes, 2 kept" in mended.out
+    assert "3 scenes, 2 of them kept" in mended.out
     assert dfdbench("verify", store).status == 0
 
 
@@ -275,6 +275,13 @@ def test_mirrors_come_from_the_command_line_or_the_environment(
         assert again.status == 0, again.err
         assert len(mirror.requests) == 34
     assert not site.asked_for(f"/{BELOW}/One/disp1.png")
+
+
+def test_default_lighting_alone_is_whole(dfdbench: Command, site: Site) -> None:
+    built = dfdbench("build", "tiny-1.toml", "--default-lighting")
+    assert built.status == 0, built.err
+    assert "5 pairs of 3 scenes" in built.out
+    assert "6 pairs of other lightings left out, as asked" in built.err
 
 
 def test_the_cache_is_listed_and_cleared(dfdbench: Command, site: Site) -> None:
@@ -321,6 +328,14 @@ def test_a_cluster_builds_and_runs(
         (["export", "nothing.zarr", "--png", "x"], "no such store"),
         (["info", "nothing.zarr"], "no such store"),
         (["build", "demo", "--scheduler", "nonsense://x"], "no scheduler answers"),
+        (["build", "demo", "--store", "memory://x/y.zarr"], "in memory"),
+        (["build", "demo", "--recipe", "txt"], "did you mean text"),
+        (["build", "tiny-1.toml", "--mirror", "/tmp"], "not an address"),
+        (["build", "tiny-1.toml", "--mirror", "http://x", "--offline"], "asks nobody"),
+        (["build", "tiny-1.toml", "--cache", "tiny-1.toml"], "cannot keep the download"),
+        (["build", "tiny-1.toml", "--source", "tiny-1.toml"], "a file"),
+        (["cache", "--cache", "tiny-1.toml"], "no folder"),
+        (["info", "./"], "not a data set built by dfdbench"),
     ],
 )
 def test_more_mistakes(dfdbench: Command, site: Site, arguments: list[str], told: str) -> None:

@@ -112,3 +112,15 @@ def test_an_object_store_that_does_not_answer(
         build_store(tiny_manifest, source, "s3://no-such-bucket/s.zarr")
     with pytest.raises(StoreError, match="no such store"):
         Store(f"{object_store}/nothing.zarr")
+
+
+def test_a_build_that_lacks_pairs_of_the_store_is_refused(
+    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+) -> None:
+    build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), place("s.zarr"))
+    (tiny_folder / "Two/Illum1/Exp0/view1.png").unlink()
+    source = open_source(tiny_manifest, tiny_folder)
+    with pytest.raises(StoreError, match="holds 1 pairs that this build lacks"):
+        build_store(tiny_manifest, source, place("s.zarr"))
+    assert Store(place("s.zarr")).fingerprint == tiny_store.fingerprint
+    build_store(tiny_manifest, source, place("less.zarr"))

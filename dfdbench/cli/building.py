@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from dfdbench.blur import RECIPES
-from dfdbench.build import BuildReport, build_store
+from dfdbench.blur import RECIPES, find_recipe
+from dfdbench.build import build_store
 from dfdbench.cache import DOWNLOADS, cache_folder
 from dfdbench.catalog import find_manifest
 from dfdbench.checksums import known_checksums
@@ -18,8 +19,10 @@ from dfdbench.cli.screen import download_progress, progress, say
 from dfdbench.download import SET_ASIDE
 from dfdbench.errors import InputError, Problem
 from dfdbench.export import export_png
-from dfdbench.manifest import Manifest
+from dfdbench.location import as_location
+from dfdbench.manifest import Manifest, Pair
 from dfdbench.sources import Source, download_middlebury, open_source
+from dfdbench.sources.middlebury import is_default_lighting
 from dfdbench.store import default_store, open_store
 
 
@@ -63,7 +66,15 @@ def build(
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
     manifest = find_manifest(name)
-    place = store or default_store(manifest, cache)
+    place = as_location(store or default_store(manifest, cache))
+    if place.protocol == "memory":
+        raise InputError(
+            Problem(
+                "a store in memory ends with this command", "--store", "a path or a URL", str(place)
+            )
+        )
+    if recipe is not None:
+        find_recipe(recipe)
     if recipe not in (None, manifest.recipe) and store is None:
         raise InputError(
             Problem(
@@ -76,16 +87,23 @@ def build(
     if source is None and manifest.reader == "middlebury":
         files = _fetched(manifest, default_lighting, mirror, offline, cache)
     else:
-        _refuse_to_fetch(manifest, mirror, offline)
+        _refuse_to_fetch(manifest, source, mirror, offline)
         files = open_source(manifest, source, default_lighting, known_checksums(manifest), steps)
     with progress("building scenes") as step:
         report = build_store(manifest, files, place, recipe, pool, step)
-    kept = f", {len(report.scenes_kept)} kept from before" if report.scenes_kept else ""
-    print(f"built {manifest.stem}: {report.pairs} pairs, {len(report.scenes_built)} scenes{kept}")
+    scenes = len(report.scenes_built) + len(report.scenes_kept)
+    kept = f", {len(report.scenes_kept)} of them kept from before" if report.scenes_kept else ""
+    print(f"built {manifest.stem}: {report.pairs} pairs of {scenes} scenes{kept}")
     print(f"store        {report.path}")
     print(f"fingerprint  {report.fingerprint}")
-    if report.missing:
-        say(_missing_text(manifest, report, files.missing_help(report.missing)))
+    missing = report.missing
+    if default_lighting and source is None:
+        missing = tuple(pair for pair in missing if is_default_lighting(manifest, pair))
+        others = len(report.missing) - len(missing)
+        if others:
+            say(f"{others} pairs of other lightings left out, as asked: --default-lighting")
+    if missing:
+        say(_missing_text(manifest, missing, files.missing_help(missing)))
         if not allow_missing:
             raise typer.Exit(2)
 
@@ -134,6 +152,9 @@ def _fetched(
     cache: Path | None,
 ) -> Source:
     mirrors = [*(mirror or ()), *os.environ.get("DFDBENCH_MIRROR", "").split()]
+    _check_mirrors(mirrors)
+    if offline and mirror:
+        raise InputError(Problem("--offline asks nobody", "--mirror", fix="leave one of them out"))
     folder = cache_folder(cache) / DOWNLOADS / manifest.stem
     before = _count_set_aside(folder)
     try:
@@ -163,8 +184,25 @@ def _count_set_aside(folder: Path) -> int:
     return sum(path.is_file() for path in (folder / SET_ASIDE).rglob("*"))
 
 
-def _refuse_to_fetch(manifest: Manifest, mirror: list[str] | None, offline: bool) -> None:
+def _check_mirrors(mirrors: list[str]) -> None:
+    problems = [
+        Problem("not an address", "--mirror or DFDBENCH_MIRROR", "https://HOST/FOLDER", mirror)
+        for mirror in mirrors
+        if not re.match(r"https?://[^/]+", mirror)
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+def _refuse_to_fetch(
+    manifest: Manifest, source: Path | None, mirror: list[str] | None, offline: bool
+) -> None:
     given = [name for name, value in (("--mirror", mirror), ("--offline", offline)) if value]
+    if given and source:
+        raise InputError(
+            Problem("--source reads a copy on disk: nothing is fetched", " and ".join(given),
+                    fix="leave it out, or leave out --source")
+        )  # fmt: skip
     if given:
         raise InputError(
             Problem(
@@ -173,14 +211,12 @@ def _refuse_to_fetch(manifest: Manifest, mirror: list[str] | None, offline: bool
         )
 
 
-def _missing_text(manifest: Manifest, report: BuildReport, fix: str) -> str:
+def _missing_text(manifest: Manifest, missing: tuple[Pair, ...], fix: str) -> str:
     by_scene: dict[str, list[str]] = {}
-    for pair in report.missing:
+    for pair in missing:
         by_scene.setdefault(pair.scene, []).append(pair.id.partition("/")[2])
     whole = [s for s in by_scene if len(by_scene[s]) == len(manifest.pairs_of_scene(s))]
-    lines = [
-        f"missing: {len(report.missing)} of {manifest.pair_count} pairs, left out of the store"
-    ]
+    lines = [f"missing: {len(missing)} of {manifest.pair_count} pairs, left out of the store"]
     if whole:
         lines.append(f"  no image at all   {', '.join(whole)}")
     alike: dict[str, list[str]] = {}

@@ -76,9 +76,11 @@ def verify(
         place = f"{difference.scene}/{difference.array}".rstrip("/")
         print(f"differs      {place}: {difference.what}")
     if not found.sound:
+        usual = str(store.path) == str(default_store(store.manifest, cache))
+        place = "" if usual else f" --store {store.path}"
         say(f"error: the store is not what was built\n"
-            f"  fix       dfdbench build {store.manifest.short} writes the scenes that differ "
-            "again")  # fmt: skip
+            f"  fix       dfdbench build {store.manifest.short}{place}, with the options it was "
+            "built with, writes the scenes that differ again")  # fmt: skip
         raise typer.Exit(1)
     print("sound        the store holds what was built")
 
@@ -108,10 +110,14 @@ def clear_cache(
     """Remove downloads or built data sets from the cache; all of them if none is named."""
     entries = cache_entries(cache_folder(cache))
     known = {*KINDS, *(entry.name for entry in entries)}
+    shorts = {
+        manifest.short: (manifest.stem, f"{manifest.stem}.zarr", f"{manifest.stem}.zarr.partial")
+        for manifest in released_manifests()
+    }
     for name in names or ():
-        if name not in known:
-            raise unknown_name("entry of the cache", name, known)
-    wanted = set(names or KINDS)
+        if name not in known | shorts.keys():
+            raise unknown_name("entry of the cache", name, known | shorts.keys())
+    wanted = {full for name in names or KINDS for full in shorts.get(name, (name,))}
     chosen = tuple(entry for entry in entries if wanted & {entry.kind, entry.name})
     for entry in chosen:
         say(f"  {entry.path}  {entry.files} files, {decimal(entry.size)}")

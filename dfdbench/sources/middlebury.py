@@ -63,7 +63,7 @@ class MiddleburyScenes:
                     "no scene found", str(folder),
                     expected="folders such as Aloe or scenes2005/ThirdSize/Art, or archives such "
                     "as Aloe-2views.zip",
-                    got="none" if folder.is_dir() else "no such folder",
+                    got=_kind_of(folder),
                 )
             )  # fmt: skip
 
@@ -224,6 +224,12 @@ def default_image_name(at: Mapping[str, int]) -> str:
 def depth_name(at: Mapping[str, int]) -> str:
     """Return the file name of a view's depth map below its scene."""
     return f"disp{at['view']}.png"
+
+
+def _kind_of(folder: Path) -> str:
+    if folder.is_dir():
+        return "none"
+    return "a file" if folder.exists() else "no such folder"
 
 
 def is_default_lighting(manifest: Manifest, pair: Pair) -> bool:

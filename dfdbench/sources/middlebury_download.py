@@ -8,8 +8,15 @@ from functools import partial
 from pathlib import Path
 
 from dfdbench.archive import archive_members
-from dfdbench.checksums import check_checksum, known_checksums, lock_name, sha256, write_checksums
-from dfdbench.download import Fate, Progress, WantedFile, fetch
+from dfdbench.checksums import (
+    check_checksum,
+    known_checksums,
+    lock_name,
+    parse_checksums,
+    sha256,
+    write_checksums,
+)
+from dfdbench.download import SET_ASIDE, Fate, Progress, WantedFile, fetch
 from dfdbench.errors import Problem, SourceError
 from dfdbench.location import as_location
 from dfdbench.lock import hold
@@ -229,11 +236,11 @@ def _bring_default(site: _Site, stages: _Stages) -> list[Fate]:
 def _write_lock(manifest: Manifest, folder: Path, fates: list[Fate]) -> Path | None:
     path = folder / lock_name(manifest)
     had = {fate.name for fate in fates if fate.kind in ("new", "kept")}
-    known = known_checksums(manifest, folder)
-    if len(had) < len(fates) or had <= set(known):
+    locked = parse_checksums(path.read_text(encoding="utf-8"), str(path)) if path.exists() else {}
+    if len(had) < len(fates) or had <= set(locked):
         return None
-    found = {name: sha256((folder / name).read_bytes()) for name in had - set(known)}
-    write_checksums(path, known | found)
+    found = {name: sha256((folder / name).read_bytes()) for name in had - set(locked)}
+    write_checksums(path, locked | found)
     return path
 
 
@@ -243,6 +250,14 @@ def _refuse(fates: list[Fate], folder: Path) -> None:
         for kind in ("damaged", "unreachable")
         for problem in _told_once([fate for fate in fates if fate.kind == kind], kind)
     ]
+    damaged = sum(fate.kind == "damaged" for fate in fates)
+    if damaged:
+        whole = sum(fate.kind in ("new", "kept") for fate in fates)
+        problems.append(
+            Problem(f"{damaged} damaged files in all; the other {whole} are whole and kept",
+                    str(folder / SET_ASIDE), got="the damaged are set aside there",
+                    fix="the same command asks for them again, here or with another --mirror")
+        )  # fmt: skip
     missing = [fate.name for fate in fates if fate.kind == "missing"]
     if problems and missing:
         problems.append(Problem(f"{len(missing)} files are missing: no address has them",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -59,6 +60,8 @@ def test_everything_comes_and_later_builds_ask_nobody(
     assert (done.new, done.kept, done.missing) == (FILES, 0, ())
     assert done.lock == tmp_path / "in/tiny-1.lock"
     assert len(done.lock.read_text().splitlines()) == FILES
+    check = ["sha256sum", "--check", "--quiet", done.lock.name]
+    assert subprocess.run(check, cwd=done.folder, check=False).returncode == 0
     assert fingerprint(manifest, done, tmp_path) == reference
     asked = len(site.requests)
     again = download_middlebury(manifest, tmp_path / "in", offline=True)
@@ -100,6 +103,7 @@ def test_missing_and_damaged_are_told_in_one_report(
     assert told == [
         "not a PNG file",
         "the server does not send the file",
+        "1 damaged files in all; the other 14 are whole and kept",
         "1 files are missing: no address has them",
     ]
     assert "One/Illum1/Exp0/view1.png" in str(caught.value)
