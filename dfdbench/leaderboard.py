@@ -37,7 +37,9 @@ class Entry:
 
     @property
     def seconds(self) -> float | None:
-        """Mean seconds a pair; None where nothing was evaluated."""
+        """Mean seconds a pair; None where they cannot be compared, or nothing was evaluated."""
+        if not all(pair.timed_alone for pair in self.result.pairs):
+            return None
         found = [pair.seconds for pair in self.result.pairs if pair.seconds is not None]
         return math.fsum(found) / len(found) if found else None
 
