@@ -178,6 +178,7 @@ def _identity(
         "entry": method.entry,
         "source_sha256": method.source_sha256,
         "parameters": method.parameters,
+        "weights_sha256": method.weights_sha256,
         "protocols": [protocol.as_dict() for protocol in PROTOCOLS.values()],
         "network_crop": store.manifest.network_crop,
         "keep_predictions": keep_predictions,
@@ -200,6 +201,7 @@ def _result(store: Store, method: Method, split: str, pairs: list[PairResult], s
     together = sum(not pair.timed_alone for pair in evaluated)
     if together:
         warnings.append(f"{together} pairs were run several at once: times are not comparable")
+    warnings += method.warnings
     warnings += coverage_warnings(method.trained_on, store, split)
     return Result(
         schema_version=1,
@@ -223,9 +225,10 @@ def _result(store: Store, method: Method, split: str, pairs: list[PairResult], s
             name=method.name,
             entry=_without_folder(method.entry),
             source_sha256=method.source_sha256,
-            parameters=method.parameters,
+            parameters={name: _shared(value) for name, value in method.parameters.items()},
             uses=list(method.uses),
             trained_on=trained_on,
+            weights_sha256=method.weights_sha256,
             paper=method.paper,
         ),
         environment=describe_environment(),
@@ -234,6 +237,12 @@ def _result(store: Store, method: Method, split: str, pairs: list[PairResult], s
         averages=average(evaluated, list(PROTOCOLS)) if complete else None,
         warnings=warnings,
     )
+
+
+def _shared(value: Any) -> Any:
+    # As for entries: of a file, its name.
+    is_file = isinstance(value, str) and Path(value).is_absolute()
+    return Path(value).name if is_file else value
 
 
 def _without_folder(entry: str) -> str:

@@ -32,13 +32,15 @@ def load_for(store: Store, name: str, parameters: Mapping[str, Any], seed: int =
     """Load a method and hand it the facts of the data set that it asks for.
 
     A class with a parameter ``recipe`` gets the data set's blur recipe, one with
-    ``training_mean`` the mean depth of the training split, one with ``seed`` the run's seed.
+    ``recipe_name`` that recipe's name, empty for captured defocus, one with ``training_mean``
+    the mean depth of the training split, one with ``seed`` the run's seed.
     """
     return load_method(
         name,
         parameters,
         {
             "recipe": lambda: _recipe_of(store),
+            "recipe_name": lambda: store.recipe_name,
             "training_mean": lambda: training_mean(store),
             "seed": lambda: seed,
         },

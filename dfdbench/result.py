@@ -86,6 +86,7 @@ class MethodRecord(Model):
     uses: list[str]
     trained_on: str | None
     paper: str | None
+    weights_sha256: Sha256 | None = None
 
 
 class Environment(Model):

@@ -20,6 +20,7 @@ from dfdbench.cli import (
     realworld,
     reports,
     splits,
+    training,
 )
 from dfdbench.cli.screen import say
 from dfdbench.errors import DfdbenchError
@@ -40,6 +41,7 @@ app.command()(datasets.verify)
 app.command()(building.export)
 app.command()(methods.run)
 app.command("check-method")(methods.check_method_command)
+app.command()(training.train)
 cache_app = typer.Typer(rich_markup_mode=None, invoke_without_command=True)
 cache_app.callback()(datasets.cache_verb)
 cache_app.command("clear")(datasets.clear_cache)

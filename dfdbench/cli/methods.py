@@ -112,6 +112,7 @@ def check_method_command(
     """Try a method on awkward inputs and say what is wrong, before an hour is spent."""
     offers: dict[str, Callable[[], Any]] = {
         "recipe": lambda: RECIPES["published"],
+        "recipe_name": lambda: "published",
         "training_mean": lambda: 128.0,
         "seed": lambda: 0,
     }

@@ -54,14 +54,16 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[int, int], None]]:
+def progress(
+    what: str, resumed: str = "the same command goes on from here"
+) -> Iterator[Callable[[int, int | None], None]]:
     """Show a bar while the block runs; the block calls what it is given with (done, total).
 
-    Ctrl-C ends the command with status 130 and says that it goes on from there.
+    Ctrl-C ends the command with status 130 and says how it goes on.
     """
-    with _bar(what) as (bar, task):
+    with _bar(what, resumed=resumed) as (bar, task):
 
-        def step(done: int, total: int) -> None:
+        def step(done: int, total: int | None) -> None:
             bar.update(task, completed=done, total=total)
 
         yield step
@@ -79,7 +81,9 @@ def download_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
 
 
 @contextmanager
-def _bar(what: str, *between: ProgressColumn) -> Iterator[tuple[Progress, TaskID]]:
+def _bar(
+    what: str, *between: ProgressColumn, resumed: str = "the same command goes on from here"
+) -> Iterator[tuple[Progress, TaskID]]:
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *between,
         TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
@@ -92,5 +96,5 @@ def _bar(what: str, *between: ProgressColumn) -> Iterator[tuple[Progress, TaskID
             yield bar, bar.add_task(Text(what).plain, total=None, received="0 bytes")
         except KeyboardInterrupt:
             bar.stop()
-            say("stopped; the same command goes on from here")
+            say(f"stopped; {resumed}")
             raise typer.Exit(_INTERRUPTED) from None

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur import find_recipe
 from dfdbench.errors import MethodError, Problem, unknown_name
+from dfdbench.extras import absent, extra_of
 
 Image = NDArray[np.uint8]
 Predict = Callable[[Image, Image], Any]
@@ -30,9 +31,11 @@ Predict = Callable[[Image, Image], Any]
 ENTRY_POINT_GROUP = "dfdbench.methods"
 _BUILT_IN = {
     "constant": "dfdbench.methods.baselines:Constant",
+    "dfd-net": "dfdbench.methods.learned:DfDNetMethod",
     "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
     "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
     "local": "dfdbench.methods.baselines:Local",
+    "u-net": "dfdbench.methods.learned:UNetMethod",
 }
 # A level this far out of 0..255 is rounding, not a mistake.
 _ROUNDING = 1e-3
@@ -81,6 +84,17 @@ class Method:
         """The publication it comes from, where it says so."""
         paper = getattr(self.predict, "paper", None)
         return str(paper) if paper else None
+
+    @property
+    def weights_sha256(self) -> str | None:
+        """The SHA-256 of the weights it was given, where it says so."""
+        digest = getattr(self.predict, "weights_sha256", None)
+        return str(digest) if digest else None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a result should say of how it is used here."""
+        return tuple(str(text) for text in getattr(self.predict, "warnings", ()))
 
 
 @dataclass(frozen=True)
@@ -317,6 +331,9 @@ def _import_module(name: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
+        extra = extra_of(error.name)
+        if extra:
+            raise MethodError(absent(str(error.name), extra)) from error
         if error.name and (name == error.name or name.startswith(error.name + ".")):
             raise MethodError(
                 Problem(

@@ -1,0 +1,200 @@
+"""The verbs that train: train, experiment."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dfdbench.cli.options import Cache
+from dfdbench.cli.screen import print_table, progress, save_figure, say
+from dfdbench.errors import InputError, Problem
+from dfdbench.extras import needed
+from dfdbench.store import open_store
+from dfdbench.tables import Table
+
+if TYPE_CHECKING:
+    from dfdbench.methods.weights import Card
+
+_SECONDS = {"h": 3600, "m": 60, "s": 1}
+
+
+class Network(StrEnum):
+    """What can be trained."""
+
+    dfd_net = "dfd-net"
+    u_net = "u-net"
+
+
+MethodArgument = Annotated[Network, typer.Argument(help="What is trained.")]
+Configuration = Annotated[str, typer.Option("--config", help="A TOML file, or a shipped name.")]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="In place of the file's; repeatable."),
+]
+MaxTime = Annotated[
+    str | None, typer.Option(metavar="30m", help="Time at most, as 90s, 30m, 1h30m.")
+]
+Threads = Annotated[int | None, typer.Option(min=1, help="Processor threads; default: one a core.")]
+Device = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
+
+
+def train(
+    method: MethodArgument,
+    dataset: Annotated[
+        str, typer.Option(help="A data set's name or a store's path.")
+    ] = "middlebury",
+    split: Annotated[str, typer.Option(help="The split that trains.")] = "train",
+    fold: Annotated[
+        str | None, typer.Option(help="Train on all scenes but this fold's, or this scene.")
+    ] = None,
+    config: Configuration = "published",
+    changes: Changes = None,
+    max_time: MaxTime = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")
+    ] = False,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Start anew; the folder's checkpoint is removed.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of weights, patches and noise.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; default: training/DATASET-SPLIT/METHOD-CONFIG.")
+    ] = None,
+    device: Device = "auto",
+    threads: Threads = None,
+    cache: Cache = None,
+) -> None:
+    """Train a network; write its weights, a model card, a log and figures."""
+    limit = seconds_of(max_time)
+    with needed():
+        from dfdbench.figures_training import levels_figure, training_figure
+        from dfdbench.training.checkpoint import TrainingFolder
+        from dfdbench.training.configuration import read_configuration
+        from dfdbench.training.trainer import task_of
+        from dfdbench.training.trainer import train as train_task
+    use_threads(threads)
+    store = open_store(dataset, cache=cache)
+    configuration = read_configuration(config, changes_of(changes))
+    task = task_of(method.value, store, configuration, split, fold, seed)
+    name = f"{method.value}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
+    trained = f"all-but-{fold}" if fold else split
+    folder = out or Path("training") / f"{store.path.stem}-{trained}" / name
+    _prepare(folder, resume, fresh, TrainingFolder(folder).started)
+    with progress(f"training {method.value}", "--resume goes on from the last checkpoint") as bar:
+        outcome = train_task(
+            task, folder, limit, device, lambda step, steps, loss: bar(step, steps)
+        )
+    log = TrainingFolder(folder)
+    title = f"{method.value}, {task.trained_on}, seed {seed}"
+    save_figure(training_figure(log.log(), title), folder / "training.png")
+    save_figure(levels_figure(log.levels(), title), folder / "depth_levels.png")
+    print_table(card_table(outcome.card))
+    say(f"log          {folder / 'losses.csv'}, scores.csv, depth_levels.csv")
+    say(f"weights      {outcome.weights}, and their card {outcome.weights.with_suffix('.md')}")
+    say(f"next         dfdbench run --method {method.value} --dataset {dataset} "
+        f"--param weights={outcome.weights}")  # fmt: skip
+
+
+def use_threads(threads: int | None) -> None:
+    """Let PyTorch use this many processor threads; None leaves its choice."""
+    if threads is not None:
+        import torch
+
+        torch.set_num_threads(threads)
+
+
+def card_table(card: Card) -> Table:
+    """Return what a training came to as a table."""
+    rows = [
+        ("parameters", f"{card.parameters:,}"),
+        ("trained on", card.trained_on),
+        ("steps", f"{card.steps:,}, ended by {card.ended_by}"),
+        ("time", f"{card.seconds:.0f} s on {card.environment['processor']}, "
+                 f"{card.environment['threads']} threads"),
+        *((f"{name.upper()} on {card.scored_on}", f"{value:.4f}")
+          for name, value in card.scores.items()),
+    ]  # fmt: skip
+    return Table(f"{card.method}, seed {card.seed}", ("", ""), tuple(rows), "ll")
+
+
+def seconds_of(text: str | None) -> float | None:
+    """Return a duration such as ``1h30m`` in seconds.
+
+    Raises
+    ------
+    InputError
+        Where it is none.
+
+    Examples
+    --------
+    >>> seconds_of("1h30m")
+    5400.0
+    """
+    if text is None:
+        return None
+    parts = re.fullmatch(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s)?", text)
+    if not text or not parts:
+        raise InputError(Problem("not a duration", "--max-time", "as 90s, 30m, 1h30m", text))
+    return sum(
+        float(part or 0) * _SECONDS[unit] for part, unit in zip(parts.groups(), "hms", strict=True)
+    )
+
+
+def changes_of(given: list[str] | None) -> dict[str, Any]:
+    """Return what ``--set NAME=VALUE`` asks for; values are read as JSON where they are JSON.
+
+    Raises
+    ------
+    InputError
+        Where one has no name or no value.
+
+    Examples
+    --------
+    >>> changes_of(["noise=2", "schedule=cosine"])
+    {'noise': 2, 'schedule': 'cosine'}
+    """
+    changes: dict[str, Any] = {}
+    problems = []
+    for text in given or []:
+        name, equals, value = text.partition("=")
+        if not name or not equals:
+            problems.append(Problem("not a choice", "--set", "NAME=VALUE", text))
+            continue
+        try:
+            changes[name] = json.loads(value)
+        except json.JSONDecodeError:
+            changes[name] = value
+    if problems:
+        raise InputError(problems)
+    return changes
+
+
+def _prepare(folder: Path, resume: bool, fresh: bool, started: bool) -> None:
+    if resume and fresh:
+        raise InputError(Problem("--resume goes on, --fresh starts anew", fix="choose one"))
+    if fresh and started:
+        shutil.rmtree(folder)
+    elif resume and not started:
+        raise InputError(
+            Problem("no checkpoint to go on from", str(folder), fix="leave --resume out")
+        )
+    elif started and not resume:
+        raise InputError(
+            Problem(
+                "there is a training already", str(folder),
+                fix="--resume goes on, --fresh starts anew, --out DIR takes another folder",
+            )
+        )  # fmt: skip
+    elif not started and folder.exists() and any(folder.iterdir()):
+        raise InputError(
+            Problem(
+                "the folder holds something else than a training", str(folder),
+                fix="choose another with --out DIR",
+            )
+        )  # fmt: skip

@@ -1,0 +1,45 @@
+"""Libraries that only an extra brings: what to install where one is absent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from dfdbench.errors import InputError, Problem
+
+_MODULES = {"nets": ("torch", "safetensors")}
+
+
+def extra_of(module: str | None) -> str | None:
+    """Return the extra that brings a module, or None.
+
+    Examples
+    --------
+    >>> extra_of("torch.nn")
+    'nets'
+    """
+    package = (module or "").partition(".")[0]
+    return next((extra for extra, names in _MODULES.items() if package in names), None)
+
+
+def absent(module: str, extra: str) -> Problem:
+    """Return the problem of a library that is not installed."""
+    return Problem(f"{module} is not installed", fix=f"pip install 'dfdbench[{extra}]'")
+
+
+@contextmanager
+def needed() -> Iterator[None]:
+    """Tell what to install where the block imports a library that is absent.
+
+    Raises
+    ------
+    InputError
+        Naming the extra.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        extra = extra_of(error.name)
+        if extra is None:
+            raise
+        raise InputError(absent(str(error.name), extra)) from error

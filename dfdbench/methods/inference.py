@@ -1,0 +1,150 @@
+"""A network's answer for images of any size, in tiles where memory is short."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from dfdbench.errors import MethodError, Problem
+from dfdbench.methods.networks import fold_batch_norm
+
+Precision = Literal["float32", "bf16"]
+PRECISIONS: tuple[Precision, ...] = ("float32", "bf16")
+_SMALLEST_TILE = 64
+_OUT_OF_MEMORY = ("out of memory", "not enough memory", "can't allocate memory")
+
+
+def find_device(name: str) -> torch.device:
+    """Return the device of a name; ``auto`` is CUDA, else MPS, else the CPU.
+
+    Raises
+    ------
+    MethodError
+        Where there is no such device.
+
+    Examples
+    --------
+    >>> find_device("cpu")
+    device(type='cpu')
+    """
+    there = ["cpu"]
+    if torch.backends.mps.is_available():
+        there.insert(0, "mps")
+    if torch.cuda.is_available():
+        there.insert(0, "cuda")
+    if name == "auto":
+        return torch.device(there[0])
+    if name not in there:
+        raise MethodError(
+            Problem("no such device here", "device", ", ".join(["auto", *there]), name)
+        )
+    return torch.device(name)
+
+
+class Predictor:
+    """Depth levels of image pairs from a network.
+
+    Images are padded by reflection to the network's multiple. Where `tile` is given, or memory
+    does not suffice, they are cut into overlapping tiles; since the overlap covers all that a
+    pixel's answer depends on, tiles do not change the answer.
+
+    Parameters
+    ----------
+    network : nn.Module
+        In evaluation mode; its batch normalization is folded in place.
+    device : torch.device
+        Where it runs.
+    precision : {"float32", "bf16"}
+        Of the convolutions.
+    tile : int, optional
+        Rows and columns of a tile, without its overlap.
+    """
+
+    def __init__(
+        self,
+        network: nn.Module,
+        device: torch.device,
+        precision: Precision = "float32",
+        tile: int | None = None,
+    ) -> None:
+        if precision not in PRECISIONS:
+            raise MethodError(
+                Problem("wrong parameter", "precision", " or ".join(PRECISIONS), str(precision))
+            )
+        if tile is not None and (not isinstance(tile, int) or tile < _SMALLEST_TILE):
+            raise MethodError(
+                Problem("wrong parameter", "tile", f"at least {_SMALLEST_TILE} pixels", str(tile))
+            )
+        folded = fold_batch_norm(network).to(device)
+        self._network = folded.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._device = device
+        self._bf16 = precision == "bf16"
+        self._multiple = int(network.multiple)  # type: ignore[arg-type]
+        self._margin = int(network.margin)  # type: ignore[arg-type]
+        #: The tile in use; None while images are taken whole.
+        self.tile = tile
+
+    def __call__(self, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return levels, shape (y, x), for two RGB images, shape (y, x, 3).
+
+        Raises
+        ------
+        MemoryError
+            Where not even the smallest tile fits.
+        """
+        rows, columns = infocus.shape[:2]
+        below, right = -rows % self._multiple, -columns % self._multiple
+        pixels = np.concatenate([infocus, defocus], axis=2)
+        padded = np.pad(pixels, ((0, below), (0, right), (0, 0)), mode="reflect")
+        while True:
+            try:
+                return self._levels(padded)[:rows, :columns]
+            except RuntimeError as error:
+                if not any(text in str(error).lower() for text in _OUT_OF_MEMORY):
+                    raise
+                smaller = (self.tile or 2 * _power_of_two(max(padded.shape[:2]))) // 2
+                if smaller < _SMALLEST_TILE:
+                    raise MemoryError("not enough memory for the smallest tile") from error
+                self.tile = smaller
+
+    def _levels(self, padded: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        if self.tile is None:
+            return self._forward(padded)
+        levels = np.empty(padded.shape[:2], np.uint8)
+        step = self.tile // self._multiple * self._multiple
+        margin = -(-self._margin // self._multiple) * self._multiple
+        for rows, outer_rows in _spans(padded.shape[0], step, margin):
+            for columns, outer_columns in _spans(padded.shape[1], step, margin):
+                answer = self._forward(padded[outer_rows, outer_columns])
+                levels[rows, columns] = answer[
+                    rows.start - outer_rows.start : rows.stop - outer_rows.start,
+                    columns.start - outer_columns.start : columns.stop - outer_columns.start,
+                ]
+        return levels
+
+    def _forward(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        # Channels come last in the image already: this is a view, and what convolutions like best.
+        given = torch.from_numpy(np.ascontiguousarray(pixels)[np.newaxis]).permute(0, 3, 1, 2)
+        with (
+            torch.inference_mode(),
+            torch.autocast(self._device.type, torch.bfloat16, enabled=self._bf16),
+        ):
+            logits = self._network(given.to(self._device).float())
+            levels = logits[0].argmax(0).to(torch.uint8)
+        answer: NDArray[np.uint8] = levels.cpu().numpy()
+        return answer
+
+
+def _spans(length: int, step: int, margin: int) -> Iterator[tuple[slice, slice]]:
+    for start in range(0, length, step):
+        stop = min(start + step, length)
+        yield slice(start, stop), slice(max(0, start - margin), min(length, stop + margin))
+
+
+def _power_of_two(number: int) -> int:
+    return 1 << (number - 1).bit_length() if number > 1 else 1

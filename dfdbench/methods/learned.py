@@ -1,0 +1,104 @@
+"""The methods ``dfd-net`` and ``u-net``: trained networks; needs the extra ``nets``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.methods.inference import Precision, Predictor, find_device
+from dfdbench.methods.weights import find_weights, load_weights, weights_sha256
+
+Image = NDArray[np.uint8]
+_THESIS = "Emerson, Purdue 2019, doi 10.25394/PGS.8938376, chapter 5"
+
+
+class _Learned:
+    method: str
+    paper: str
+
+    def __init__(
+        self,
+        weights: str | Path | None = None,
+        recipe_name: str | None = None,
+        device: str = "auto",
+        precision: Precision = "float32",
+        tile: int | None = None,
+    ) -> None:
+        path = find_weights(self.method, weights)
+        network, self.card = load_weights(path, self.method)
+        self._predict = Predictor(network, find_device(device), precision, tile)
+        self._asked_tile = tile
+        #: Kept in results: the same name may hold other weights tomorrow.
+        self.weights_sha256 = weights_sha256(path)
+        self.trained_on = self.card.trained_on
+        #: What a result is to say.
+        self.warnings: list[str] = []
+        if recipe_name is not None and recipe_name != self.card.recipe:
+            self.warnings.append(
+                f"trained on {_blur(self.card.recipe)}, run on {_blur(recipe_name)}"
+            )
+
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return depth levels for two RGB images of uint8, shape (y, x, 3)."""
+        before = self._predict.tile
+        levels = self._predict(infocus, defocus)
+        if self._predict.tile != before:
+            print(f"out of memory: went on in tiles of {self._predict.tile} pixels")
+        return levels.astype(np.float32)
+
+    def warm_up(self, infocus: Image, defocus: Image) -> None:
+        """Let the libraries choose their kernels before anything is timed."""
+        self._predict(infocus, defocus)
+
+
+class DfDNetMethod(_Learned):
+    """Depth by DfD-Net, the thesis's network, with weights that were trained before.
+
+    Parameters
+    ----------
+    weights : str or Path
+        A file that ``dfdbench train`` wrote, or the name of shipped weights.
+    recipe_name : str, optional
+        Of the blur of the images; in a run, the data set's. A result warns where it is not the
+        one that the network was trained on.
+    device : str
+        ``cpu``, ``cuda``, ``mps``, or ``auto`` for the fastest that there is.
+    precision : {"float32", "bf16"}
+        ``bf16`` is faster on processors that have it, and changes a few pixels.
+    tile : int, optional
+        Cut images into tiles of this many rows and columns, to save memory.
+
+    Raises
+    ------
+    MethodError
+        Where the weights are absent, damaged, or of another architecture.
+
+    Examples
+    --------
+    >>> image = np.zeros((30, 41, 3), np.uint8)
+    >>> DfDNetMethod(weights="demo", device="cpu")(image, image).shape
+    (30, 41)
+    """
+
+    method = "dfd-net"
+    paper = _THESIS
+
+
+class UNetMethod(_Learned):
+    """Depth by U-Net; parameters are those of `DfDNetMethod`.
+
+    Examples
+    --------
+    >>> image = np.zeros((30, 41, 3), np.uint8)
+    >>> UNetMethod(weights="demo", device="cpu")(image, image).shape
+    (30, 41)
+    """
+
+    method = "u-net"
+    paper = "Ronneberger et al., MICCAI 2015, doi 10.1007/978-3-319-24574-4_28; " + _THESIS
+
+
+def _blur(recipe: str) -> str:
+    return f"the blur recipe {recipe}" if recipe else "captured defocus"

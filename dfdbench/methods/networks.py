@@ -1,0 +1,326 @@
+"""The networks of the thesis as PyTorch modules; needs the extra ``nets``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from dfdbench.errors import InputError, Problem
+from dfdbench.methods.filter_numbers import FILTERS, LAYERS
+
+#: One class a depth level.
+LEVELS = 256
+#: Means of the published training images: in-focus R, G, B, then defocus R, G, B.
+PUBLISHED_MEANS = (110.9551, 98.1071, 69.9262, 111.0131, 98.1506, 69.9516)
+#: Channels of the U-Net's levels, Ronneberger et al. 2015.
+UNET_FILTERS = (64, 128, 256, 512, 1024)
+# A residual block adds its input to its output: these columns of Table D.2 must be equal.
+_EQUAL = ((0, 2), (3, 5), (6, 8), (10, 12), (14, 16))
+_ACTIVATIONS = {"prelu": nn.PReLU, "sigmoid": nn.Sigmoid}
+
+
+class DfDNet(nn.Module):
+    """DfD-Net, the thesis's network: 18 convolutions on three levels, Fig. 5.5.
+
+    Called with pixels, float (n, 6, y, x), values 0 to 255, in-focus RGB then defocus RGB; gives
+    logits, float (n, 256, y, x), one for each depth level. `y` and `x` are multiples of 4.
+
+    Parameters
+    ----------
+    filters : sequence of 18 int
+        Filters of the convolutions, input to output; `FILTERS` has those of Table D.2 by name.
+    sampling_size : int
+        Rows and columns of the filters that halve and double the resolution (5.4.5).
+    first_activation : str
+        What follows the first convolution: ``"prelu"``, or ``"sigmoid"`` as the particle swarm
+        chose (6.1; the filters it chose stand in Fig. 6.2 alone, which has no text).
+    channel_means : sequence of 6 float
+        Taken from the pixels, before they are divided by 256.
+
+    Raises
+    ------
+    InputError
+        Where filters do not fit each other, naming the thesis's layers.
+
+    Examples
+    --------
+    >>> network = DfDNet(FILTERS["F-02-02"])
+    >>> network(torch.zeros(1, 6, 8, 12)).shape
+    torch.Size([1, 256, 8, 12])
+    """
+
+    multiple = 4
+    """Images are padded to a multiple of this."""
+    margin = 32
+    """Pixels beyond this distance do not change a pixel's answer (with 2 x 2 sampling)."""
+
+    def __init__(
+        self,
+        filters: Sequence[int] = FILTERS["original"],
+        sampling_size: int = 2,
+        first_activation: str = "prelu",
+        channel_means: Sequence[float] = PUBLISHED_MEANS,
+    ) -> None:
+        super().__init__()
+        f = _checked_filters(filters)
+        if first_activation not in _ACTIVATIONS:
+            raise InputError(
+                Problem(
+                    "unknown activation", "first_activation", " or ".join(_ACTIVATIONS),
+                    str(first_activation),
+                )
+            )  # fmt: skip
+        if not 1 <= sampling_size <= 8:
+            raise InputError(
+                Problem("wrong filter size", "sampling_size", "1 to 8", str(sampling_size))
+            )
+        self.pixels = _Normalize(channel_means)
+        self.entry = _Convolved(6, f[0], _ACTIVATIONS[first_activation]())
+        self.encode_1 = _Residual(f[0], f[1])
+        self.down_1 = _halve(f[2], f[3], sampling_size)
+        self.encode_2 = _Residual(f[3], f[4])
+        self.down_2 = _halve(f[5], f[6], sampling_size)
+        self.bottom = _Residual(f[6], f[7])
+        self.up_2 = _double(f[8], f[9], sampling_size)
+        self.merge_2 = _Convolved(f[9] + f[5], f[10], nn.PReLU())
+        self.decode_2 = _Residual(f[10], f[11])
+        self.up_1 = _double(f[12], f[13], sampling_size)
+        self.merge_1 = _Convolved(f[13] + f[2], f[14], nn.PReLU())
+        self.decode_1 = _Residual(f[14], f[15])
+        self.normalize = nn.BatchNorm2d(f[16])
+        self.activate = nn.PReLU()
+        self.classify = nn.Conv2d(f[16], f[17], 3, padding=1)
+
+    @property
+    def first(self) -> nn.Module:
+        """The convolution that takes the images."""
+        return self.entry.convolve
+
+    def forward(self, pixels: Tensor) -> Tensor:
+        """Return logits of the depth levels."""
+        level_1: Tensor = self.encode_1(_in_float32(self.entry, self.pixels(pixels)))
+        level_2: Tensor = self.encode_2(self.down_1(level_1))
+        up_2: Tensor = self.up_2(self.bottom(self.down_2(level_2)))
+        level_2 = self.decode_2(self.merge_2(torch.cat((up_2, level_2), 1)))
+        level_1 = self.decode_1(self.merge_1(torch.cat((self.up_1(level_2), level_1), 1)))
+        logits: Tensor = self.classify(self.activate(self.normalize(level_1)))
+        return logits
+
+
+class UNet(nn.Module):
+    """U-Net with six channels in and 256 classes out: the thesis's comparison (5.3).
+
+    Five levels of two convolutions with ReLU, max pooling, transposed 2 x 2 convolutions
+    (Ronneberger et al. 2015). Convolutions are padded, so that the answer has the image's size;
+    the original's shrink it. Called as `DfDNet` is; `y` and `x` are multiples of 16.
+
+    Parameters
+    ----------
+    filters : sequence of 5 int
+        Channels of the levels, all but the first even.
+    channel_means : sequence of 6 float
+        Taken from the pixels, before they are divided by 256.
+
+    Raises
+    ------
+    InputError
+        Where `filters` are not five positive numbers, all but the first even.
+
+    Examples
+    --------
+    >>> UNet(filters=(4, 8, 16, 32, 64))(torch.zeros(1, 6, 16, 32)).shape
+    torch.Size([1, 256, 16, 32])
+    """
+
+    multiple = 16
+    """Images are padded to a multiple of this."""
+    margin = 112
+    """Pixels beyond this distance do not change a pixel's answer."""
+
+    def __init__(
+        self,
+        filters: Sequence[int] = UNET_FILTERS,
+        channel_means: Sequence[float] = PUBLISHED_MEANS,
+    ) -> None:
+        super().__init__()
+        f = [int(number) for number in filters]
+        if len(f) != len(UNET_FILTERS) or min(f) < 1 or any(number % 2 for number in f[1:]):
+            raise InputError(
+                Problem(
+                    "filters do not fit U-Net", "filters", "5 numbers, the last four even",
+                    ", ".join(str(number) for number in f),
+                )
+            )  # fmt: skip
+        self.pixels = _Normalize(channel_means)
+        self.encoders = nn.ModuleList(
+            _two_convolutions(before, after) for before, after in zip([6, *f[:-1]], f, strict=True)
+        )
+        self.ups = nn.ModuleList(
+            nn.ConvTranspose2d(number, number // 2, 2, stride=2) for number in f[:0:-1]
+        )
+        self.decoders = nn.ModuleList(
+            _two_convolutions(below // 2 + here, here)
+            for below, here in zip(f[:0:-1], f[-2::-1], strict=True)
+        )
+        self.classify = nn.Conv2d(f[0], LEVELS, 1)
+
+    @property
+    def first(self) -> nn.Module:
+        """The convolution that takes the images."""
+        first: nn.Module = self.encoders[0][0]  # type: ignore[index]
+        return first
+
+    def forward(self, pixels: Tensor) -> Tensor:
+        """Return logits of the depth levels."""
+        here = _in_float32(self.encoders[0], self.pixels(pixels))
+        skipped = []
+        for encode in self.encoders[1:]:
+            skipped.append(here)
+            here = encode(nn.functional.max_pool2d(here, 2))
+        for up, decode in zip(self.ups, self.decoders, strict=True):
+            here = decode(torch.cat((up(here), skipped.pop()), 1))
+        logits: Tensor = self.classify(here)
+        return logits
+
+
+class _Normalize(nn.Module):
+    # Kept in the network: weights without their means would be worth nothing.
+    means: Tensor
+
+    def __init__(self, channel_means: Sequence[float]) -> None:
+        super().__init__()
+        if len(channel_means) != 6:
+            raise InputError(
+                Problem(
+                    "wrong number of means", "channel_means", "6: in-focus RGB, defocus RGB",
+                    str(len(channel_means)),
+                )
+            )  # fmt: skip
+        means = torch.tensor([float(mean) for mean in channel_means])
+        self.register_buffer("means", means.reshape(1, 6, 1, 1))
+
+    def forward(self, pixels: Tensor) -> Tensor:
+        return (pixels - self.means) / 256
+
+
+class _Convolved(nn.Module):
+    # Eq. 5.12: the bias is the batch normalization's.
+    def __init__(self, before: int, after: int, activation: nn.Module) -> None:
+        super().__init__()
+        self.convolve: nn.Module = nn.Conv2d(before, after, 3, padding=1, bias=False)
+        self.normalize: nn.Module = nn.BatchNorm2d(after)
+        self.activate = activation
+
+    def forward(self, x: Tensor) -> Tensor:
+        convolved: Tensor = self.activate(self.normalize(self.convolve(x)))
+        return convolved
+
+    def fold(self) -> None:
+        assert isinstance(self.convolve, nn.Conv2d)
+        assert isinstance(self.normalize, nn.BatchNorm2d)
+        self.convolve = nn.utils.fuse_conv_bn_eval(self.convolve, self.normalize)
+        self.normalize = nn.Identity()
+
+
+class _Residual(nn.Module):
+    # Fig. 5.4
+    def __init__(self, channels: int, inner: int) -> None:
+        super().__init__()
+        self.first = _Convolved(channels, inner, nn.PReLU())
+        self.second = nn.Conv2d(inner, channels, 3, padding=1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        added: Tensor = x + self.second(self.first(x))
+        return added
+
+
+def _in_float32(layers: nn.Module, pixels: Tensor) -> Tensor:
+    # Blur shows in differences of a grey level or less: bf16 would round them away.
+    with torch.autocast(pixels.device.type, enabled=False):
+        convolved: Tensor = layers(pixels.float())
+    return convolved
+
+
+def _halve(before: int, after: int, size: int) -> nn.Module:
+    # An even image is halved exactly by any size: (size - 1) // 2 pixels are added on each side.
+    return nn.Conv2d(before, after, size, stride=2, padding=(size - 1) // 2)
+
+
+def _double(before: int, after: int, size: int) -> nn.Module:
+    return nn.ConvTranspose2d(
+        before, after, size, stride=2, padding=(size - 1) // 2, output_padding=size % 2
+    )
+
+
+def _two_convolutions(before: int, after: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(before, after, 3, padding=1), nn.ReLU(),
+        nn.Conv2d(after, after, 3, padding=1), nn.ReLU(),
+    )  # fmt: skip
+
+
+@torch.no_grad()
+def start_from_differences(convolution: nn.Conv2d) -> None:
+    """Let a first convolution, still random, look for blur rather than for brightness.
+
+    One half of the filters takes the difference of the two images, the other the in-focus
+    image's own detail: they no longer see how bright it is. Not of the thesis.
+
+    Parameters
+    ----------
+    convolution : nn.Conv2d
+        From six channels; changed in place.
+    """
+    weights = convolution.weight
+    half = weights.shape[0] // 2
+    weights[:half, 3:] = -weights[:half, :3]
+    weights[half:, :3] -= weights[half:, :3].mean((2, 3), keepdim=True)
+    weights[half:, 3:] = 0
+
+
+def fold_batch_norm(network: nn.Module) -> nn.Module:
+    """Put batch normalization into the convolutions before it, in place; for inference only.
+
+    Parameters
+    ----------
+    network : nn.Module
+        In evaluation mode.
+
+    Examples
+    --------
+    >>> network = DfDNet(FILTERS["B-01-01"]).eval()
+    >>> image = torch.full((1, 6, 8, 8), 100.0)
+    >>> before = network(image)
+    >>> torch.allclose(fold_batch_norm(network)(image), before, atol=1e-4)
+    True
+    """
+    for module in network.modules():
+        if isinstance(module, _Convolved):
+            module.fold()
+    return network
+
+
+def _checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
+    numbers = tuple(int(number) for number in filters)
+    if len(numbers) != len(LAYERS) or min(numbers) < 1 or numbers[-1] != LEVELS:
+        raise InputError(
+            Problem(
+                "filters do not fit DfD-Net", "filters",
+                f"{len(LAYERS)} positive numbers, the last {LEVELS}",
+                ", ".join(str(number) for number in numbers),
+            )
+        )  # fmt: skip
+    problems = [
+        Problem(
+            "a residual block adds its input to its output", "filters",
+            f"layers {LAYERS[one]} and {LAYERS[other]} equal",
+            f"{numbers[one]} and {numbers[other]}",
+        )
+        for one, other in _EQUAL
+        if numbers[one] != numbers[other]
+    ]  # fmt: skip
+    if problems:
+        raise InputError(problems)
+    return numbers

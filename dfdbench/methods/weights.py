@@ -1,0 +1,219 @@
+"""A network's weights in one file, with a card that says where they come from."""
+
+from __future__ import annotations
+
+import hashlib
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import safetensors
+import safetensors.torch
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from torch import Tensor, nn
+
+from dfdbench.errors import MethodError, Problem
+from dfdbench.files import write_whole
+from dfdbench.methods.networks import DfDNet, UNet
+
+NETWORKS: dict[str, type[nn.Module]] = {"dfd-net": DfDNet, "u-net": UNet}
+_METADATA = "dfdbench-card"
+_SUFFIX = ".safetensors"
+
+
+class Card(BaseModel):
+    """Where weights come from: the model card, kept in the file itself.
+
+    `architecture` are the network's constructor arguments, `scores` the means over `scored_on`
+    under the protocol ``thesis``; `seconds` is the time spent training.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    schema_version: Literal[1] = 1
+    method: Literal["dfd-net", "u-net"]
+    architecture: dict[str, Any]
+    parameters: Annotated[int, Field(ge=1)]
+    trained_on: str
+    dataset: str
+    fingerprint: str
+    recipe: str
+    configuration: dict[str, Any]
+    seed: int
+    steps: Annotated[int, Field(ge=0)]
+    seconds: Annotated[float, Field(ge=0)]
+    ended_by: str
+    scored_on: str
+    scores: dict[str, float]
+    environment: dict[str, str]
+
+
+def build_network(method: str, architecture: dict[str, Any]) -> nn.Module:
+    """Return a network with fresh weights.
+
+    Examples
+    --------
+    >>> type(build_network("u-net", {"filters": [2, 4, 8, 16, 32]})).__name__
+    'UNet'
+    """
+    return NETWORKS[method](**architecture)
+
+
+def count_parameters(network: nn.Module) -> int:
+    """Return how many numbers are learnt."""
+    return sum(parameter.numel() for parameter in network.parameters())
+
+
+def save_weights(path: Path, network: nn.Module, card: Card) -> None:
+    """Write weights and card to a safetensors file, and the card beside it for people."""
+    tensors = {name: tensor.cpu().contiguous() for name, tensor in network.state_dict().items()}
+    content = safetensors.torch.save(tensors, metadata={_METADATA: card.model_dump_json()})
+    write_whole(path, content)
+    write_whole(path.with_suffix(".md"), card_as_markdown(card))
+
+
+def shipped_weights() -> dict[str, Path]:
+    """Return the files of weights that come with the package, by name."""
+    folder = Path(str(files("dfdbench.pretrained")))
+    return {path.stem: path for path in sorted(folder.glob(f"*{_SUFFIX}"))}
+
+
+def find_weights(method: str, weights: str | Path | None) -> Path:
+    """Return the file that a user means: a path, or the name of weights that are shipped.
+
+    Raises
+    ------
+    MethodError
+        Where there is none; it says how to come by one.
+    """
+    shipped = {
+        name.removesuffix(f"-{method}"): path
+        for name, path in shipped_weights().items()
+        if name.endswith(f"-{method}")
+    }
+    fix = f"dfdbench train {method} --dataset NAME makes them; then --param weights=FILE" + "".join(
+        f"; or --param weights={name} (shipped, trained on {name})" for name in shipped
+    )
+    if weights is None:
+        raise MethodError(Problem(f"{method} needs weights", "parameter weights", fix=fix))
+    if str(weights) in shipped:
+        return shipped[str(weights)]
+    path = Path(weights)
+    if not path.is_file():
+        raise MethodError(Problem("no such weights", str(weights), fix=fix))
+    return path
+
+
+def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
+    """Return the network that a file holds, in evaluation mode, and its card.
+
+    Raises
+    ------
+    MethodError
+        Where the file is damaged, is no file of ours, or holds another architecture.
+    """
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            text = (file.metadata() or {}).get(_METADATA)
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (safetensors.SafetensorError, OSError) as error:
+        raise MethodError(
+            Problem(
+                "the weights cannot be read", str(path), "a whole safetensors file", str(error),
+                "copy or download it again; dfdbench train writes a new one",
+            )
+        ) from error  # fmt: skip
+    if text is None:
+        raise MethodError(
+            Problem(
+                "the weights have no model card", str(path), "a file that dfdbench train wrote",
+                "metadata without " + _METADATA,
+            )
+        )  # fmt: skip
+    card = _read_card(text, path)
+    if card.method != method:
+        raise MethodError(
+            Problem(
+                "weights of another architecture", str(path), method, card.method,
+                f"--method {card.method}",
+            )
+        )  # fmt: skip
+    network = build_network(method, card.architecture)
+    _fill(network, tensors, path)
+    return network.eval(), card
+
+
+def weights_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file of weights."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _read_card(text: str, path: Path) -> Card:
+    try:
+        return Card.model_validate_json(text)
+    except ValidationError as error:
+        raise MethodError(
+            [
+                Problem(
+                    "the model card cannot be read",
+                    f"{path}: {'.'.join(str(part) for part in item['loc'])}",
+                    got=item["msg"],
+                    fix="train again with this version, or use the version that wrote it",
+                )
+                for item in error.errors()
+            ]
+        ) from error
+
+
+def _fill(network: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
+    expected = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
+    found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
+    if expected != found:
+        differ = sorted(
+            name for name in expected.keys() | found.keys() if expected.get(name) != found.get(name)
+        )
+        raise MethodError(
+            [
+                Problem(
+                    "weights do not fit the architecture of their card", f"{path}: {name}",
+                    str(expected.get(name, "nothing")), str(found.get(name, "nothing")),
+                )
+                for name in differ[:5]
+            ]
+        )  # fmt: skip
+    network.load_state_dict(tensors)
+
+
+def card_as_markdown(card: Card) -> str:
+    """Return the card as a page for people."""
+    rows = {
+        "method": card.method,
+        "architecture": _as_text(card.architecture),
+        "parameters": f"{card.parameters:,}",
+        "trained on": card.trained_on,
+        "data set": f"{card.dataset}, fingerprint {card.fingerprint}",
+        "recipe": card.recipe or "none: captured defocus",
+        "seed": str(card.seed),
+        "steps": f"{card.steps:,}, ended by {card.ended_by}",
+        "time": f"{card.seconds / 60:.1f} minutes",
+        "machine": ", ".join(f"{name} {value}" for name, value in card.environment.items()),
+        "configuration": _as_text(card.configuration),
+        f"scores on {card.scored_on}": ", ".join(
+            f"{name.upper()} {value:.4f}" for name, value in card.scores.items()
+        ),
+    }
+    lines = [f"| {name} | {value} |" for name, value in rows.items()]
+    return "\n".join(
+        [
+            f"# {card.method}, {card.trained_on}", "", "| | |", "|:---|:---|", *lines, "",
+            "Scores are means over pairs under the protocol `thesis`. Written by `dfdbench train`.",
+            "",
+        ]
+    )  # fmt: skip
+
+
+def _as_text(values: dict[str, Any]) -> str:
+    return "; ".join(
+        f"{name} {' '.join(map(str, value)) if isinstance(value, (list, tuple)) else value}"
+        for name, value in values.items()
+    )

@@ -1,0 +1,171 @@
+"""A training's folder: what it is of, its log, and a checkpoint to go on from."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import pickle
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from dfdbench.errors import InputError, Problem
+from dfdbench.files import write_whole
+
+#: Of the checkpoint's layout.
+VERSION = 1
+WEIGHTS = "weights.safetensors"
+_CHECKPOINT = "checkpoint.pt"
+_LOSSES = "losses.csv"
+_SCORES = "scores.csv"
+LEVELS = "depth_levels.csv"
+
+Row = dict[str, Any]
+
+
+@dataclass
+class Log:
+    """What a training wrote down: a loss for each step, scores now and then."""
+
+    losses: list[Row] = field(default_factory=list)
+    scores: list[Row] = field(default_factory=list)
+
+
+class TrainingFolder:
+    """Where a training keeps what it needs to go on, and what people read.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def started(self) -> bool:
+        """True where there is something to go on from."""
+        return (self.path / _CHECKPOINT).exists()
+
+    def save(self, identity: Mapping[str, Any], state: Mapping[str, Any], new: Log) -> None:
+        """Add to the log, then put the new checkpoint in place of the old one.
+
+        Killed in between, the log has rows too many: `load` leaves them out.
+        """
+        self.path.mkdir(parents=True, exist_ok=True)
+        for name, rows in ((_LOSSES, new.losses), (_SCORES, new.scores)):
+            _append(self.path / name, rows)
+        content = io.BytesIO()
+        torch.save({"version": VERSION, "identity": json.dumps(identity), **state}, content)
+        write_whole(self.path / _CHECKPOINT, content.getvalue())
+
+    def load(self, identity: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the state of the checkpoint; cut the log to its step.
+
+        Raises
+        ------
+        InputError
+            Where it cannot be read, or is of another training; what differs is named.
+        """
+        path = self.path / _CHECKPOINT
+        try:
+            state = dict(torch.load(path, weights_only=True))
+        except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, TypeError) as error:
+            raise InputError(
+                Problem(
+                    "the checkpoint cannot be read", str(path), got=str(error).splitlines()[0],
+                    fix="--fresh starts anew",
+                )
+            ) from error  # fmt: skip
+        if state.get("version") != VERSION:
+            raise InputError(
+                Problem(
+                    "a checkpoint of another version", str(path), str(VERSION),
+                    str(state.get("version")),
+                    "go on with the dfdbench that wrote it, or --fresh starts anew",
+                )
+            )  # fmt: skip
+        before = json.loads(state["identity"])
+        now = json.loads(json.dumps(identity))
+        problems = list(_differences(before, now, str(path)))
+        if problems:
+            raise InputError(problems)
+        for name in (_LOSSES, _SCORES):
+            _write(self.path / name, _up_to(state["step"], _read(self.path / name)))
+        return state
+
+    def log(self) -> Log:
+        """Return all that the log holds."""
+        return Log(_read(self.path / _LOSSES), _read(self.path / _SCORES))
+
+    def write_levels(self, trained: Iterable[int], present: Iterable[int]) -> None:
+        """Write how often each depth level was trained on, and occurs in the training pairs."""
+        rows: list[Row] = [
+            {"level": level, "trained": int(count), "present": int(there)}
+            for level, (count, there) in enumerate(zip(trained, present, strict=True))
+        ]
+        _write(self.path / LEVELS, rows)
+
+    def levels(self) -> list[Row]:
+        """Return what `write_levels` wrote."""
+        return _read(self.path / LEVELS)
+
+
+def _up_to(step: int, rows: list[Row]) -> list[Row]:
+    # A row cut short by a kill may read as an earlier step: steps only grow.
+    kept: list[Row] = []
+    for row in rows:
+        last = int(kept[-1]["step"]) if kept else -1
+        whole = None not in row.values() and row["step"].isdigit()
+        if whole and last < int(row["step"]) <= step:
+            kept.append(row)
+    return kept
+
+
+def _differences(
+    before: dict[str, Any], now: dict[str, Any], where: str, name: str = ""
+) -> Iterable[Problem]:
+    for key in sorted(before.keys() | now.keys()):
+        one, other = before.get(key), now.get(key)
+        if isinstance(one, dict) and isinstance(other, dict):
+            yield from _differences(one, other, where, f"{name}{key}.")
+        elif one != other:
+            yield Problem(
+                "the checkpoint is of another training", f"{where}: {name}{key}",
+                str(one), str(other),
+                "ask for the same again, choose another folder with --out, or --fresh",
+            )  # fmt: skip
+
+
+def _as_csv(rows: list[Row], header: bool) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    if header:
+        writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _append(path: Path, rows: list[Row]) -> None:
+    if rows:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(_as_csv(rows, header=file.tell() == 0))
+
+
+def _write(path: Path, rows: list[Row]) -> None:
+    if rows:
+        write_whole(path, _as_csv(rows, header=True))
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _read(path: Path) -> list[Row]:
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))

@@ -1,0 +1,211 @@
+"""How a network is trained: every choice by name, from a file that is checked."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from dfdbench.errors import InputError, Problem
+from dfdbench.methods.filter_numbers import FILTERS, narrowed
+from dfdbench.methods.networks import UNET_FILTERS
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
+
+
+class TrainingConfiguration(BaseModel):
+    """All choices of a training but the data and the seed.
+
+    Defaults are the thesis's (5.2), apart from what its text leaves open: `crops_per_step`.
+
+    Parameters
+    ----------
+    filters : str or list of int, optional
+        A name of Table D.2, or the numbers themselves; by default the published ones.
+    narrow : int
+        All widths but the last divided by this.
+    sampling_size : int
+        Filters that halve and double the resolution (5.4.5); DfD-Net only.
+    first_activation : {"prelu", "sigmoid"}
+        ``sigmoid`` as the particle swarm chose (6.1); DfD-Net only.
+    crop : int
+        Rows and columns of the image patches.
+    crops_per_step : int
+        Patches drawn for each step, before expansion.
+    expansion : {"eight", "one"}
+        Every patch in four rotations and mirrored, or in one of those eight drawn at random.
+    noise : float
+        Standard deviation of Gaussian noise on all six channels, in grey levels (5.4.4).
+    redraw_depth : bool
+        Move each patch's depth map to another level within those of the training pairs, tilt
+        it, and blur the in-focus patch anew: few scenes then show every level on every texture.
+        For data sets with a blur recipe.
+    tilt : float
+        Of `redraw_depth`: the steepest slope added along rows and columns, in levels a pixel.
+    unknown : {"level", "ignore"}
+        Pixels without ground truth: trained as the level they are stored with, or left out.
+    initial_filters : {"random", "differences"}
+        ``differences``: the first convolution starts from differences of the two images.
+    label_width : float
+        0: cross-entropy with the true level. Above: with a Gaussian of this standard deviation
+        about it, in levels, so that near misses count as such.
+    learning_rate, weight_decay, betas
+        Of Adam.
+    schedule : {"progress", "cosine"}
+        Lower the learning rate where the loss makes no progress, or along a cosine to 0.
+    patience, shrink, minimum_learning_rate
+        Of ``progress``: steps without progress, factor, and where training ends.
+    steps : int, optional
+        Where training ends at the latest; ``cosine`` needs it.
+    warm_up : int
+        Of ``cosine``: steps over which the learning rate rises.
+    precision : {"float32", "bf16"}
+        Of all convolutions but the first, which tells apart what differs by less than bf16 can.
+    evaluate_every, evaluate_pairs : int
+        How often, and on how many pairs of training and test each, the metrics are logged.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    filters: str | list[int] | None = None
+    narrow: Count = 1
+    sampling_size: Annotated[int, Field(ge=1, le=8)] = 2
+    first_activation: Literal["prelu", "sigmoid"] = "prelu"
+    crop: Annotated[int, Field(ge=16)] = 32
+    crops_per_step: Count = 4
+    expansion: Literal["eight", "one"] = "eight"
+    noise: Annotated[float, Field(ge=0, le=100)] = 0.0
+    redraw_depth: bool = False
+    tilt: Annotated[float, Field(ge=0, le=8)] = 1.0
+    unknown: Literal["level", "ignore"] = "level"
+    initial_filters: Literal["random", "differences"] = "random"
+    label_width: Annotated[float, Field(ge=0, le=64)] = 0.0
+    learning_rate: Positive = 1e-4
+    weight_decay: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0005
+    betas: tuple[Annotated[float, Field(ge=0, lt=1)], Annotated[float, Field(ge=0, lt=1)]] = (
+        0.5,
+        0.99,
+    )
+    schedule: Literal["progress", "cosine"] = "progress"
+    patience: Annotated[int, Field(ge=10)] = 2500
+    shrink: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    minimum_learning_rate: Positive = 1e-10
+    steps: Count | None = None
+    warm_up: Annotated[int, Field(ge=0)] = 0
+    precision: Literal["float32", "bf16"] = "float32"
+    evaluate_every: Count = 2500
+    evaluate_pairs: Count = 6
+
+    @model_validator(mode="after")
+    def _fits(self) -> TrainingConfiguration:
+        if self.schedule == "cosine" and self.steps is None:
+            raise ValueError("schedule cosine needs steps")
+        if isinstance(self.filters, str) and self.filters not in FILTERS:
+            raise ValueError(f"filters: one of {', '.join(FILTERS)}, got {self.filters}")
+        return self
+
+    def architecture(self, method: str) -> dict[str, Any]:
+        """Return the constructor arguments of the network of a method.
+
+        Raises
+        ------
+        InputError
+            Where the configuration has a choice that the network does not have.
+
+        Examples
+        --------
+        >>> TrainingConfiguration(narrow=8).architecture("u-net")
+        {'filters': [8, 16, 32, 64, 128]}
+        """
+        if method == "u-net":
+            self._refuse_choices_of_dfd_net()
+            widths = self.filters or UNET_FILTERS
+            return {"filters": [max(2, int(number) // self.narrow) for number in widths]}
+        chosen = self.filters if self.filters is not None else "original"
+        filters = FILTERS[chosen] if isinstance(chosen, str) else tuple(chosen)
+        return {
+            "filters": list(narrowed(filters, self.narrow)),
+            "sampling_size": self.sampling_size,
+            "first_activation": self.first_activation,
+        }
+
+    def _refuse_choices_of_dfd_net(self) -> None:
+        defaults = type(self).model_fields
+        problems = [
+            Problem("U-Net has no such choice", name, got=str(getattr(self, name)))
+            for name in ("sampling_size", "first_activation")
+            if getattr(self, name) != defaults[name].default
+        ]
+        if isinstance(self.filters, str):
+            problems.append(
+                Problem("U-Net has no such choice", "filters", "5 numbers", self.filters)
+            )
+        if problems:
+            raise InputError(problems)
+
+
+def shipped_configurations() -> dict[str, str]:
+    """Return the texts of the configurations that come with the package, by name."""
+    folder = files("dfdbench.training.configurations")
+    return {
+        item.name.removesuffix(".toml"): item.read_text(encoding="utf-8")
+        for item in sorted(folder.iterdir(), key=lambda item: item.name)
+        if item.name.endswith(".toml")
+    }
+
+
+def read_configuration(
+    name: str, changes: Mapping[str, Any] | None = None
+) -> TrainingConfiguration:
+    """Return a configuration: a shipped one by name, or that of a TOML file.
+
+    Parameters
+    ----------
+    name : str
+        A name, or a file's path.
+    changes : mapping, optional
+        Values to put in place of the file's.
+
+    Raises
+    ------
+    InputError
+        Where there is no such file, or it holds something else; every problem is named.
+
+    Examples
+    --------
+    >>> read_configuration("published", {"noise": 2}).noise
+    2.0
+    """
+    shipped = shipped_configurations()
+    if name in shipped:
+        text = shipped[name]
+    elif Path(name).is_file():
+        text = Path(name).read_text(encoding="utf-8", errors="replace")
+    else:
+        raise InputError(
+            Problem(
+                "no such configuration", "--config",
+                f"a file, or one of: {', '.join(shipped)}", name,
+            )
+        )  # fmt: skip
+    try:
+        return TrainingConfiguration.model_validate({**tomllib.loads(text), **(changes or {})})
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(Problem("not a TOML file", name, got=str(error))) from error
+    except ValidationError as error:
+        raise InputError([_problem(name, dict(item)) for item in error.errors()]) from error
+
+
+def _problem(name: str, item: dict[str, Any]) -> Problem:
+    where = ".".join(str(part) for part in item["loc"])
+    if item["type"] == "extra_forbidden":
+        known = ", ".join(TrainingConfiguration.model_fields)
+        return Problem("unknown choice", f"{name}: {where}", f"one of: {known}", where)
+    got = "" if item["type"] == "value_error" else str(item["input"])
+    what = "the configuration cannot be used"
+    return Problem(what, f"{name}: {where}" if where else name, item["msg"], got)

@@ -1,0 +1,205 @@
+"""Image patches to train on: drawn, turned, mirrored, made noisy; the same for the same seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from dfdbench.blur import BlurRecipe, synthesize
+from dfdbench.errors import InputError, Problem
+from dfdbench.manifest import Pair
+from dfdbench.store import Store
+
+#: What cross-entropy leaves out.
+IGNORED = -100
+
+
+@dataclass(frozen=True)
+class TrainingImages:
+    """The pairs of a training, in memory.
+
+    Parameters
+    ----------
+    pixels : list of Tensor
+        uint8 (6, y, x): in-focus RGB, then defocus RGB.
+    levels : list of Tensor
+        int16 (y, x), depth levels; `IGNORED` where a pixel is left out.
+    """
+
+    pixels: list[Tensor]
+    levels: list[Tensor]
+
+    @classmethod
+    def read(cls, store: Store, pairs: tuple[Pair, ...], ignore_unknown: bool) -> TrainingImages:
+        """Read pairs of a store; a depth map that several share is kept once."""
+        pixels = []
+        levels: list[Tensor] = []
+        kept: dict[bytes, Tensor] = {}
+        for pair in pairs:
+            images = store.read(pair)
+            both = np.concatenate([images.infocus, images.defocus], axis=2)
+            pixels.append(torch.from_numpy(np.ascontiguousarray(both.transpose(2, 0, 1))))
+            depth = images.depth.astype(np.int16)
+            if ignore_unknown:
+                depth[~images.valid] = IGNORED
+            levels.append(kept.setdefault(depth.tobytes(), torch.from_numpy(depth)))
+        return cls(pixels, levels)
+
+    def channel_means(self) -> list[float]:
+        """Return the mean of each channel over all pixels of all pairs."""
+        totals = torch.stack([pixels.double().mean((1, 2)) for pixels in self.pixels])
+        weights = torch.tensor([float(levels.numel()) for levels in self.levels]).double()
+        means = (totals * weights[:, None]).sum(0) / weights.sum()
+        return [round(float(mean), 4) for mean in means]
+
+    def count_levels(self) -> NDArray[np.int64]:
+        """Return how often each depth level occurs, shape (256,)."""
+        return sum((count_levels(levels) for levels in self.levels), np.zeros(256, np.int64))
+
+
+class Redraw:
+    """Gives a patch another depth map, and the defocus image that belongs to it.
+
+    Parameters
+    ----------
+    recipe : BlurRecipe
+        How the data set's defocus images were made.
+    lowest, highest : int
+        Where a patch's mean level may come to lie.
+    tilt : float
+        The steepest slope added along rows and columns, in levels a pixel.
+    unknown : int
+        The level that stays as it is.
+    """
+
+    def __init__(
+        self, recipe: BlurRecipe, lowest: int, highest: int, tilt: float, unknown: int
+    ) -> None:
+        self._recipe = recipe
+        self._range = lowest, highest
+        self._tilt = tilt
+        self._unknown = unknown
+        #: Pixels around a patch that its blur depends on.
+        self.margin = recipe.kernel_size // 2
+
+    def __call__(
+        self, infocus: NDArray[np.uint8], depth: NDArray[np.uint8], random: np.random.Generator
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Return another depth map, uint8 (y, x), and the image blurred by it, (y, x, 3)."""
+        known = depth != self._unknown
+        mean = depth[known].mean() if known.any() else 0.0
+        down, right = random.uniform(-self._tilt, self._tilt, 2)
+        rows, columns = np.ogrid[: depth.shape[0], : depth.shape[1]]
+        plane = down * (rows - depth.shape[0] / 2) + right * (columns - depth.shape[1] / 2)
+        moved = depth + (random.uniform(*self._range) - mean) + plane
+        levels = np.clip(np.rint(moved), self._unknown + 1, 255)
+        redrawn = np.where(known, levels, depth).astype(np.uint8)
+        return redrawn, synthesize(infocus, redrawn, self._recipe)
+
+
+class Cropper:
+    """Draws the patches of each step.
+
+    Parameters
+    ----------
+    images : TrainingImages
+        To draw from.
+    size : int
+        Rows and columns of a patch.
+    count : int
+        Patches a step, before expansion.
+    expand : bool
+        Give each in its eight orientations (5.2.1); else in one of them.
+    noise : float
+        Standard deviation in grey levels.
+    seed : int
+        A step's patches follow from seed and step alone.
+    redraw : Redraw, optional
+        Gives patches another depth.
+
+    Raises
+    ------
+    InputError
+        Where a patch is larger than an image.
+    """
+
+    def __init__(
+        self,
+        images: TrainingImages,
+        size: int,
+        count: int,
+        expand: bool,
+        noise: float,
+        seed: int,
+        redraw: Redraw | None = None,
+    ) -> None:
+        self._margin = redraw.margin if redraw else 0
+        fits = min(min(levels.shape) for levels in images.levels) - 2 * self._margin
+        if size > fits:
+            raise InputError(
+                Problem("crops do not fit the images", "crop", f"at most {fits}", str(size))
+            )
+        self._images = images
+        self._size = size
+        self._count = count
+        self._expand = expand
+        self._noise = noise
+        self._seed = seed
+        self._redraw = redraw
+
+    def draw(self, step: int) -> tuple[Tensor, Tensor]:
+        """Return pixels, float32 (n, 6, size, size), and levels, int64 (n, size, size)."""
+        random = np.random.default_rng((self._seed, step))
+        pixels, levels = [], []
+        for _ in range(self._count):
+            patch, truth = self._patch(random)
+            chosen = range(8) if self._expand else [int(random.integers(8))]
+            pixels += [oriented(patch, orientation) for orientation in chosen]
+            levels += [oriented(truth, orientation) for orientation in chosen]
+        batch = torch.stack(pixels)
+        if self._noise:
+            drawn = random.standard_normal(batch.shape, np.float32)
+            batch = (batch + self._noise * torch.from_numpy(drawn)).clamp(0, 255)
+        return batch, torch.stack(levels)
+
+    def _patch(self, random: np.random.Generator) -> tuple[Tensor, Tensor]:
+        index = int(random.integers(len(self._images.pixels)))
+        rows, columns = self._images.levels[index].shape
+        side = self._size + 2 * self._margin
+        top = int(random.integers(rows - side + 1))
+        left = int(random.integers(columns - side + 1))
+        here = slice(top, top + side), slice(left, left + side)
+        patch = self._images.pixels[index][:, here[0], here[1]]
+        truth = self._images.levels[index][here]
+        if self._redraw is None:
+            return patch.float(), truth.long()
+        infocus = np.ascontiguousarray(patch[:3].permute(1, 2, 0).numpy())
+        redrawn, defocus = self._redraw(infocus, truth.clamp(min=0).byte().numpy(), random)
+        both = torch.from_numpy(np.concatenate([infocus, defocus], axis=2)).permute(2, 0, 1)
+        levels = torch.from_numpy(redrawn).long()
+        levels[truth == IGNORED] = IGNORED
+        inner = slice(self._margin, side - self._margin)
+        return both[:, inner, inner].float(), levels[inner, inner]
+
+
+def oriented(image: Tensor, orientation: int) -> Tensor:
+    """Return an image in one of eight orientations: quarter turns, from 4 on mirrored.
+
+    Examples
+    --------
+    >>> image = torch.tensor([[1, 2], [3, 4]])
+    >>> [oriented(image, orientation).tolist() for orientation in (1, 4)]
+    [[[2, 4], [1, 3]], [[2, 1], [4, 3]]]
+    """
+    turned = torch.rot90(image, orientation % 4, (-2, -1))
+    return turned.flip(-1) if orientation >= 4 else turned
+
+
+def count_levels(levels: Tensor) -> NDArray[np.int64]:
+    """Return how often each depth level occurs, shape (256,)."""
+    counts: NDArray[np.int64] = torch.bincount(levels[levels >= 0], minlength=256).numpy()
+    return counts

@@ -1,0 +1,145 @@
+"""The learning rate of each step, and when training has ended."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.slope_test import steps_without_progress
+
+#: The slope test looks at all losses since the last change: not at each step.
+_TEST_EVERY = 50
+
+
+class Schedule(Protocol):
+    """What the trainer asks after each step."""
+
+    @property
+    def rate(self) -> float:
+        """The learning rate of the step to come."""
+
+    def after(self, step: int, loss: float) -> None:
+        """Take note of the loss of a step, the first being 1."""
+
+    @property
+    def ended(self) -> str:
+        """Why training has ended, empty while it has not."""
+
+    def state(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps."""
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+
+
+class ProgressSchedule:
+    """The learning rate falls where the loss has made no progress for long (5.2.2).
+
+    Parameters
+    ----------
+    configuration : TrainingConfiguration
+        Its `learning_rate`, `patience`, `shrink`, `minimum_learning_rate` and `steps`.
+
+    Examples
+    --------
+    >>> choices = TrainingConfiguration(patience=50, learning_rate=0.1)
+    >>> schedule = ProgressSchedule(choices)
+    >>> for step in range(1, 101):
+    ...     schedule.after(step, 1.0)
+    >>> round(schedule.rate, 6)
+    0.001
+    """
+
+    def __init__(self, configuration: TrainingConfiguration) -> None:
+        self._patience = configuration.patience
+        self._shrink = configuration.shrink
+        self._least = configuration.minimum_learning_rate
+        self._steps = configuration.steps
+        self._losses: list[float] = []
+        self._step = 0
+        self.rate = configuration.learning_rate
+
+    def after(self, step: int, loss: float) -> None:
+        """Take note of a loss; lower the rate where the slope test says so."""
+        self._step = step
+        self._losses.append(loss)
+        due = step % _TEST_EVERY == 0 and len(self._losses) >= self._patience
+        if due and steps_without_progress(self._losses) >= self._patience:
+            self.rate *= self._shrink
+            self._losses.clear()
+
+    @property
+    def ended(self) -> str:
+        """Why training has ended, empty while it has not."""
+        # Ten shrinkings by 0.1 leave a rounding error above 1e-10.
+        if self.rate <= self._least * (1 + 1e-6):
+            return f"learning rate {self._least:g}"
+        if self._steps is not None and self._step >= self._steps:
+            return "its number of steps"
+        return ""
+
+    def state(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps."""
+        return {"step": self._step, "rate": self.rate, "losses": list(self._losses)}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self._step, self.rate = state["step"], state["rate"]
+        self._losses = list(state["losses"])
+
+
+class CosineSchedule:
+    """The learning rate rises over `warm_up` steps, then falls along a cosine to 0.
+
+    Parameters
+    ----------
+    configuration : TrainingConfiguration
+        Its `learning_rate`, `warm_up` and `steps`.
+
+    Examples
+    --------
+    >>> schedule = CosineSchedule(TrainingConfiguration(schedule="cosine", steps=4))
+    >>> schedule.rate
+    0.0001
+    >>> schedule.after(2, 1.0)
+    >>> round(schedule.rate, 9)
+    5e-05
+    """
+
+    def __init__(self, configuration: TrainingConfiguration) -> None:
+        assert configuration.steps is not None
+        self._steps = configuration.steps
+        self._warm_up = configuration.warm_up
+        self._highest = configuration.learning_rate
+        self._step = 0
+
+    @property
+    def rate(self) -> float:
+        """The learning rate of the step to come."""
+        rising = min(1.0, (self._step + 1) / (self._warm_up + 1))
+        return self._highest * rising * (1 + math.cos(math.pi * self._step / self._steps)) / 2
+
+    def after(self, step: int, loss: float) -> None:
+        """Take note that a step is over."""
+        self._step = step
+
+    @property
+    def ended(self) -> str:
+        """Why training has ended, empty while it has not."""
+        return "its number of steps" if self._step >= self._steps else ""
+
+    def state(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps."""
+        return {"step": self._step}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self._step = state["step"]
+
+
+def schedule_of(configuration: TrainingConfiguration) -> Schedule:
+    """Return the schedule that a configuration asks for."""
+    if configuration.schedule == "cosine":
+        return CosineSchedule(configuration)
+    return ProgressSchedule(configuration)

@@ -1,0 +1,370 @@
+"""Train a network: step by step, with checkpoints that go on as if nothing had happened."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+import dfdbench
+from dfdbench.depths import training_of
+from dfdbench.environment import describe_environment
+from dfdbench.errors import InputError, Problem, ResultError, StoreError
+from dfdbench.manifest import Pair
+from dfdbench.methods.inference import find_device
+from dfdbench.methods.networks import start_from_differences
+from dfdbench.methods.weights import (
+    NETWORKS,
+    Card,
+    build_network,
+    count_parameters,
+    save_weights,
+)
+from dfdbench.store import Store
+from dfdbench.training.checkpoint import WEIGHTS, Log, TrainingFolder
+from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.crops import Cropper, Redraw, TrainingImages, count_levels
+from dfdbench.training.loss import LevelLoss
+from dfdbench.training.schedule import schedule_of
+from dfdbench.training.scoring import evenly_spaced, mean_scores
+
+_SAVE_SECONDS = 60.0
+_TIME_LIMIT = "its time limit"
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be trained, on what.
+
+    Parameters
+    ----------
+    method : str
+        ``dfd-net`` or ``u-net``.
+    store : Store
+        The data set.
+    train, test : tuple of Pair
+        Pairs to train on, and those to watch the scores on.
+    trained_on : str
+        The training pairs in words that `dfdbench.trained_on` can read.
+    tested_on : str
+        The name of the split or fold that tests.
+    configuration : TrainingConfiguration
+        Every other choice.
+    seed : int
+        Of weights, patches and noise.
+    """
+
+    method: str
+    store: Store
+    train: tuple[Pair, ...]
+    test: tuple[Pair, ...]
+    trained_on: str
+    tested_on: str
+    configuration: TrainingConfiguration
+    seed: int
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What must be the same for a checkpoint to be gone on with."""
+        return {
+            "dfdbench": dfdbench.__version__,
+            "method": self.method,
+            "fingerprint": self.store.fingerprint,
+            "trained_on": self.trained_on,
+            "seed": self.seed,
+            "configuration": self.configuration.model_dump(),
+        }
+
+
+def task_of(
+    method: str,
+    store: Store,
+    configuration: TrainingConfiguration,
+    split: str = "train",
+    fold: str | None = None,
+    seed: int = 0,
+) -> Task:
+    """Return a training of a split, or of all scenes but a fold or a single scene.
+
+    Raises
+    ------
+    StoreError
+        Where the store holds no pair to train on.
+    UnknownNameError
+        Where there is no such split or fold.
+    """
+    manifest = store.manifest
+    if fold is not None:
+        scenes = training_of(manifest, fold)
+        train = tuple(pair for pair in store.pairs("all") if pair.scene in scenes)
+        tested, trained_on = fold, f"{manifest.stem}, all but {fold}"
+    else:
+        train = store.pairs(split)
+        partition = {item.name: item.partition for item in manifest.splits}
+        others = [
+            name
+            for name, found in partition.items()
+            if name != split and found == partition.get(split)
+        ]
+        tested, trained_on = (others or [""])[0], f"{manifest.stem}, split {split}"
+    if not train:
+        raise StoreError(
+            Problem(
+                "the store holds no pair to train on", str(store.path), trained_on,
+                fix=f"build {manifest.short} with the scenes of that split",
+            )
+        )  # fmt: skip
+    test = store.pairs(tested) if tested else ()
+    return Task(method, store, train, test, trained_on, tested, configuration, seed)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a call of `train` came to.
+
+    Parameters
+    ----------
+    weights : Path
+        The file that was written.
+    card : Card
+        What it says.
+    """
+
+    weights: Path
+    card: Card
+
+
+def train(
+    task: Task,
+    folder: Path,
+    max_seconds: float | None = None,
+    device: str = "auto",
+    on_step: Callable[[int, int | None, float], None] | None = None,
+) -> Outcome:
+    """Train until the schedule ends or time is up; go on from the folder's checkpoint.
+
+    Parameters
+    ----------
+    task : Task
+        What is trained.
+    folder : Path
+        Where checkpoint, log and weights go.
+    max_seconds : float, optional
+        Time spent training at most, that of earlier calls included.
+    device : str
+        As for the methods: ``auto``, ``cpu``, ``cuda``, ``mps``.
+    on_step : callable, optional
+        Called with (steps done, steps in all where known, loss).
+
+    Raises
+    ------
+    InputError
+        Where choices do not fit each other, or the checkpoint is of another training.
+    ResultError
+        Where the folder cannot be written.
+
+    Notes
+    -----
+    On a CPU, with the same number of threads, a training that was stopped and gone on with has
+    the same losses, bit for bit, as one that was not.
+    """
+    session = _Session(task, TrainingFolder(folder), find_device(device))
+    try:
+        return session.run(max_seconds, on_step)
+    except OSError as error:
+        raise ResultError(
+            Problem(
+                "cannot write the training", str(folder), got=error.strerror or str(error),
+                fix="make room, or choose another place with --out DIR; --resume goes on",
+            )
+        ) from error  # fmt: skip
+
+
+class _Session:
+    def __init__(self, task: Task, folder: TrainingFolder, device: torch.device) -> None:
+        choices = task.configuration
+        architecture = choices.architecture(task.method)
+        multiple = int(NETWORKS[task.method].multiple)  # type: ignore[attr-defined]
+        if choices.crop % multiple:
+            raise InputError(
+                Problem("wrong crop", "crop", f"a multiple of {multiple}", str(choices.crop))
+            )
+        images = TrainingImages.read(task.store, task.train, choices.unknown == "ignore")
+        architecture["channel_means"] = images.channel_means()
+        self._task = task
+        self._folder = folder
+        self._device = device
+        self._architecture = architecture
+        network = _fresh(task.method, architecture, task.seed)
+        if choices.initial_filters == "differences":
+            start_from_differences(network.first)  # type: ignore[arg-type]
+        self._network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._optimizer = torch.optim.Adam(
+            _parameter_groups(self._network, choices.weight_decay), choices.learning_rate,
+            betas=choices.betas,
+        )  # fmt: skip
+        self._schedule = schedule_of(choices)
+        self._cropper = Cropper(
+            images, choices.crop, choices.crops_per_step, choices.expansion == "eight",
+            choices.noise, task.seed, _redraw(task, images),
+        )  # fmt: skip
+        self._loss = LevelLoss(choices.label_width, device)
+        self._present = images.count_levels()
+        self._trained = np.zeros(256, np.int64)
+        self._step = 0
+        self._seconds = 0.0
+        self._new = Log()
+        if folder.started:
+            self._restore(folder.load(task.identity))
+
+    def run(
+        self,
+        max_seconds: float | None,
+        on_step: Callable[[int, int | None, float], None] | None,
+    ) -> Outcome:
+        choices = self._task.configuration
+        begin = time.monotonic() - self._seconds
+        saved = time.monotonic()
+        ended = self._schedule.ended
+        while not ended:
+            loss = self._one_step()
+            if on_step:
+                on_step(self._step, choices.steps, loss)
+            if self._step % choices.evaluate_every == 0:
+                self._note_scores()
+            now = time.monotonic()
+            self._seconds = now - begin
+            ended = self._schedule.ended
+            if not ended and max_seconds is not None and self._seconds >= max_seconds:
+                ended = _TIME_LIMIT
+            if ended or now - saved >= _SAVE_SECONDS:
+                self._save()
+                saved = now
+        return self._finish(ended)
+
+    def _one_step(self) -> float:
+        pixels, levels = self._cropper.draw(self._step)
+        self._trained += count_levels(levels)
+        pixels = pixels.to(self._device, memory_format=torch.channels_last)
+        for group in self._optimizer.param_groups:
+            group["lr"] = self._schedule.rate
+        rate = self._schedule.rate
+        self._network.train()
+        bf16 = self._task.configuration.precision == "bf16"
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=bf16):
+            logits = self._network(pixels)
+        loss = self._loss(logits, levels.to(self._device))
+        self._optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._optimizer.step()
+        value = float(loss.detach())
+        if not np.isfinite(value):
+            raise InputError(
+                Problem(
+                    "the loss is no number any more", f"step {self._step + 1}", got=str(value),
+                    fix="a lower learning_rate; --fresh starts anew",
+                )
+            )  # fmt: skip
+        self._step += 1
+        self._schedule.after(self._step, value)
+        self._new.losses.append({"step": self._step, "learning_rate": rate, "loss": value})
+        return value
+
+    def _note_scores(self) -> None:
+        row: dict[str, Any] = {"step": self._step}
+        for name, pairs in (("train", self._task.train), ("test", self._task.test)):
+            chosen = evenly_spaced(pairs, self._task.configuration.evaluate_pairs)
+            scores = mean_scores(self._network, self._task.store, chosen, self._device)
+            row |= {f"{name}_{metric}": value for metric, value in scores.items()}
+        self._new.scores.append(row)
+
+    def _save(self) -> None:
+        state = {
+            "step": self._step,
+            "seconds": self._seconds,
+            "network": self._network.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "schedule": self._schedule.state(),
+            "trained": torch.from_numpy(self._trained),
+        }
+        self._folder.save(self._task.identity, state, self._new)
+        self._folder.write_levels(self._trained, self._present)
+        self._new = Log()
+
+    def _restore(self, state: dict[str, Any]) -> None:
+        self._step = state["step"]
+        self._seconds = state["seconds"]
+        self._network.load_state_dict(state["network"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._schedule.restore(state["schedule"])
+        self._trained = state["trained"].numpy()
+
+    def _finish(self, ended: str) -> Outcome:
+        task = self._task
+        scores = mean_scores(self._network, task.store, task.test, self._device)
+        environment = describe_environment()
+        card = Card(
+            method=task.method,  # type: ignore[arg-type]
+            architecture=self._architecture,
+            parameters=count_parameters(self._network),
+            trained_on=task.trained_on,
+            dataset=task.store.manifest.stem,
+            fingerprint=task.store.fingerprint,
+            recipe=task.store.recipe_name,
+            configuration=task.configuration.model_dump(mode="json"),
+            seed=task.seed,
+            steps=self._step,
+            seconds=round(self._seconds, 1),
+            ended_by=ended,
+            scored_on=f"{task.tested_on}, {len(task.test)} pairs" if task.test else "nothing",
+            scores=scores,
+            environment={
+                "processor": environment.gpu or environment.cpu,
+                "threads": str(torch.get_num_threads()),
+                "torch": str(torch.__version__),
+                "dfdbench": dfdbench.__version__,
+            },
+        )
+        path = self._folder.path / WEIGHTS
+        save_weights(path, self._network, card)
+        return Outcome(path, card)
+
+
+def _fresh(method: str, architecture: dict[str, Any], seed: int) -> nn.Module:
+    # PyTorch's own initial values; its global generator is left as it was.
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return build_network(method, architecture)
+
+
+def _redraw(task: Task, images: TrainingImages) -> Redraw | None:
+    if not task.configuration.redraw_depth:
+        return None
+    recipe = task.store.recipe
+    if recipe is None:
+        raise InputError(
+            Problem(
+                "redraw_depth needs a data set with a blur recipe", "redraw_depth",
+                got=f"{task.store.manifest.short}: captured defocus",
+            )
+        )  # fmt: skip
+    unknown = task.store.manifest.depth.unknown
+    there = torch.unique(torch.cat([levels.flatten() for levels in images.levels]))
+    known = there[(there >= 0) & (there != unknown)]
+    return Redraw(recipe, int(known.min()), int(known.max()), task.configuration.tilt, unknown)
+
+
+def _parameter_groups(network: nn.Module, weight_decay: float) -> list[dict[str, Any]]:
+    # As in dlib, decay is for the filters: not for biases, batch normalization, activations.
+    filters = [parameter for parameter in network.parameters() if parameter.dim() > 1]
+    others = [parameter for parameter in network.parameters() if parameter.dim() <= 1]
+    return [
+        {"params": filters, "weight_decay": weight_decay},
+        {"params": others, "weight_decay": 0.0},
+    ]
