@@ -141,9 +141,8 @@ def seconds_of(text: str | None) -> float | None:
     parts = re.fullmatch(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s)?", text)
     if not text or not parts:
         raise InputError(Problem("not a duration", "--max-time", "as 90s, 30m, 1h30m", text))
-    return sum(
-        float(part or 0) * _SECONDS[unit] for part, unit in zip(parts.groups(), "hms", strict=True)
-    )
+    units = zip(parts.groups(), _SECONDS.values(), strict=True)
+    return sum(float(part or 0) * unit for part, unit in units)
 
 
 def changes_of(given: list[str] | None) -> dict[str, Any]:

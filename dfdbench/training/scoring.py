@@ -53,6 +53,7 @@ def mean_scores(
     on_pair : callable, optional
         Called with (pairs done, pairs to do).
     """
+    threads = torch.get_num_threads()
     predict = Predictor(copy.deepcopy(network).eval(), device)
     values: dict[str, list[float]] = {metric: [] for metric in METRICS}
     for done, pair in enumerate(pairs, 1):
@@ -67,4 +68,6 @@ def mean_scores(
                 values[metric].append(value)
         if on_pair:
             on_pair(done, len(pairs))
+    # The metrics' parallel loops share OpenMP with PyTorch and leave their own number behind.
+    torch.set_num_threads(threads)
     return {metric: float(np.mean(found)) for metric, found in values.items() if found}
