@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 import torch
@@ -31,6 +32,20 @@ def evenly_spaced(pairs: Sequence[Pair], count: int) -> tuple[Pair, ...]:
     return tuple(pairs[index * len(pairs) // count] for index in range(count))
 
 
+@contextmanager
+def same_threads() -> Iterator[None]:
+    """Leave PyTorch as many threads after the block as before.
+
+    Numba shares OpenMP with PyTorch, and leaves its own number of threads behind.
+    """
+    threads = torch.get_num_threads()
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+@same_threads()
 def mean_scores(
     network: nn.Module,
     store: Store,
@@ -53,7 +68,6 @@ def mean_scores(
     on_pair : callable, optional
         Called with (pairs done, pairs to do).
     """
-    threads = torch.get_num_threads()
     predict = Predictor(copy.deepcopy(network).eval(), device)
     values: dict[str, list[float]] = {metric: [] for metric in METRICS}
     for done, pair in enumerate(pairs, 1):
@@ -68,6 +82,4 @@ def mean_scores(
                 values[metric].append(value)
         if on_pair:
             on_pair(done, len(pairs))
-    # The metrics' parallel loops share OpenMP with PyTorch and leave their own number behind.
-    torch.set_num_threads(threads)
     return {metric: float(np.mean(found)) for metric, found in values.items() if found}

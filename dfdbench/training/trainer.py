@@ -32,7 +32,7 @@ from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import Cropper, Redraw, TrainingImages, count_levels
 from dfdbench.training.loss import LevelLoss
 from dfdbench.training.schedule import schedule_of
-from dfdbench.training.scoring import evenly_spaced, mean_scores
+from dfdbench.training.scoring import evenly_spaced, mean_scores, same_threads
 
 _SAVE_SECONDS = 60.0
 _TIME_LIMIT = "its time limit"
@@ -308,7 +308,8 @@ class _Session:
     def _finish(self, ended: str) -> Outcome:
         task = self._task
         scores = mean_scores(self._network, task.store, task.test, self._device)
-        environment = describe_environment()
+        with same_threads():
+            environment = describe_environment()
         card = Card(
             method=task.method,  # type: ignore[arg-type]
             architecture=self._architecture,

@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+torch = pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.errors import MethodError  # noqa: E402
+from dfdbench.methods import networks  # noqa: E402
+from dfdbench.methods.inference import Predictor, find_device  # noqa: E402
+from dfdbench.methods.networks import DfDNet, UNet  # noqa: E402
+from tests.methods.test_networks import SMALL  # noqa: E402
+
+CPU = torch.device("cpu")
+
+
+def network(kind: str = "dfd-net") -> torch.nn.Module:
+    torch.manual_seed(1)
+    made = DfDNet(SMALL) if kind == "dfd-net" else UNet((4, 4, 4, 4, 4))
+    return made.eval()
+
+
+def images(rows: int, columns: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    random = np.random.default_rng(rows * 1000 + columns)
+    infocus = random.integers(0, 256, (rows, columns, 3)).astype(np.uint8)
+    return infocus, random.integers(0, 256, (rows, columns, 3)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("kind", ["dfd-net", "u-net"])
+@pytest.mark.parametrize("shape", [(1, 1), (3, 50), (17, 16), (37, 46)])
+def test_any_size_goes_in_and_comes_out(kind: str, shape: tuple[int, int]) -> None:
+    levels = Predictor(network(kind), CPU)(*images(*shape))
+    assert levels.shape == shape
+    assert levels.dtype == np.uint8
+
+
+@pytest.mark.parametrize("kind", ["dfd-net", "u-net"])
+def test_tiles_do_not_change_the_answer(kind: str) -> None:
+    pair = images(150, 331)
+    whole = Predictor(network(kind), CPU)(*pair)
+    assert len(np.unique(whole)) > 1
+    assert np.array_equal(Predictor(network(kind), CPU, tile=64)(*pair), whole)
+
+
+def test_the_margin_is_as_far_as_a_pixel_sees(monkeypatch: pytest.MonkeyPatch) -> None:
+    for kind in ("dfd-net", "u-net"):
+        made = network(kind).double()
+        with torch.no_grad():  # no unit is dead, so that all that can be seen is seen
+            for parameter in made.parameters():
+                parameter.abs_()
+        made.pixels = torch.nn.Identity()
+        pixels = torch.rand(1, 6, 256, 256, dtype=torch.float64, requires_grad=True)
+        monkeypatch.setattr(networks, "_in_float32", lambda layers, given: layers(given))
+        made(pixels)[0, :, 128, 128].sum().backward()
+        seen = torch.nonzero(pixels.grad[0].abs().sum(0))
+        farthest = int((seen - 128).abs().max())
+        assert 0.7 * made.margin < farthest <= made.margin
+
+
+def test_short_of_memory_it_goes_on_in_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = images(200, 300)
+    whole = Predictor(network(), CPU)(*pair)
+    predict = Predictor(network(), CPU)
+    forward = predict._forward
+
+    def short(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        if pixels.shape[0] * pixels.shape[1] > 200 * 200:
+            raise RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried 1 byte")
+        return forward(pixels)
+
+    monkeypatch.setattr(predict, "_forward", short)
+    assert np.array_equal(predict(*pair), whole)
+    assert predict.tile == 128
+    monkeypatch.setattr(predict, "_forward", lambda pixels: short(np.zeros((999, 999))))
+    with pytest.raises(MemoryError):
+        predict(*pair)
+
+
+def test_other_errors_are_not_taken_for_short_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    predict = Predictor(network(), CPU)
+
+    def broken(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        raise RuntimeError("shapes differ")
+
+    monkeypatch.setattr(predict, "_forward", broken)
+    with pytest.raises(RuntimeError, match="shapes differ"):
+        predict(*images(8, 8))
+
+
+def test_bf16_changes_few_pixels_by_much() -> None:
+    pair = images(64, 64)
+    exact = Predictor(network(), CPU)(*pair).astype(int)
+    fast = Predictor(network(), CPU, precision="bf16")(*pair).astype(int)
+    assert (exact == fast).mean() > 0.5
+
+
+def test_wrong_choices_are_told() -> None:
+    with pytest.raises(MethodError, match="float32 or bf16"):
+        Predictor(network(), CPU, precision="int8")
+    for tile in (63, 64.5):
+        with pytest.raises(MethodError, match="at least 64"):
+            Predictor(network(), CPU, tile=tile)
+    with pytest.raises(MethodError, match="auto, .*cpu"):
+        find_device("tpu")

@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.errors import InputError  # noqa: E402
+from dfdbench.methods.filter_numbers import FILTERS, LAYERS, narrowed  # noqa: E402
+from dfdbench.methods.networks import (  # noqa: E402
+    PUBLISHED_MEANS,
+    DfDNet,
+    UNet,
+    fold_batch_norm,
+    start_from_differences,
+)
+
+# Fig. 5.5, input to output: the thesis's layer number, channels in and out, filter size.
+PUBLISHED = [
+    (52, 6, 128, 3), (48, 128, 128, 3), (45, 128, 128, 3), (42, 128, 256, 2),
+    (40, 256, 256, 3), (37, 256, 256, 3), (34, 256, 512, 2), (32, 512, 512, 3),
+    (29, 512, 512, 3), (27, 512, 256, 2), (24, 512, 256, 3), (20, 256, 256, 3),
+    (17, 256, 256, 3), (15, 256, 128, 2), (12, 256, 128, 3), (8, 128, 128, 3),
+    (5, 128, 128, 3), (1, 128, 256, 3),
+]  # fmt: skip
+SMALL = (4, 3, 4, 6, 5, 6, 8, 7, 8, 6, 6, 5, 6, 4, 4, 3, 4, 256)
+
+
+def convolutions(network: torch.nn.Module) -> list[torch.nn.Module]:
+    kinds = (torch.nn.Conv2d, torch.nn.ConvTranspose2d)
+    return [module for module in network.modules() if isinstance(module, kinds)]
+
+
+def test_dfd_net_layer_by_layer() -> None:
+    found = convolutions(DfDNet())
+    assert len(found) == 18
+    for module, (layer, before, after, size) in zip(found, PUBLISHED, strict=True):
+        assert (module.in_channels, module.out_channels) == (before, after), layer
+        assert module.kernel_size == (size, size), layer
+        assert module.stride == ((2, 2) if size == 2 else (1, 1)), layer
+    assert tuple(layer for layer, *_ in PUBLISHED) == LAYERS
+
+
+def test_dfd_net_has_the_published_number_of_parameters() -> None:
+    network = DfDNet()
+    weights = sum(before * after * size**2 for _, before, after, size in PUBLISHED)
+    normalized = [52, 48, 40, 32, 24, 20, 12, 8]  # biases subsumed, Eq. 5.12
+    biases = sum(after for layer, _, after, _ in PUBLISHED if layer not in normalized)
+    scales = 2 * sum(after for layer, _, after, _ in PUBLISHED if layer in [*normalized, 5])
+    activations = len(normalized) + 1
+    total = sum(parameter.numel() for parameter in network.parameters())
+    assert total == weights + biases + scales + activations == 10_761_353
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_every_row_of_table_d2_is_a_network(name: str) -> None:
+    assert len(FILTERS[name]) == 18
+    network = DfDNet(FILTERS[name])
+    assert tuple(module.out_channels for module in convolutions(network)) == FILTERS[name]
+
+
+def test_there_are_17_reductions_and_f_02_02_is_as_the_code_has_it() -> None:
+    assert len(FILTERS) == 18
+    expected = [96, 44, 96, 104, 150, 104, 190, 253, 190, 145, 112, 109, 112, 93, 71, 18, 71, 256]
+    assert list(FILTERS["F-02-02"]) == expected
+    high = [-(-number // 8) * 8 for number in expected[:-1]]
+    assert list(FILTERS["F-02-02H"][:-1]) == high
+
+
+@pytest.mark.parametrize("size", range(1, 7))
+def test_any_sampling_size_keeps_the_images_size(size: int) -> None:
+    assert DfDNet(SMALL, sampling_size=size)(torch.zeros(1, 6, 12, 20)).shape == (1, 256, 12, 20)
+
+
+def test_the_particle_swarm_begins_with_a_sigmoid() -> None:
+    network = DfDNet(SMALL, first_activation="sigmoid")
+    kinds = [type(module).__name__ for module in network.modules()]
+    assert kinds.count("Sigmoid") == 1
+    assert kinds.count("PReLU") == 8
+
+
+def test_filters_that_do_not_fit_are_named() -> None:
+    wrong = (*SMALL[:2], 5, *SMALL[3:12], 9, *SMALL[13:])
+    with pytest.raises(InputError) as caught:
+        DfDNet(wrong)
+    assert [problem.expected for problem in caught.value.problems] == [
+        "layers 52 and 45 equal",
+        "layers 24 and 17 equal",
+    ]
+    for few in (SMALL[:-1], (*SMALL[:-1], 100)):
+        with pytest.raises(InputError, match="18 positive numbers"):
+            DfDNet(few)
+    with pytest.raises(InputError, match="prelu or sigmoid"):
+        DfDNet(SMALL, first_activation="relu")
+    with pytest.raises(InputError, match="6: in-focus RGB"):
+        DfDNet(SMALL, channel_means=(1.0, 2.0))
+
+
+def test_unet_is_ronnebergers_with_six_channels_and_256_classes() -> None:
+    found = convolutions(UNet())
+    assert (found[0].in_channels, found[-1].out_channels) == (6, 256)
+    assert len(found) == 5 * 2 + 4 + 4 * 2 + 1
+    assert sum(parameter.numel() for parameter in UNet().parameters()) == 31_050_048
+    with pytest.raises(InputError, match="5 numbers"):
+        UNet(filters=(4, 8, 16, 32, 63))
+
+
+def test_means_are_taken_off_and_255_is_nearly_1() -> None:
+    network = DfDNet(SMALL)
+    means = torch.tensor(PUBLISHED_MEANS).reshape(1, 6, 1, 1).expand(1, 6, 4, 4)
+    assert torch.equal(network.pixels(means), torch.zeros(1, 6, 4, 4))
+    assert torch.allclose(network.pixels(means + 64), torch.full((1, 6, 4, 4), 0.25))
+
+
+def test_folding_changes_no_answer_and_leaves_one_normalization() -> None:
+    torch.manual_seed(0)
+    network = DfDNet(SMALL)
+    pixels = torch.rand(4, 6, 16, 16) * 255
+    for _ in range(5):  # running means that are not 0 and 1
+        network(pixels)
+    network.eval()
+    with torch.no_grad():
+        before = network(pixels)
+        fold_batch_norm(network)
+        assert torch.allclose(network(pixels), before, atol=1e-4)
+    kinds = [type(module).__name__ for module in network.modules()]
+    assert kinds.count("BatchNorm2d") == 1  # after a sum, before no convolution
+
+
+def test_filters_from_differences_do_not_see_brightness() -> None:
+    convolution = DfDNet(SMALL).first
+    start_from_differences(convolution)
+    flat = torch.rand(1, 3, 1, 1).expand(1, 3, 9, 9)
+    answer = convolution(torch.cat([flat, flat], 1))[:, :, 1:-1, 1:-1]
+    assert answer.abs().max() < 1e-6
+
+
+def test_widths_are_divided_but_for_the_levels() -> None:
+    assert narrowed((8, 20, 256), 8) == (1, 2, 256)
+    assert narrowed((3, 20, 256), 8)[0] == 1

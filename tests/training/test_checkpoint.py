@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.errors import InputError  # noqa: E402
+from dfdbench.training.checkpoint import Log, TrainingFolder  # noqa: E402
+
+IDENTITY = {"method": "dfd-net", "configuration": {"crop": 32, "noise": 0.0}}
+
+
+def rows(first: int, last: int) -> Log:
+    losses = [{"step": step, "learning_rate": 0.1, "loss": step / 3} for step in range(first, last)]
+    return Log(losses, [{"step": last - 1, "test_nmae": 0.5}])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> TrainingFolder:
+    made = TrainingFolder(tmp_path / "training")
+    made.save(IDENTITY, {"step": 4, "network": torch.ones(2)}, rows(1, 5))
+    return made
+
+
+def test_what_was_saved_comes_back(folder: TrainingFolder) -> None:
+    assert folder.started
+    state = folder.load(IDENTITY)
+    assert state["step"] == 4
+    assert torch.equal(state["network"], torch.ones(2))
+    log = folder.log()
+    assert [float(row["loss"]) for row in log.losses] == [step / 3 for step in range(1, 5)]
+    assert log.scores == [{"step": "4", "test_nmae": "0.5"}]
+
+
+def test_rows_after_the_checkpoint_are_left_out(folder: TrainingFolder) -> None:
+    # As a kill leaves it between the log and the checkpoint, the last line cut short.
+    with (folder.path / "losses.csv").open("a") as file:
+        file.write("5,0.1,9\n6,0.1,9\n1")
+    folder.load(IDENTITY)
+    assert [row["step"] for row in folder.log().losses] == ["1", "2", "3", "4"]
+
+
+def test_another_training_is_refused_by_what_differs(folder: TrainingFolder) -> None:
+    other = {"method": "u-net", "configuration": {"crop": 32, "noise": 2.0}}
+    with pytest.raises(InputError) as caught:
+        folder.load(other)
+    found = {problem.where.rpartition(": ")[2]: problem.got for problem in caught.value.problems}
+    assert found == {"method": "u-net", "configuration.noise": "2.0"}
+
+
+def test_damaged_checkpoints_and_those_of_another_version(folder: TrainingFolder) -> None:
+    path = folder.path / "checkpoint.pt"
+    content = path.read_bytes()
+    for damaged in (b"", b"no checkpoint", content[: len(content) // 2]):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match="the checkpoint cannot be read"):
+            folder.load(IDENTITY)
+    torch.save({"version": 0, "identity": "{}"}, path)
+    with pytest.raises(InputError, match="another version"):
+        folder.load(IDENTITY)
+
+
+def test_a_checkpoint_runs_no_code(folder: TrainingFolder) -> None:
+    class Evil:
+        def __reduce__(self) -> tuple[object, tuple[str]]:
+            return (print, ("harm",))
+
+    torch.save({"version": 1, "identity": "{}", "evil": Evil()}, folder.path / "checkpoint.pt")
+    with pytest.raises(InputError, match="the checkpoint cannot be read"):
+        folder.load(IDENTITY)

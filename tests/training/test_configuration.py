@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.errors import InputError
+from dfdbench.methods.filter_numbers import FILTERS
+from dfdbench.training.configuration import (
+    TrainingConfiguration,
+    read_configuration,
+    shipped_configurations,
+)
+
+
+def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
+    published = read_configuration("published")
+    assert published == TrainingConfiguration()
+    assert (published.crop, published.learning_rate, published.betas) == (32, 1e-4, (0.5, 0.99))
+    assert (published.weight_decay, published.patience, published.shrink) == (0.0005, 2500, 0.1)
+    assert published.minimum_learning_rate == 1e-10
+    assert published.architecture("dfd-net") == {
+        "filters": list(FILTERS["original"]), "sampling_size": 2, "first_activation": "prelu",
+    }  # fmt: skip
+    assert published.architecture("u-net") == {"filters": [64, 128, 256, 512, 1024]}
+
+
+@pytest.mark.parametrize("name", shipped_configurations())
+def test_every_shipped_configuration_can_be_read(name: str) -> None:
+    read_configuration(name).architecture("dfd-net")
+
+
+def test_a_file_and_changes_to_it(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('filters = "F-02-02"\nnoise = 1\n')
+    read = read_configuration(str(path), {"noise": 3, "betas": [0.9, 0.999]})
+    assert (read.noise, read.betas) == (3.0, (0.9, 0.999))
+    assert read.architecture("dfd-net")["filters"] == list(FILTERS["F-02-02"])
+
+
+def test_every_problem_of_a_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('crop = 3\nnoice = 1\nprecision = "int8"\nlearning_rate = -1\n')
+    with pytest.raises(InputError) as caught:
+        read_configuration(str(path))
+    text = str(caught.value)
+    assert len(caught.value.problems) == 4
+    for word in ("crop", "noice", "precision", "learning_rate", "mine.toml"):
+        assert word in text
+
+
+def test_what_is_no_configuration(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="demo, published"):
+        read_configuration("publisht")
+    path = tmp_path / "mine.toml"
+    path.write_text("crop = = 3")
+    with pytest.raises(InputError, match="not a TOML file"):
+        read_configuration(str(path))
+    with pytest.raises(InputError, match="needs steps"):
+        read_configuration("published", {"schedule": "cosine"})
+    with pytest.raises(InputError, match="F-02-02"):
+        read_configuration("published", {"filters": "F-99"})
+
+
+def test_unet_refuses_what_only_dfd_net_has() -> None:
+    choices = TrainingConfiguration(sampling_size=3, first_activation="sigmoid", filters="F-02-02")
+    with pytest.raises(InputError) as caught:
+        choices.architecture("u-net")
+    assert len(caught.value.problems) == 3

@@ -1,0 +1,145 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.blur import BlurRecipe, synthesize  # noqa: E402
+from dfdbench.errors import InputError  # noqa: E402
+from dfdbench.store import Store  # noqa: E402
+from dfdbench.training.crops import (  # noqa: E402
+    IGNORED,
+    Cropper,
+    Redraw,
+    TrainingImages,
+    count_levels,
+    oriented,
+)
+
+SMALL_BLUR = BlurRecipe(0.3, 0.005, kernel_size=7)
+
+
+@pytest.fixture
+def images(tiny_store: Store) -> TrainingImages:
+    return TrainingImages.read(tiny_store, tiny_store.pairs("test"), ignore_unknown=False)
+
+
+def test_images_are_those_of_the_store(tiny_store: Store, images: TrainingImages) -> None:
+    pairs = tiny_store.pairs("test")
+    pair = tiny_store.read(pairs[2])
+    assert len(images.pixels) == len(pairs) == 7
+    assert np.array_equal(images.pixels[2][:3].permute(1, 2, 0).numpy(), pair.infocus)
+    assert np.array_equal(images.pixels[2][3:].permute(1, 2, 0).numpy(), pair.defocus)
+    assert np.array_equal(images.levels[2].numpy(), pair.depth)
+    assert images.levels[0] is images.levels[1]  # exposures of a view share a depth map
+
+
+def test_unknown_pixels_may_be_left_out(tiny_store: Store) -> None:
+    pairs = tiny_store.pairs("train")
+    depth = tiny_store.read(pairs[0])
+    found = TrainingImages.read(tiny_store, pairs, ignore_unknown=True).levels[0].numpy()
+    assert (found[~depth.valid] == IGNORED).all()
+    assert (found[depth.valid] == depth.depth[depth.valid]).all()
+
+
+def test_channel_means_are_those_of_all_pixels(tiny_store: Store, images: TrainingImages) -> None:
+    pixels = [
+        np.concatenate([pair.infocus, pair.defocus], axis=2).reshape(-1, 6)
+        for pair in map(tiny_store.read, tiny_store.pairs("test"))
+    ]
+    assert images.channel_means() == pytest.approx(np.concatenate(pixels).mean(0), abs=1e-3)
+
+
+def test_a_patch_comes_in_eight_orientations_images_and_depth_alike(
+    images: TrainingImages,
+) -> None:
+    pixels, levels = Cropper(images, 16, 2, True, 0.0, 5).draw(3)
+    assert pixels.shape == (16, 6, 16, 16)
+    assert levels.shape == (16, 16, 16)
+    turned = {oriented(levels[0], orientation).numpy().tobytes() for orientation in range(8)}
+    assert {level.numpy().tobytes() for level in levels[:8]} == turned
+    assert len(turned) == 8
+    # Each depth patch belongs to the pixels it comes with: both lie at one place of one image.
+    for patch, level in zip(pixels, levels, strict=True):
+        assert any(
+            found_at(whole.float(), patch, depth, level)
+            for whole, depth in zip(images.pixels, images.levels, strict=True)
+        )
+
+
+def found_at(
+    whole: torch.Tensor, patch: torch.Tensor, depth: torch.Tensor, level: torch.Tensor
+) -> bool:
+    for orientation in range(8):
+        image, levels = oriented(whole, orientation), oriented(depth, orientation)
+        places = (image[0].unfold(0, 16, 1).unfold(1, 16, 1) == patch[0]).all(-1).all(-1)
+        for top, left in torch.nonzero(places).tolist():
+            here = slice(top, top + 16), slice(left, left + 16)
+            if torch.equal(image[:, here[0], here[1]], patch) and torch.equal(
+                levels[here].long(), level
+            ):
+                return True
+    return False
+
+
+def test_a_step_follows_from_seed_and_number_alone(images: TrainingImages) -> None:
+    def drawn(seed: int, step: int) -> bytes:
+        pixels, levels = Cropper(images, 16, 3, False, 1.0, seed).draw(step)
+        return bytes(pixels.numpy().tobytes() + levels.numpy().tobytes())
+
+    assert drawn(1, 7) == drawn(1, 7)
+    assert len({drawn(1, 7), drawn(1, 8), drawn(2, 7)}) == 3
+
+
+def test_noise_has_its_deviation_and_stays_in_range(images: TrainingImages) -> None:
+    clean, _ = Cropper(images, 16, 64, False, 0.0, 1).draw(0)
+    noisy, _ = Cropper(images, 16, 64, False, 3.0, 1).draw(0)
+    inside = (clean > 15) & (clean < 240)
+    difference = (noisy - clean)[inside]
+    assert float(difference.std()) == pytest.approx(3, rel=0.03)
+    assert float(difference.mean()) == pytest.approx(0, abs=0.05)
+    assert 0 <= float(noisy.min()) <= float(noisy.max()) <= 255
+
+
+def test_patches_larger_than_an_image_are_refused(images: TrainingImages) -> None:
+    with pytest.raises(InputError, match="at most 24"):
+        Cropper(images, 28, 1, True, 0.0, 0)
+    redraw = Redraw(SMALL_BLUR, 40, 200, 1.0, 0)
+    with pytest.raises(InputError, match="at most 18"):
+        Cropper(images, 20, 1, True, 0.0, 0, redraw)
+
+
+def test_redrawn_depth_is_the_blur_of_the_patch() -> None:
+    random = np.random.default_rng(4)
+    infocus = random.integers(0, 256, (22, 22, 3)).astype(np.uint8)
+    depth = np.full((22, 22), 90, np.uint8)
+    depth[:5] = 0
+    means = []
+    for _ in range(200):
+        redrawn, defocus = Redraw(SMALL_BLUR, 60, 160, 0.5, 0)(infocus, depth, random)
+        assert np.array_equal(redrawn == 0, depth == 0)
+        means.append(redrawn[depth > 0].mean())
+    assert np.array_equal(synthesize(infocus, redrawn, SMALL_BLUR), defocus)
+    assert 55 < min(means) < 75
+    assert 145 < max(means) < 165
+
+
+def test_redrawn_patches_are_blurred_with_what_lies_around_them() -> None:
+    # No tilt and one level: patches of the image that was blurred whole, up to their edges.
+    random = np.random.default_rng(5)
+    infocus = random.integers(0, 256, (40, 40, 3)).astype(np.uint8)
+    depth = np.full((40, 40), 100, np.uint8)
+    both = np.concatenate([infocus, synthesize(infocus, depth, SMALL_BLUR)], axis=2)
+    whole = torch.from_numpy(both.transpose(2, 0, 1).copy())
+    images = TrainingImages([whole], [torch.from_numpy(depth.astype(np.int16))])
+    redraw = Redraw(SMALL_BLUR, 100, 100, 0.0, 0)
+    pixels, levels = Cropper(images, 16, 6, False, 0.0, 1, redraw).draw(0)
+    for patch, level in zip(pixels, levels, strict=True):
+        assert found_at(whole.float(), patch, images.levels[0], level)
+
+
+def test_levels_are_counted_without_those_left_out() -> None:
+    counts = count_levels(torch.tensor([[3, 3], [IGNORED, 255]]))
+    assert counts[3] == 2
+    assert counts[255] == 1
+    assert counts.sum() == 3

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.training.crops import IGNORED  # noqa: E402
+from dfdbench.training.loss import LevelLoss  # noqa: E402
+
+CPU = torch.device("cpu")
+
+
+def logits_for(level: int) -> torch.Tensor:
+    logits = torch.zeros(1, 256, 1, 2)
+    logits[0, level] = 50.0
+    return logits
+
+
+def test_without_width_it_is_cross_entropy() -> None:
+    torch.manual_seed(0)
+    logits, levels = torch.randn(2, 256, 3, 3), torch.randint(0, 256, (2, 3, 3))
+    expected = torch.nn.functional.cross_entropy(logits, levels)
+    assert torch.allclose(LevelLoss(0, CPU)(logits, levels), expected)
+
+
+def test_with_width_near_misses_cost_less() -> None:
+    loss = LevelLoss(4, CPU)
+    truth = torch.tensor([[[100, 100]]])
+    at, near, far = (float(loss(logits_for(level), truth)) for level in (100, 104, 150))
+    assert at < near < far
+
+
+@pytest.mark.parametrize("level", [0, 100, 255])
+def test_the_target_itself_costs_nothing(level: int) -> None:
+    loss = LevelLoss(3, CPU)
+    levels = torch.arange(256.0)
+    logits = -(((levels - level) / 3) ** 2) / 2
+    truth = torch.full((1, 1, 1), level)
+    assert abs(float(loss(logits.reshape(1, 256, 1, 1), truth))) < 1e-4
+
+
+@pytest.mark.parametrize("width", [0, 4])
+def test_pixels_left_out_do_not_count(width: float) -> None:
+    loss = LevelLoss(width, CPU)
+    both = torch.cat([logits_for(7), logits_for(200)], 3)
+    counted = loss(both, torch.tensor([[[7, 7, IGNORED, IGNORED]]]))
+    assert torch.allclose(counted, loss(logits_for(7), torch.tensor([[[7, 7]]])))

@@ -1,0 +1,171 @@
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+torch = pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.build import build_store  # noqa: E402
+from dfdbench.errors import InputError, StoreError, UnknownNameError  # noqa: E402
+from dfdbench.evaluate import run_method  # noqa: E402
+from dfdbench.manifest import Manifest  # noqa: E402
+from dfdbench.methods.weights import load_weights  # noqa: E402
+from dfdbench.pair_evaluation import load_for  # noqa: E402
+from dfdbench.sources import open_source  # noqa: E402
+from dfdbench.store import Store  # noqa: E402
+from dfdbench.training.configuration import TrainingConfiguration  # noqa: E402
+from dfdbench.training.trainer import Task, task_of, train  # noqa: E402
+from tests.conftest import write_png  # noqa: E402
+from tests.methods.test_networks import SMALL  # noqa: E402
+
+QUICK = {
+    "filters": list(SMALL), "crop": 16, "crops_per_step": 1, "steps": 12, "evaluate_every": 5,
+    "evaluate_pairs": 1, "learning_rate": 1e-3,
+}  # fmt: skip
+
+
+def task(store: Store, seed: int = 0, **changes: Any) -> Task:
+    return task_of(
+        "dfd-net", store, TrainingConfiguration.model_validate(QUICK | changes), seed=seed
+    )
+
+
+def losses(folder: Path) -> list[str]:
+    with (folder / "losses.csv").open() as file:
+        return [row["loss"] for row in csv.DictReader(file)]
+
+
+def test_a_training_leaves_weights_card_and_log(tiny_store: Store, tmp_path: Path) -> None:
+    outcome = train(task(tiny_store), tmp_path / "t", device="cpu")
+    network, card = load_weights(outcome.weights, "dfd-net")
+    assert card == outcome.card
+    assert (card.steps, card.ended_by) == (12, "its number of steps")
+    assert (card.trained_on, card.scored_on) == ("tiny-1, split train", "test, 7 pairs")
+    assert set(card.scores) == {"nrmse", "nmae", "ssim"}
+    assert card.fingerprint == tiny_store.fingerprint
+    assert card.architecture["channel_means"] == pytest.approx(
+        network.pixels.means.flatten().tolist()
+    )
+    assert len(losses(tmp_path / "t")) == 12
+    with (tmp_path / "t/scores.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["step"] for row in rows] == ["5", "10"]
+    assert all(float(row["train_nmae"]) > 0 and float(row["test_nrmse"]) > 0 for row in rows)
+    with (tmp_path / "t/depth_levels.csv").open() as file:
+        levels = list(csv.DictReader(file))
+    assert sum(int(row["trained"]) for row in levels) == 12 * 8 * 16 * 16
+    assert sum(int(row["present"]) for row in levels) == 4 * 24 * 30
+
+
+@pytest.mark.parametrize("schedule", ["progress", "cosine"])
+def test_stopped_and_resumed_it_has_the_same_losses_bit_for_bit(
+    tiny_store: Store, tmp_path: Path, schedule: str
+) -> None:
+    whole = train(task(tiny_store, schedule=schedule), tmp_path / "whole", device="cpu")
+    for stop in (4, 9):
+
+        def interrupt(step: int, steps: int | None, loss: float, at: int = stop) -> None:
+            if step == at:
+                raise KeyboardInterrupt
+
+        # Stopped by the clock, which writes a checkpoint, then by a hand that does not.
+        train(task(tiny_store, schedule=schedule), tmp_path / "parts", 0.0, "cpu")
+        with pytest.raises(KeyboardInterrupt):
+            train(task(tiny_store, schedule=schedule), tmp_path / "parts", None, "cpu", interrupt)
+    parts = train(task(tiny_store, schedule=schedule), tmp_path / "parts", device="cpu")
+    assert losses(tmp_path / "parts") == losses(tmp_path / "whole")
+    networks = [load_weights(outcome.weights, "dfd-net")[0] for outcome in (whole, parts)]
+    for one, other in zip(*(network.state_dict().values() for network in networks), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_seeds_differ_and_repeat(tiny_store: Store, tmp_path: Path) -> None:
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        train(task(tiny_store, seed, steps=3), tmp_path / name, device="cpu")
+    assert losses(tmp_path / "a") == losses(tmp_path / "b") != losses(tmp_path / "c")
+
+
+def test_time_is_up(tiny_store: Store, tmp_path: Path) -> None:
+    outcome = train(task(tiny_store), tmp_path / "t", 0.0, "cpu")
+    assert (outcome.card.steps, outcome.card.ended_by) == (1, "its time limit")
+
+
+def test_another_configuration_in_the_same_folder_is_refused(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    train(task(tiny_store), tmp_path / "t", 0.0, "cpu")
+    with pytest.raises(InputError, match="noise"):
+        train(task(tiny_store, noise=2.0), tmp_path / "t", None, "cpu")
+
+
+def test_folds_and_splits_say_what_they_trained_on(tiny_store: Store) -> None:
+    choices = TrainingConfiguration.model_validate(QUICK)
+    fold = task_of("dfd-net", tiny_store, choices, fold="K2")
+    assert {pair.scene for pair in fold.train} == {"One", "Two"}
+    assert {pair.scene for pair in fold.test} == {"Three"}
+    assert (fold.trained_on, fold.tested_on) == ("tiny-1, all but K2", "K2")
+    split = task_of("dfd-net", tiny_store, choices, split="test")
+    assert (split.trained_on, split.tested_on) == ("tiny-1, split test", "train")
+    with pytest.raises(UnknownNameError):
+        task_of("dfd-net", tiny_store, choices, split="trian")
+
+
+def test_what_cannot_be_trained(tiny_store: Store, tmp_path: Path) -> None:
+    for changes, message in (
+        ({"crop": 18}, "a multiple of 4"),
+        ({"crop": 64}, "at most 24"),
+        ({"learning_rate": 1e30}, "the loss is no number"),
+        ({"filters": [1, 2, 3]}, "18 positive numbers"),
+    ):
+        with pytest.raises(InputError, match=message):
+            train(task(tiny_store, **changes), tmp_path / "t", None, "cpu")
+    one = Store(tiny_store.path)
+    one.scenes = ("Two",)
+    with pytest.raises(StoreError, match="no pair to train on"):
+        task(one)
+
+
+def noise_scenes(folder: Path) -> None:
+    """Scenes of noise, whose blur is plain to see: boxes at a few depths."""
+    random = np.random.default_rng(8)
+    for scene in ("One", "Two", "Three"):
+        for view in (1, 5):
+            depth = np.full((72, 96), 60, np.uint8)
+            for _ in range(6):
+                top, left = random.integers(0, 48), random.integers(0, 64)
+                depth[top : top + 24, left : left + 32] = random.choice([60, 130, 200])
+            write_png(folder / scene / f"disp{view}.png", depth)
+            for exposure in (0, 1):
+                write_png(folder / scene / f"Illum1/Exp{exposure}/view{view}.png", noise(random))
+
+
+def noise(random: np.random.Generator) -> NDArray[np.uint8]:
+    return random.integers(0, 256, (72, 96, 3)).astype(np.uint8)
+
+
+def test_a_tiny_dfd_net_learns_to_beat_constant_on_a_cpu(
+    tiny_manifest: Manifest, tmp_path: Path
+) -> None:
+    noise_scenes(tmp_path / "site")
+    path = tmp_path / "tiny.zarr"
+    build_store(tiny_manifest, open_source(tiny_manifest, tmp_path / "site"), path)
+    store = Store(path)
+    choices = TrainingConfiguration(
+        narrow=8, crops_per_step=8, expansion="one", learning_rate=1e-3, weight_decay=0,
+        initial_filters="differences", label_width=5, schedule="cosine", steps=250,
+        evaluate_every=10_000,
+    )  # fmt: skip
+    outcome = train(task_of("dfd-net", store, choices), tmp_path / "t", 60, "cpu")
+    learned = load_for(store, "dfd-net", {"weights": str(outcome.weights), "device": "cpu"})
+    constant = load_for(store, "constant", {})
+    scores = {}
+    for method in (learned, constant):
+        averages = run_method(store, method, "test", tmp_path / method.name).result.averages
+        assert averages is not None
+        scores[method.name] = averages["thesis"]
+    for metric in ("nrmse", "nmae"):
+        assert scores["dfd-net"][metric] < 0.5 * scores["constant"][metric]  # type: ignore[operator]
