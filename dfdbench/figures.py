@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.figure_style import COLOURS, MARKERS, plain_text
+from dfdbench.figure_style import COLOURS, MARKERS, depth_span, plain_text
 from dfdbench.figures_groups import group_figures
 from dfdbench.manifest import Pair
 from dfdbench.protocol import METRICS
@@ -93,7 +93,7 @@ def panel_figure(
     heads = ("in-focus", "defocus", "ground truth", "prediction", "prediction − truth")
     for number, (record, images, prediction) in enumerate(rows):
         known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
-        low, high = np.nanmin(known), np.nanmax(known)
+        low, high = depth_span(known)
         depth_style = {"cmap": "viridis", "vmin": low, "vmax": high, "interpolation": "nearest"}
         axes = grid[number]
         axes[0].imshow(images.infocus)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dfdbench.errors import unknown_name
@@ -43,15 +43,13 @@ def score_table(result: Result, protocol: str) -> Table:
     partial = any(group.evaluated < group.expected for group in groups)
     labels = _labels(result)
     columns = [*labels, *(head for name in _ARROWS.values() for head in (name, "std"))]
-    rows, rules = [], set()
-    for number, group in enumerate(groups):
+    rows = []
+    for group in groups:
         cells = [*_place(group, len(labels))]
         for metric in METRICS:
             statistic = group.metrics[metric]
             cells += [_number(statistic.mean), _number(statistic.std)]
         rows.append((*cells, f"{group.evaluated}/{group.expected}") if partial else tuple(cells))
-        if group.row is None:
-            rules.add(number)
     if partial:
         columns.append("pairs")
     state = "" if result.complete else "PARTIAL, "
@@ -61,7 +59,7 @@ def score_table(result: Result, protocol: str) -> Table:
     )
     align = "l" * len(labels) + "r" * (len(columns) - len(labels))
     return Table(
-        title, tuple(columns), tuple(rows), align, tuple(_notes(result, groups)), frozenset(rules)
+        title, tuple(columns), tuple(rows), align, tuple(_notes(result, groups)), _rules(groups)
     )
 
 
@@ -100,12 +98,11 @@ def time_table(result: Result, protocol: str) -> Table:
     machine = f"{environment.cpu}, {environment.cpu_count} cores; threads: {threads}"
     if environment.gpu:
         machine += f"; GPU: {environment.gpu}"
-    rules = frozenset(number for number, group in enumerate(groups) if group.row is None)
     alone = all(pair.timed_alone for pair in result.pairs)
     how = "one at a time" if alone else "several at once: not comparable"
     return Table(
         f"seconds a pair, warm, {how}", (*labels, "mean", "std"), tuple(rows),
-        "l" * len(labels) + "rr", (machine,), rules,
+        "l" * len(labels) + "rr", (machine,), _rules(groups),
     )  # fmt: skip
 
 
@@ -271,6 +268,13 @@ def _place(group: Group, count: int) -> tuple[str, ...]:
     if group.block is None:
         return ("overall", "")[:count]
     return (str(group.block), "overall" if group.row is None else str(group.row))[:count]
+
+
+def _rules(groups: Sequence[Group]) -> frozenset[int]:
+    """Return the rows that a line follows: whole blocks, or all but the overall row."""
+    blocks = [number for number, group in enumerate(groups) if group.row is None]
+    several = any(group.row is not None for group in groups)
+    return frozenset(blocks if several else blocks[-2:-1])
 
 
 def _number(value: float | None) -> str:

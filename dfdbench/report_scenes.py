@@ -52,7 +52,11 @@ def _table(result: Result, protocol: str, what: str, label_of: Mapping[str, str]
         for metric, up in METRICS.items()
         for head in (f"{metric.upper()} {'↑' if up else '↓'}", "std")
     ]
-    title = f"by {what}, protocol {protocol}"
+    dataset = result.dataset
+    title = (
+        f"{result.method.name} on {dataset.name}, split {dataset.split}, by {what}, "
+        f"protocol {protocol}"
+    )
     columns = (what, "scenes", *heads, "pairs")
     return Table(title, columns, tuple(rows), "ll" + "r" * (len(columns) - 2), notes)
 
