@@ -82,6 +82,7 @@ def _figure(
                 )  # fmt: skip
                 named = "_"  # one entry of the legend a run
         axis.set_xlabel(f"{metric.upper()} ({'higher' if up else 'lower'} is better)")
+        axis.locator_params(axis="x", nbins=4)
         axis.grid(axis="x", alpha=0.3)
     grid[0].set_yticks(range(len(labels)), labels)
     grid[0].set_ylim(len(labels) - 0.5, -0.5)
@@ -90,7 +91,7 @@ def _figure(
     whose = "" if several else f"{plain_text(next(iter(results)))} on "
     figure.suptitle(
         f"{whose}{first.dataset.name}, split {first.dataset.split}, protocol {protocol}: "
-        "mean and standard deviation",
+        "mean and standard deviation; a dot is a pair",
         fontsize=10,
     )
     if several:
