@@ -133,7 +133,7 @@ def register_scenes(
             step(number, len(drawn))
     if rows:
         columns = ("scene", "", "rays on their side", "known to (pixels)", "moved by (pixels)")
-        print_table(Table("registration", columns, tuple(rows), "llrrr", _open_heights(found)))
+        print_table(Table("registration", columns, tuple(rows), "llrrr", _notes(found)))
     if problems:
         raise SourceError([_at_scene(p, name) for name in there for p in problems.get(name, ())])
     if not rows:
@@ -196,14 +196,14 @@ def _drawn(name: str, one: _Seen, found: Registration | None, rig: Rig) -> tuple
     return name, f"estimated {how}", agreed, f"± {found.known_to:.1f}", shift
 
 
-def _open_heights(found: Mapping[str, Registration]) -> tuple[str, ...]:
-    names = [name for name, one in found.items() if one.known_to > _KNOWN_WELL]
-    if not names:
-        return ()
-    listed = ", ".join(names)
-    return (
-        f"{listed}: the beams leave open where the board lies; register it with others of its rig",
-    )
+def _notes(found: Mapping[str, Registration]) -> tuple[str, ...]:
+    loose = [name for name, one in found.items() if one.known_to > _KNOWN_WELL]
+    unseen = [name for name, one in found.items() if one.agreement is None]
+    told = {
+        "the beams leave open where the board lies; register it with others of its rig": loose,
+        "the image shows too little of the board; it lies where the others tell": unseen,
+    }
+    return tuple(f"{', '.join(names)}: {what}" for what, names in told.items() if names)
 
 
 def _sharp_frame(files: RawScene) -> tuple[NDArray[np.uint8], str]:

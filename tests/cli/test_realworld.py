@@ -37,10 +37,18 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     other = dfdbench("build", "realworld", "--source", "raw", "--pair", "129,141")
     assert (other.status, "--store PATH" in other.err) == (2, True)
 
-    run = ("run", "--method", "mymodule:predict", "--dataset", "realworld", "--split",
-           "test-pruned", "--no-predictions")  # fmt: skip
+    run = ["run", "--method", "mymodule:predict", "--dataset", "realworld", "--split",
+           "test-pruned"]  # fmt: skip
     ran = dfdbench(*run)
     assert ran.status == 0, ran.err
+    parts = ("exposure_ms", "geometry", "texture")
+    figures = Path("results/realworld-1-test-pruned/mymodule-predict/figures")
+    assert {f"by_{what}.png" for what in parts} < {path.name for path in figures.iterdir()}
+    told = dfdbench("report", str(figures.parent), "--out", "page", "--format", "markdown")
+    assert told.status == 0, told.err
+    assert {f"1-by-{what}.png" for what in parts} < {path.name for path in Path("page").iterdir()}
+    assert "by texture, protocol thesis" in Path("page/report.md").read_text()
+    run.append("--no-predictions")
     rows = [line.split() for line in ran.out.splitlines()]
     near_right = next(row for row in rows if row[:1] == ["oblique-near-right"])
     assert near_right[-1] == "1/14"
