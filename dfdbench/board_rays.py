@@ -96,6 +96,37 @@ def board_rays(ranges: Floats, beams: Beams) -> Rays:
     return Rays(met, hit, (gap > _BEHIND) & (on_plane > 0) & (met[..., 2] > 0))
 
 
+def expected_sides(places: Floats, hit: Mask) -> list[tuple[Floats, Floats]]:
+    """Return where in the frame the rays tell the board's sides to be: top, right, bottom, left.
+
+    Parameters
+    ----------
+    places : ndarray of float, shape (row, column, 2)
+        Where each ray appears in the frame, in pixels (x, y).
+    hit : ndarray of bool, shape (row, column)
+        Whether it hit the board.
+
+    Returns
+    -------
+    list of (start, end)
+        Each side's ends (x, y), clockwise.
+    """
+    rows = np.flatnonzero(hit.any(axis=1))
+    columns = np.flatnonzero(hit.any(axis=0))
+    first, last = hit.argmax(axis=1), hit.shape[1] - 1 - hit[:, ::-1].argmax(axis=1)
+    top, bottom = hit.argmax(axis=0), hit.shape[0] - 1 - hit[::-1].argmax(axis=0)
+    borders = (
+        places[top[columns], columns],
+        places[rows, last[rows]],
+        places[bottom[columns], columns],
+        places[rows, first[rows]],
+    )
+    lines = [cv2.fitLine(b.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01) for b in borders]
+    through = [(line[2:, 0].astype(np.float64), line[:2, 0].astype(np.float64)) for line in lines]
+    corners = [_crossing(through[side - 1], through[side]) for side in range(4)]
+    return [(corners[side], corners[(side + 1) % 4]) for side in range(4)]
+
+
 def _fit_plane(points: Floats) -> tuple[Floats, float]:
     chosen = points
     for _ in range(5):
@@ -103,3 +134,9 @@ def _fit_plane(points: Floats) -> tuple[Floats, float]:
         normal = np.linalg.svd(chosen - middle, full_matrices=False)[2][2]
         chosen = points[np.abs((points - middle) @ normal) < _OFF_PLANE]
     return normal, float(middle @ normal)
+
+
+def _crossing(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> Floats:
+    (p, u), (q, v) = first, second
+    along = np.linalg.lstsq(np.stack([u, -v], axis=1), q - p, rcond=None)[0]
+    return np.asarray(p + along[0] * u)

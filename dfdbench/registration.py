@@ -12,13 +12,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from itertools import product
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
 from dfdbench.board_outline import SEARCH, find_sides
-from dfdbench.board_rays import Mask, Rays, board_rays
+from dfdbench.board_rays import Mask, Rays, board_rays, expected_sides
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.lidar import Beams
 from dfdbench.rig import Pose, Rig
@@ -110,7 +109,7 @@ def sight(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: Rig) -> S
     """
     rays = board_rays(ranges, beams)
     places = rig.project(Pose().to_camera(rays.points, rig))
-    expected = _expected_sides(places, rays.hit)
+    expected = expected_sides(places, rays.hit)
     found = find_sides(image, expected, places[rays.hit].mean(axis=0))
     return Sighting(rays, [lines for lines in found if lines])
 
@@ -272,29 +271,6 @@ def _known_to(boards: Sequence[_Fitted], rig: Rig) -> float:
             wrong[number] += ((moved > 0) != rays.hit[near][:, np.newaxis]).sum(axis=0)
     free = np.logical_and.accumulate(wrong <= wrong[:, :1] + _MORE_WRONG, axis=1)
     return float(_SLIDE[free.sum(axis=1) - 1].max())
-
-
-def _expected_sides(places: Floats, hit: Mask) -> list[tuple[Floats, Floats]]:
-    rows = np.flatnonzero(hit.any(axis=1))
-    columns = np.flatnonzero(hit.any(axis=0))
-    first, last = hit.argmax(axis=1), hit.shape[1] - 1 - hit[:, ::-1].argmax(axis=1)
-    top, bottom = hit.argmax(axis=0), hit.shape[0] - 1 - hit[::-1].argmax(axis=0)
-    borders = (
-        places[top[columns], columns],
-        places[rows, last[rows]],
-        places[bottom[columns], columns],
-        places[rows, first[rows]],
-    )
-    lines = [cv2.fitLine(b.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01) for b in borders]
-    through = [(line[2:, 0].astype(np.float64), line[:2, 0].astype(np.float64)) for line in lines]
-    corners = [_crossing(through[side - 1], through[side]) for side in range(4)]
-    return [(corners[side], corners[(side + 1) % 4]) for side in range(4)]
-
-
-def _crossing(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> Floats:
-    (p, u), (q, v) = first, second
-    along = np.linalg.lstsq(np.stack([u, -v], axis=1), q - p, rcond=None)[0]
-    return np.asarray(p + along[0] * u)
 
 
 def _inside(places: Floats, outline: Floats) -> Floats:
