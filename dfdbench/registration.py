@@ -153,22 +153,24 @@ def register(
             on_scene(number, len(sightings))
     members = _of_one_rig(fitted, rig)
     boards = list(members.values())
+    known_to = _known_to(boards, rig)
     found = {}
     for name, sighting in sightings.items():
         if name in fitted and name not in members:
-            found[name] = _registration(fitted[name], [fitted[name]], rig)
+            one = fitted[name]
+            found[name] = _registration(one, _known_to([one], rig), 1, rig)
         elif boards:
             one = members.get(name) or _under(boards[0].pose, sighting, rig)
             if name in members or not one.outline.size or one.agreement >= _AGREED:
                 problems.pop(name, None)
-                found[name] = _registration(one, boards, rig)
+                found[name] = _registration(one, known_to, len(boards), rig)
     return found, problems
 
 
-def _registration(one: _Fitted, boards: Sequence[_Fitted], rig: Rig) -> Registration:
+def _registration(one: _Fitted, known_to: float, boards: int, rig: Rig) -> Registration:
     matrix = one.sighting.rays.matrix(one.pose, rig)
     agreement = one.agreement if one.outline.size else None
-    return Registration(matrix, one.pose, agreement, _known_to(boards, rig), len(boards))
+    return Registration(matrix, one.pose, agreement, known_to, boards)
 
 
 def _fit(sighting: Sighting, rig: Rig) -> _Fitted:
@@ -208,7 +210,7 @@ def _of_one_rig(fitted: Mapping[str, _Fitted], rig: Rig) -> dict[str, _Fitted]:
         if _apart(board.pose, Pose(*middle), rig) < _known_to([board], rig) + _MOVED
     }
     while len(members) > 1:
-        pose = _turn_into_place(list(members.values()), middle, rig)
+        pose = _turn_into_place(list(members.values()), middle, SEARCH / 2, rig)
         agreed = {}
         for name, board in members.items():
             under = _under(pose, board.sighting, rig, board.outline)
@@ -230,7 +232,7 @@ def _apart(first: Pose, second: Pose, rig: Rig) -> float:
 
 def _turned(sighting: Sighting, outline: Floats, rig: Rig) -> _Fitted:
     start = _Fitted(sighting, outline, Pose(), 0.0)
-    pose = _turn_into_place([start], np.zeros(3), rig)
+    pose = _turn_into_place([start], np.zeros(3), 2 * SEARCH, rig)
     return _Fitted(sighting, outline, pose, _agreement(sighting.rays, outline, pose, rig))
 
 
@@ -262,7 +264,8 @@ def _known_to(boards: Sequence[_Fitted], rig: Rig) -> float:
     wrong = np.zeros((len(_DIRECTIONS), _SLIDE.size))
     for board in boards:
         rays = board.sighting.rays
-        _, near = _near(rays, board.outline, board.pose, rig)
+        distance, near = _near(rays, board.outline, board.pose, rig)
+        near &= np.abs(distance) <= _SLIDE[-1]
         places = rig.project(board.pose.to_camera(rays.points[near], rig))
         distances = places @ board.outline[:, :2].T + board.outline[:, 2]
         for number, direction in enumerate(_DIRECTIONS):
@@ -278,13 +281,13 @@ def _inside(places: Floats, outline: Floats) -> Floats:
     return np.asarray(distances.min(axis=-1))
 
 
-def _turn_into_place(boards: Sequence[_Fitted], start: Floats, rig: Rig) -> Pose:
+def _turn_into_place(boards: Sequence[_Fitted], start: Floats, reach: float, rig: Rig) -> Pose:
+    # What is farther than `reach` pixels from the outline stays on its side: the start is near.
     known = []
     for board in boards:
         rays = board.sighting.rays
-        # What is farther from the outline stays on its side wherever the board is turned to.
         distance = _inside(rig.project(Pose(*start).to_camera(rays.points, rig)), board.outline)
-        used = (rays.hit | rays.passed) & (np.abs(distance) < 2 * SEARCH)
+        used = (rays.hit | rays.passed) & (np.abs(distance) < reach)
         known.append((rays.points[used], np.where(rays.hit[used], 1.0, -1.0), board.outline))
 
     def cost(angles: Floats, softness: float) -> float:
