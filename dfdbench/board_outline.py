@@ -20,8 +20,8 @@ _WEAK_EDGE = 3.0  # levels a pixel: an edge of this strength counts half
 _BAND = 8  # pixels beyond a side that should be plain: what lies behind the board is not textured
 _LEAST_SUPPORT = 0.2
 _SAMPLES = 160
-_CANDIDATES = 4
-_APART = 8  # pixels between two candidates
+_CANDIDATES = 6
+_APART = 7  # pixels between two candidates, in their middle or between their ends
 
 
 def find_sides(
@@ -77,7 +77,8 @@ def _candidates(slopes: list[Floats], start: Floats, end: Floats, middle: Floats
         clear = strength[chosen, np.arange(_SAMPLES)] > _LEAST_SUPPORT
         if clear.sum() > _SAMPLES / 10:
             lines.append(_fitted(edge[clear], middle))
-        support[max(best[0] - _APART, 0) : best[0] + _APART + 1] = 0
+        near = [slice(max(place - _APART, 0), place + _APART + 1) for place in best]
+        support[tuple(near)] = 0
     return lines
 
 

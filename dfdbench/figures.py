@@ -1,4 +1,4 @@
-"""Figures out of a run: panels of pairs, scores by scene and lighting, depth histograms."""
+"""Figures out of a run: panels of pairs, scores by scene, by what parts them, depths."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from dfdbench.figure_style import COLOURS, MARKERS, depth_span, plain_text
+from dfdbench.figures_groups import group_figures
 from dfdbench.manifest import Pair
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result
@@ -16,9 +18,6 @@ from dfdbench.run_folder import read_prediction
 from dfdbench.store import Store
 from dfdbench.summary import ranked
 
-# Okabe and Ito's colours, which the colour-blind can tell apart; markers differ as well.
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _PANELS = 3
 ERROR_LIMIT = 50.0
 
@@ -54,6 +53,9 @@ def draw_run(
         "worst.png": panel_figure(store, result, folder, order[::-1][:_PANELS], protocol, "worst"),
         "depths.png": depth_figure(store, result, folder),
     }
+    runs = {result.method.name: result}
+    for what, parted in group_figures(runs, protocol, store.manifest.scenes).items():
+        figures[f"by_{what}.png"] = parted
     paths = []
     for name, figure in figures.items():
         if figure is None:
@@ -91,7 +93,7 @@ def panel_figure(
     heads = ("in-focus", "defocus", "ground truth", "prediction", "prediction − truth")
     for number, (record, images, prediction) in enumerate(rows):
         known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
-        low, high = np.nanmin(known), np.nanmax(known)
+        low, high = depth_span(known)
         depth_style = {"cmap": "viridis", "vmin": low, "vmax": high, "interpolation": "nearest"}
         axes = grid[number]
         axes[0].imshow(images.infocus)
@@ -204,18 +206,6 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     axis.grid(alpha=0.3)
     axis.legend()
     return figure
-
-
-def plain_text(text: str) -> str:
-    r"""Return text as matplotlib shows it letter by letter: no formulas, no hidden legends.
-
-    Examples
-    --------
-    >>> plain_text("_a$b$")
-    ' _a\\$b\\$'
-    """
-    text = " ".join(text.splitlines()).replace("$", r"\$")
-    return f" {text}" if text.startswith("_") else text
 
 
 def _nearest(levels: NDArray[np.float32]) -> NDArray[np.int64]:

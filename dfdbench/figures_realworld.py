@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from dfdbench.figure_style import depth_span
 from dfdbench.lens_captures import Measurement
 
 _BLUE, _ORANGE = "#0072B2", "#E69F00"
@@ -30,7 +31,7 @@ def overlay_figure(image: NDArray[np.uint8], depths: Mapping[str, Depth], title:
     # Dark exposures are drawn brighter, or there would be nothing to compare with.
     shown = np.clip(image / max(float(np.percentile(image, 99)), 1.0), 0, 1)
     known = np.concatenate([levels[valid] for levels, valid in depths.values()])
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 255.0)
+    low, high = depth_span(known.astype(np.float64)) if known.size else (0.0, 255.0)
     figure = Figure(figsize=(5.2 * len(depths) + 1.2, 5.4), layout="constrained")
     grid = figure.subplots(1, len(depths), squeeze=False)[0]
     for axis, (name, (levels, valid)) in zip(grid, depths.items(), strict=True):

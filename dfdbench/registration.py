@@ -2,34 +2,54 @@
 
 The thesis did it by hand with an interactive tool (3.2.5, step 6). Here a plane is fitted to the
 board's returns, the board's four sides are found in the image, and the LIDAR is turned until rays
-that hit the board project inside its outline and rays that passed it project outside.
+that hit the board project inside its outline and rays that passed it project outside. What one
+board leaves open, others that the same rig saw settle.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, dataclass
+from itertools import product
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, optimize
+from scipy import optimize
 
 from dfdbench.board_outline import SEARCH, find_sides
-from dfdbench.errors import Problem, SourceError
-from dfdbench.lidar import Beams, align_columns, crop_columns, in_range
-from dfdbench.rig import Pose, Rig, beam_directions, depth_image_places
+from dfdbench.board_rays import Mask, Rays, board_rays, expected_sides
+from dfdbench.errors import DfdbenchError, Problem, SourceError
+from dfdbench.lidar import Beams
+from dfdbench.rig import Pose, Rig
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
-_LEAST_RAYS = 100
 _LEAST_SIDES = 3
-_BY_HAND = "write the transform by hand: see docs/realworld.md"
-_OFF_PLANE = 0.06  # metres: range noise and a board that is not quite flat
-_BEHIND = 0.15  # metres behind the board: the ray has passed it
-_AGREED = 0.97  # share of rays on their side from which an outline is taken for the board's
+_BY_HAND = "register it with others of its rig, or by hand: see docs/realworld.md"
+_AGREED = 0.99  # share of rays on their side from which an outline is taken for the board's
 _DOUBTFUL = 0.95
+_MOVED = 5.0  # pixels that scenes may differ by themselves and still be of one rig
+_GIVEN_UP = 0.01  # how much of its own agreement a scene may give up for the rig's pose
 _SOFTNESS = (2.0, 0.5)  # pixels: first to find the place, then to settle in it
+_SLIDE = np.arange(0, 20.1, 0.25)  # pixels
+_DIRECTIONS = ((0, -1), (0, 1), (-1, 0), (1, 0))
+_MORE_WRONG = 2  # rays
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A board as the LIDAR and the camera saw it.
+
+    Parameters
+    ----------
+    rays : Rays
+        The LIDAR's.
+    sides : list of list of ndarray, shape (3,)
+        Lines in the frame that may be the board's sides, best first, for each side that is seen.
+    """
+
+    rays: Rays
+    sides: list[list[Floats]]
 
 
 @dataclass(frozen=True)
@@ -40,28 +60,36 @@ class Registration:
     ----------
     matrix : ndarray of float, shape (3, 3)
         Projective, from a place (x, y) of the depth image to one of the image, in pixels.
-    agreement : float
-        Share of the rays near the outline that fall on their side of it.
     pose : Pose
-        How the LIDAR is turned, as far as one scene tells.
+        How the LIDAR is turned.
+    agreement : float or None
+        Share of the rays near the board's outline that fall on their side of it; None where the
+        image shows too little of the board to tell.
+    known_to : float
+        How far the boards can be moved up, down or aside until more rays disagree, in pixels.
+    boards : int
+        How many boards told the pose.
     """
 
     matrix: Floats
-    agreement: float
     pose: Pose
+    agreement: float | None
+    known_to: float
+    boards: int
 
 
 @dataclass(frozen=True)
-class _Rays:
-    """Where rays meet the board's plane, whether they hit the board, whether they passed it."""
+class _Fitted:
+    """A sighting, which of its lines are taken for the board's, and how the LIDAR is turned."""
 
-    points: Floats
-    hit: Mask
-    passed: Mask
+    sighting: Sighting
+    outline: Floats
+    pose: Pose
+    agreement: float
 
 
-def register(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: Rig) -> Registration:
-    """Estimate the transform from the LIDAR's depth image to the camera's image.
+def sight(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: Rig) -> Sighting:
+    """Find a board in a scan and its sides in a frame.
 
     Parameters
     ----------
@@ -77,94 +105,76 @@ def register(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: Rig) -
     Raises
     ------
     SourceError
-        Where the LIDAR sees no board, the image shows less than three of its sides, or the two
-        do not agree.
+        Where the LIDAR sees no board.
     """
-    rays = _board_rays(ranges, beams)
-    sides = _image_sides(image, rays, rig)
-    pose, agreement = _fit(rays, [lines[0] for lines in sides], rig)
-    for number, lines in enumerate(sides):
-        # A texture may have a line that is clearer than a side; then the rays do not agree.
-        for other in lines[1:] if agreement < _AGREED else ():
-            trial = [*(chosen[0] for chosen in sides[:number]), other,
-                     *(chosen[0] for chosen in sides[number + 1 :])]  # fmt: skip
-            turned, agreed = _fit(rays, trial, rig)
-            if agreed > agreement:
-                pose, agreement, sides[number] = turned, agreed, [other]
-    if agreement < _DOUBTFUL:
-        raise SourceError(
-            Problem(
-                "the board in the image and the board of the LIDAR do not agree", "image",
-                f"{100 * _DOUBTFUL:.0f} % of the rays on their side of the outline",
-                f"{100 * agreement:.1f} %", _BY_HAND,
-            )
-        )  # fmt: skip
-    return Registration(_matrix_of(rays, pose, rig), agreement, pose)
-
-
-def nominal(ranges: Floats, beams: Beams, rig: Rig) -> Registration:
-    """Return the transform of a LIDAR that is mounted without any turn: where estimation starts."""
-    rays = _board_rays(ranges, beams)
-    return Registration(_matrix_of(rays, Pose(), rig), 0.0, Pose())
-
-
-def matrix_for(ranges: Floats, beams: Beams, rig: Rig, pose: Pose) -> Floats:
-    """Return the projective matrix of the board's plane for a pose that is known."""
-    return _matrix_of(_board_rays(ranges, beams), pose, rig)
-
-
-def board_corners(ranges: Floats, beams: Beams) -> Floats:
-    """Return four places (x, y) around the board in the depth image, to write a transform by."""
-    hit = _board_rays(ranges, beams).hit
-    places = depth_image_places(*hit.shape)[hit]
-    (left, top), (right, bottom) = places.min(axis=0), places.max(axis=0)
-    return np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-
-
-def _board_rays(ranges: Floats, beams: Beams) -> _Rays:
-    columns = np.arange(ranges.shape[1])
-    directions = np.stack(
-        [
-            crop_columns(align_columns(part, beams))
-            for part in np.moveaxis(beam_directions(beams, columns, len(columns)), -1, 0)
-        ],
-        axis=-1,
-    )
-    metres = crop_columns(align_columns(ranges, beams)) / 1000
-    points = directions * metres[..., np.newaxis]
-    labels, _ = ndimage.label(in_range(points[..., 2] * 1000))
-    sizes = np.bincount(labels.ravel())
-    sizes[0] = 0
-    if sizes.max(initial=0) < _LEAST_RAYS:
-        raise SourceError(
-            Problem(
-                "the LIDAR sees no board", "ranges", f"{_LEAST_RAYS} neighbouring returns from "
-                "less than 2.55 m ahead", f"{sizes.max(initial=0)}",
-            )
-        )  # fmt: skip
-    board = labels == sizes.argmax()
-    normal, offset = _fit_plane(points[board])
-    on_plane = offset / (directions @ normal)
-    met = directions * on_plane[..., np.newaxis]
-    gap = (metres - on_plane) * (metres > 0)
-    hit = board & (np.abs(gap) < 2 * _OFF_PLANE)
-    return _Rays(met, hit, (gap > _BEHIND) & (on_plane > 0) & (met[..., 2] > 0))
-
-
-def _fit_plane(points: Floats) -> tuple[Floats, float]:
-    chosen = points
-    for _ in range(5):
-        middle = chosen.mean(axis=0)
-        normal = np.linalg.svd(chosen - middle, full_matrices=False)[2][2]
-        chosen = points[np.abs((points - middle) @ normal) < _OFF_PLANE]
-    return normal, float(middle @ normal)
-
-
-def _image_sides(image: NDArray[np.uint8], rays: _Rays, rig: Rig) -> list[list[Floats]]:
+    rays = board_rays(ranges, beams)
     places = rig.project(Pose().to_camera(rays.points, rig))
-    expected = _expected_sides(places, rays.hit)
+    expected = expected_sides(places, rays.hit)
     found = find_sides(image, expected, places[rays.hit].mean(axis=0))
-    sides = [lines for lines in found if lines]
+    return Sighting(rays, [lines for lines in found if lines])
+
+
+def register(
+    sightings: Mapping[str, Sighting],
+    rig: Rig,
+    on_scene: Callable[[int, int], None] | None = None,
+) -> tuple[dict[str, Registration], dict[str, tuple[Problem, ...]]]:
+    """Estimate the transforms from the LIDAR's depth images to the images of scenes of one rig.
+
+    The LIDAR is turned the same in all of them. A board whose sides run along the beams leaves
+    its height open by a part of their distance; boards aslant or at another distance do not. A
+    scene that contradicts the others is registered by itself; one that shows less than three
+    sides is given what the others tell.
+
+    Parameters
+    ----------
+    sightings : mapping of str to Sighting
+        By the scene's name; one is enough.
+    rig : Rig
+        Focal length, sizes and baseline.
+    on_scene : callable, optional
+        Called with (scenes fitted by themselves, scenes in all).
+
+    Returns
+    -------
+    registrations : dict of str to Registration
+        Of the scenes where it was found.
+    problems : dict of str to tuple of Problem
+        Of the others: sides that are not seen, or that do not agree with the rays.
+    """
+    fitted: dict[str, _Fitted] = {}
+    problems: dict[str, tuple[Problem, ...]] = {}
+    for number, (name, sighting) in enumerate(sightings.items(), start=1):
+        try:
+            fitted[name] = _fit(sighting, rig)
+        except DfdbenchError as error:
+            problems[name] = error.problems
+        if on_scene:
+            on_scene(number, len(sightings))
+    members = _of_one_rig(fitted, rig)
+    boards = list(members.values())
+    known_to = _known_to(boards, rig)
+    found = {}
+    for name, sighting in sightings.items():
+        if name in fitted and name not in members:
+            one = fitted[name]
+            found[name] = _registration(one, _known_to([one], rig), 1, rig)
+        elif boards:
+            one = members.get(name) or _under(boards[0].pose, sighting, rig)
+            if name in members or not one.outline.size or one.agreement >= _AGREED:
+                problems.pop(name, None)
+                found[name] = _registration(one, known_to, len(boards), rig)
+    return found, problems
+
+
+def _registration(one: _Fitted, known_to: float, boards: int, rig: Rig) -> Registration:
+    matrix = one.sighting.rays.matrix(one.pose, rig)
+    agreement = one.agreement if one.outline.size else None
+    return Registration(matrix, one.pose, agreement, known_to, boards)
+
+
+def _fit(sighting: Sighting, rig: Rig) -> _Fitted:
+    sides = sighting.sides
     if len(sides) < _LEAST_SIDES:
         raise SourceError(
             Problem(
@@ -172,39 +182,98 @@ def _image_sides(image: NDArray[np.uint8], rays: _Rays, rig: Rig) -> list[list[F
                 f"{_LEAST_SIDES} sides at least", str(len(sides)), _BY_HAND,
             )
         )  # fmt: skip
-    return sides
+    best = _turned(sighting, np.array([lines[0] for lines in sides]), rig)
+    for number, lines in enumerate(sides):
+        # A texture may have a line that is clearer than a side; then the rays do not agree.
+        for other in lines[1:] if best.agreement < _AGREED else ():
+            outline = best.outline.copy()
+            outline[number] = other
+            best = max(best, _turned(sighting, outline, rig), key=lambda one: one.agreement)
+    if best.agreement < _DOUBTFUL:
+        raise SourceError(
+            Problem(
+                "the board in the image and the board of the LIDAR do not agree", "image",
+                f"{100 * _DOUBTFUL:.0f} % of the rays on their side of the outline",
+                f"{100 * best.agreement:.1f} %", _BY_HAND,
+            )
+        )  # fmt: skip
+    return best
 
 
-def _fit(rays: _Rays, lines: list[Floats], rig: Rig) -> tuple[Pose, float]:
-    """Return the pose for an outline, and the share of rays near it that fall on their side."""
-    outline = np.array(lines)
-    pose = _turn_into_place(rays, outline, rig)
+def _of_one_rig(fitted: Mapping[str, _Fitted], rig: Rig) -> dict[str, _Fitted]:
+    """Return the boards that agree on one pose, under it; none where no two of several do."""
+    poses = [astuple(board.pose) for board in fitted.values()]
+    middle = np.median(poses or [astuple(Pose())], axis=0)
+    members = {
+        name: board
+        for name, board in fitted.items()
+        if _apart(board.pose, Pose(*middle), rig) < _known_to([board], rig) + _MOVED
+    }
+    while len(members) > 1:
+        pose = _turn_into_place(list(members.values()), middle, SEARCH / 2, rig)
+        agreed = {}
+        for name, board in members.items():
+            under = _under(pose, board.sighting, rig, board.outline)
+            if under.agreement >= fitted[name].agreement - _GIVEN_UP:
+                agreed[name] = under
+        same = all((members[name].outline == one.outline).all() for name, one in agreed.items())
+        if len(agreed) == len(members) and same:
+            return agreed
+        members = agreed
+    return members if len(fitted) == 1 else {}
+
+
+def _apart(first: Pose, second: Pose, rig: Rig) -> float:
+    """Return how far apart two poses put what lies within the image, in pixels, at most."""
+    yaw, pitch, roll = np.abs(np.subtract(astuple(first), astuple(second)))
+    turned = np.hypot(yaw, pitch) * rig.focal_length + roll * max(rig.frame_size) / 2
+    return float(np.deg2rad(turned))
+
+
+def _turned(sighting: Sighting, outline: Floats, rig: Rig) -> _Fitted:
+    start = _Fitted(sighting, outline, Pose(), 0.0)
+    pose = _turn_into_place([start], np.zeros(3), 2 * SEARCH, rig)
+    return _Fitted(sighting, outline, pose, _agreement(sighting.rays, outline, pose, rig))
+
+
+def _under(pose: Pose, sighting: Sighting, rig: Rig, outline: Floats | None = None) -> _Fitted:
+    """Return a sighting under a pose that is known, with the lines that agree best with it."""
+    rays = sighting.rays
+    if outline is not None and (agreed := _agreement(rays, outline, pose, rig)) >= _AGREED:
+        return _Fitted(sighting, outline, pose, agreed)
+    if len(sighting.sides) < _LEAST_SIDES:
+        return _Fitted(sighting, np.zeros((0, 3)), pose, 0.0)
+    outlines = [np.array(lines) for lines in product(*sighting.sides)]
+    agreements = [_agreement(rays, lines, pose, rig) for lines in outlines]
+    best = int(np.argmax(agreements))
+    return _Fitted(sighting, outlines[best], pose, agreements[best])
+
+
+def _agreement(rays: Rays, outline: Floats, pose: Pose, rig: Rig) -> float:
+    distance, near = _near(rays, outline, pose, rig)
+    return float(((distance > 0) == rays.hit)[near].mean()) if near.any() else 0.0
+
+
+def _near(rays: Rays, outline: Floats, pose: Pose, rig: Rig) -> tuple[Floats, Mask]:
     distance = _inside(rig.project(pose.to_camera(rays.points, rig)), outline)
-    near = (np.abs(distance) < SEARCH) & (rays.hit | rays.passed)
-    return pose, float(((distance > 0) == rays.hit)[near].mean()) if near.any() else 0.0
+    return distance, (np.abs(distance) < SEARCH) & (rays.hit | rays.passed)
 
 
-def _expected_sides(places: Floats, hit: Mask) -> list[tuple[Floats, Floats]]:
-    rows = np.flatnonzero(hit.any(axis=1))
-    columns = np.flatnonzero(hit.any(axis=0))
-    first, last = hit.argmax(axis=1), hit.shape[1] - 1 - hit[:, ::-1].argmax(axis=1)
-    top, bottom = hit.argmax(axis=0), hit.shape[0] - 1 - hit[::-1].argmax(axis=0)
-    borders = (
-        places[top[columns], columns],
-        places[rows, last[rows]],
-        places[bottom[columns], columns],
-        places[rows, first[rows]],
-    )
-    lines = [cv2.fitLine(b.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01) for b in borders]
-    through = [(line[2:, 0].astype(np.float64), line[:2, 0].astype(np.float64)) for line in lines]
-    corners = [_crossing(through[side - 1], through[side]) for side in range(4)]
-    return [(corners[side], corners[(side + 1) % 4]) for side in range(4)]
-
-
-def _crossing(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> Floats:
-    (p, u), (q, v) = first, second
-    along = np.linalg.lstsq(np.stack([u, -v], axis=1), q - p, rcond=None)[0]
-    return np.asarray(p + along[0] * u)
+def _known_to(boards: Sequence[_Fitted], rig: Rig) -> float:
+    """Return how far all boards can be moved up, down or aside until more rays are wrong."""
+    wrong = np.zeros((len(_DIRECTIONS), _SLIDE.size))
+    for board in boards:
+        rays = board.sighting.rays
+        distance, near = _near(rays, board.outline, board.pose, rig)
+        near &= np.abs(distance) <= _SLIDE[-1]
+        places = rig.project(board.pose.to_camera(rays.points[near], rig))
+        distances = places @ board.outline[:, :2].T + board.outline[:, 2]
+        for number, direction in enumerate(_DIRECTIONS):
+            along = board.outline[:, :2] @ np.array(direction)
+            moved = (distances[..., np.newaxis] + along[:, np.newaxis] * _SLIDE).min(axis=1)
+            wrong[number] += ((moved > 0) != rays.hit[near][:, np.newaxis]).sum(axis=0)
+    free = np.logical_and.accumulate(wrong <= wrong[:, :1] + _MORE_WRONG, axis=1)
+    return float(_SLIDE[free.sum(axis=1) - 1].max())
 
 
 def _inside(places: Floats, outline: Floats) -> Floats:
@@ -212,16 +281,24 @@ def _inside(places: Floats, outline: Floats) -> Floats:
     return np.asarray(distances.min(axis=-1))
 
 
-def _turn_into_place(rays: _Rays, outline: Floats, rig: Rig) -> Pose:
-    used = rays.hit | rays.passed
-    points, side = rays.points[used], np.where(rays.hit[used], 1.0, -1.0)
+def _turn_into_place(boards: Sequence[_Fitted], start: Floats, reach: float, rig: Rig) -> Pose:
+    # What is farther than `reach` pixels from the outline stays on its side: the start is near.
+    known = []
+    for board in boards:
+        rays = board.sighting.rays
+        distance = _inside(rig.project(Pose(*start).to_camera(rays.points, rig)), board.outline)
+        used = (rays.hit | rays.passed) & (np.abs(distance) < reach)
+        known.append((rays.points[used], np.where(rays.hit[used], 1.0, -1.0), board.outline))
 
     def cost(angles: Floats, softness: float) -> float:
-        places = rig.project(Pose(*angles).to_camera(points, rig))
-        margin = side * _inside(places, outline) / softness
-        return float(np.logaddexp(0, -margin).sum())
+        total = 0.0
+        for points, side, outline in known:
+            places = rig.project(Pose(*angles).to_camera(points, rig))
+            margin = side * _inside(places, outline) / softness
+            total += float(np.logaddexp(0, -margin).sum())
+        return total
 
-    angles, size = np.zeros(3), 1.0
+    angles, size = start, 1.0
     for softness in _SOFTNESS:
         simplex = angles + size * np.vstack([np.zeros(3), np.eye(3)])
         angles = optimize.minimize(
@@ -230,11 +307,3 @@ def _turn_into_place(rays: _Rays, outline: Floats, rig: Rig) -> Pose:
         ).x  # fmt: skip
         size = 0.2
     return Pose(*(float(angle) for angle in angles))
-
-
-def _matrix_of(rays: _Rays, pose: Pose, rig: Rig) -> Floats:
-    y, x = rig.crop_offset
-    source = depth_image_places(*rays.hit.shape)[rays.hit]
-    target = rig.project(pose.to_camera(rays.points[rays.hit], rig)) - np.array([x, y])
-    matrix, _ = cv2.findHomography(source, target, 0)
-    return np.asarray(matrix, np.float64)

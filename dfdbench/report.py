@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dfdbench.errors import unknown_name
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result
-from dfdbench.summary import Group, Statistic, ranked, summarise
+from dfdbench.summary import Group, Statistic, ranked, summarise, summarise_scenes
 from dfdbench.tables import Table, as_csv
 
 _EXTREMES = 5
@@ -42,15 +43,13 @@ def score_table(result: Result, protocol: str) -> Table:
     partial = any(group.evaluated < group.expected for group in groups)
     labels = _labels(result)
     columns = [*labels, *(head for name in _ARROWS.values() for head in (name, "std"))]
-    rows, rules = [], set()
-    for number, group in enumerate(groups):
+    rows = []
+    for group in groups:
         cells = [*_place(group, len(labels))]
         for metric in METRICS:
             statistic = group.metrics[metric]
             cells += [_number(statistic.mean), _number(statistic.std)]
         rows.append((*cells, f"{group.evaluated}/{group.expected}") if partial else tuple(cells))
-        if group.row is None:
-            rules.add(number)
     if partial:
         columns.append("pairs")
     state = "" if result.complete else "PARTIAL, "
@@ -60,7 +59,7 @@ def score_table(result: Result, protocol: str) -> Table:
     )
     align = "l" * len(labels) + "r" * (len(columns) - len(labels))
     return Table(
-        title, tuple(columns), tuple(rows), align, tuple(_notes(result, groups)), frozenset(rules)
+        title, tuple(columns), tuple(rows), align, tuple(_notes(result, groups)), _rules(groups)
     )
 
 
@@ -99,45 +98,73 @@ def time_table(result: Result, protocol: str) -> Table:
     machine = f"{environment.cpu}, {environment.cpu_count} cores; threads: {threads}"
     if environment.gpu:
         machine += f"; GPU: {environment.gpu}"
-    rules = frozenset(number for number, group in enumerate(groups) if group.row is None)
     alone = all(pair.timed_alone for pair in result.pairs)
     how = "one at a time" if alone else "several at once: not comparable"
     return Table(
         f"seconds a pair, warm, {how}", (*labels, "mean", "std"), tuple(rows),
-        "l" * len(labels) + "rr", (machine,), rules,
+        "l" * len(labels) + "rr", (machine,), _rules(groups),
     )  # fmt: skip
 
 
-def run_as_csv(result: Result, protocol: str) -> str:
-    """Return a run's scores as comma-separated values, a line a group and metric."""
+def run_as_csv(
+    result: Result, protocol: str, labels: Mapping[str, Mapping[str, str]] | None = None
+) -> str:
+    """Return a run's scores as comma-separated values, a line a group and metric.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    protocol : str
+        Under which protocol.
+    labels : mapping of str to mapping, optional
+        What else parts the scenes, with each scene's label of it: a column and its groups.
+    """
+    labels = labels or {}
     dataset = result.dataset
     axes = [axis for axis in (dataset.blocks, dataset.rows) if axis]
+    places = [*axes, *labels]
+    groups: list[tuple[dict[str, object], Group]] = [
+        (dict(zip(axes, (group.block, group.row), strict=False)), group)
+        for group in summarise(result, protocol)
+    ]
+    for what, label_of in labels.items():
+        parts = summarise_scenes(result, protocol, label_of).items()
+        groups += [({what: label}, group) for label, group in parts]
     rows: list[tuple[object, ...]] = []
-    for group in summarise(result, protocol):
-        place = ["all" if v is None else v for v in (group.block, group.row)][: len(axes)]
+    for place, group in groups:
+        found = (place.get(name) for name in places)
+        where = ["all" if value is None else value for value in found]
         for metric, statistic in [*group.metrics.items(), ("seconds", group.seconds)]:
             rows.append(
                 (
-                    result.method.name, dataset.name, dataset.split, protocol, *place, metric,
+                    result.method.name, dataset.name, dataset.split, protocol, *where, metric,
                     statistic.mean, statistic.std, statistic.low, statistic.high,
                     statistic.defined, group.evaluated, group.expected,
                 )
             )  # fmt: skip
     columns = (
-        "method", "dataset", "split", "protocol", *axes, "metric", "mean", "std", "low", "high",
+        "method", "dataset", "split", "protocol", *places, "metric", "mean", "std", "low", "high",
         "defined", "evaluated", "expected",
     )  # fmt: skip
     return as_csv(columns, rows)
 
 
-def run_as_json(result: Result, protocol: str) -> str:
-    """Return a run's tables as JSON, numbers in full."""
+def run_as_json(
+    result: Result, protocol: str, labels: Mapping[str, Mapping[str, str]] | None = None
+) -> str:
+    """Return a run's tables as JSON, numbers in full; `labels` as for `run_as_csv`."""
     dataset = result.dataset
 
     def line(pair: PairResult) -> dict[str, Any]:
         return {"pair": pair.id, **pair.scores[protocol].model_dump()}
 
     order = ranked(result, protocol)
+    places = [axis for axis in (dataset.blocks, dataset.rows) if axis]
+    groups = [
+        _group_as_dict(dict(zip(places, (group.block, group.row), strict=False)), group)
+        for group in summarise(result, protocol)
+    ]
     content = {
         "method": result.method.name,
         "dataset": dataset.name,
@@ -147,7 +174,14 @@ def run_as_json(result: Result, protocol: str) -> str:
         "complete": result.complete,
         "evaluated": dataset.evaluated,
         "expected": dataset.expected,
-        "groups": [_group_as_dict(group, result) for group in summarise(result, protocol)],
+        "groups": groups,
+        **{
+            f"by_{what}": [
+                _group_as_dict({what: label}, group)
+                for label, group in summarise_scenes(result, protocol, label_of).items()
+            ]
+            for what, label_of in (labels or {}).items()
+        },
         "top": [line(pair) for pair in order[:_EXTREMES]],
         "bottom": [line(pair) for pair in order[_EXTREMES:][-_EXTREMES:]],
         "failed": {pair.id: pair.error for pair in result.pairs if pair.status == "failed"},
@@ -155,7 +189,7 @@ def run_as_json(result: Result, protocol: str) -> str:
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _group_as_dict(group: Group, result: Result) -> dict[str, Any]:
+def _group_as_dict(place: Mapping[str, object], group: Group) -> dict[str, Any]:
     def statistic(value: Statistic) -> dict[str, Any]:
         return {
             "mean": value.mean,
@@ -164,11 +198,8 @@ def _group_as_dict(group: Group, result: Result) -> dict[str, Any]:
             "defined": value.defined,
         }
 
-    places = zip(
-        (result.dataset.blocks, result.dataset.rows), (group.block, group.row), strict=True
-    )
     return {
-        **{axis: "all" if value is None else value for axis, value in places if axis},
+        **{name: "all" if value is None else value for name, value in place.items()},
         "expected": group.expected,
         "evaluated": group.evaluated,
         "failed": group.failed,
@@ -237,6 +268,13 @@ def _place(group: Group, count: int) -> tuple[str, ...]:
     if group.block is None:
         return ("overall", "")[:count]
     return (str(group.block), "overall" if group.row is None else str(group.row))[:count]
+
+
+def _rules(groups: Sequence[Group]) -> frozenset[int]:
+    """Return the rows that a line follows: whole blocks, or all but the overall row."""
+    blocks = [number for number, group in enumerate(groups) if group.row is None]
+    several = any(group.row is not None for group in groups)
+    return frozenset(blocks if several else blocks[-2:-1])
 
 
 def _number(value: float | None) -> str:

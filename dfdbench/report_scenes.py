@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dfdbench.manifest import Scene
 from dfdbench.protocol import METRICS
 from dfdbench.result import Result
-from dfdbench.summary import summarise_scenes
+from dfdbench.summary import scene_labels, summarise_scenes
 from dfdbench.tables import Table
 
 _NOTHING = "–"
@@ -25,11 +25,8 @@ def scene_tables(result: Result, protocol: str, scenes: Sequence[Scene]) -> list
     scenes : sequence of Scene
         Of the manifest; where they name neither, there is no table.
     """
-    geometries = {scene.name: scene.geometry for scene in scenes if scene.geometry}
-    textures = {scene.name: f"{scene.texture:02d}" for scene in scenes if scene.texture is not None}
-    named = {"geometry": geometries, "texture": textures}
     return [
-        _table(result, protocol, what, label_of) for what, label_of in named.items() if label_of
+        _table(result, protocol, what, label_of) for what, label_of in scene_labels(scenes).items()
     ]
 
 
@@ -55,7 +52,11 @@ def _table(result: Result, protocol: str, what: str, label_of: Mapping[str, str]
         for metric, up in METRICS.items()
         for head in (f"{metric.upper()} {'↑' if up else '↓'}", "std")
     ]
-    title = f"by {what}, protocol {protocol}"
+    dataset = result.dataset
+    title = (
+        f"{result.method.name} on {dataset.name}, split {dataset.split}, by {what}, "
+        f"protocol {protocol}"
+    )
     columns = (what, "scenes", *heads, "pairs")
     return Table(title, columns, tuple(rows), "ll" + "r" * (len(columns) - 2), notes)
 

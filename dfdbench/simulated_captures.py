@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.board_rays import board_rays
 from dfdbench.errors import InputError, Problem
 from dfdbench.files import write_whole
 from dfdbench.lens import LensTable, read_lens_table
@@ -19,7 +20,6 @@ from dfdbench.lidar import average_scans
 from dfdbench.lidar_files import read_beams, write_ranges
 from dfdbench.manifest import Capture
 from dfdbench.parallel import Threads
-from dfdbench.registration import board_corners, matrix_for
 from dfdbench.registration_file import NAME, write_registration
 from dfdbench.rig import Pose, Rig
 from dfdbench.simulator import MOUNTED, SimulatedScene, defocus
@@ -134,10 +134,10 @@ def _write_scene(
                 name = f"image_{step}_{exposure}.00_{number}.png"
                 write_png(place / "frames" / f"exp_{exposure}" / name, frame)
     write_png(truth / "distance_mm.png", scene.truth(view))
-    average = average_scans(scans)
+    rays = board_rays(average_scans(scans), beams)
     write_registration(
-        truth / NAME, matrix_for(average, beams, scene.rig, scene.pose),
-        board_corners(average, beams), "the truth of the simulation",
+        truth / NAME, rays.matrix(scene.pose, scene.rig), rays.corners(),
+        "the truth of the simulation",
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dfdbench.manifest import Scene
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result
 
@@ -77,6 +78,21 @@ def summarise(result: Result, protocol: str, seed: int = 0) -> tuple[Group, ...]
         groups.append(_group(of_block, protocol, block, None, seed if rows else None))
     groups.append(_group(result.pairs, protocol, None, None, seed))
     return tuple(groups)
+
+
+def scene_labels(scenes: Sequence[Scene]) -> dict[str, dict[str, str]]:
+    """Return what tells scenes apart, geometry and texture, and each scene's label of it.
+
+    Examples
+    --------
+    >>> scene_labels([Scene(name="k00", source="thesis", geometry="flat-far", texture=0)])
+    {'geometry': {'k00': 'flat-far'}, 'texture': {'k00': '00'}}
+    """
+    named = {
+        "geometry": {scene.name: scene.geometry for scene in scenes if scene.geometry},
+        "texture": {s.name: f"{s.texture:02d}" for s in scenes if s.texture is not None},
+    }
+    return {what: label_of for what, label_of in named.items() if label_of}
 
 
 def summarise_scenes(

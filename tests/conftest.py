@@ -26,7 +26,7 @@ from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.mrf import Energy, published
 from dfdbench.parallel import Threads
-from dfdbench.registration import board_corners, register
+from dfdbench.registration import register, sight
 from dfdbench.registration_file import write_registration
 from dfdbench.simulated_captures import Settings, write_captures
 from dfdbench.sources import open_source
@@ -248,10 +248,13 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     manifest = find_manifest("realworld")
     assert manifest.capture is not None
     write_captures(folder, ("k01", "k03"), manifest.capture, Settings(STEPS, (40,)), workers=2)
-    for name in ("k01", "k03"):
-        scene = raw_scene(folder, name)
-        ranges, beams = scene.ranges(), scene.beams()
-        found = register(scene.frame(40, 135), ranges, beams, scene.rig)
-        corners = board_corners(ranges, beams)
-        write_registration(scene.registration, found.matrix, corners, "by the tests")
+    scenes = {name: raw_scene(folder, name) for name in ("k01", "k03")}
+    rig = next(iter(scenes.values())).rig
+    sightings = {
+        name: sight(scene.frame(40, 135), scene.ranges(), scene.beams(), rig)
+        for name, scene in scenes.items()
+    }
+    for name, found in register(sightings, rig)[0].items():
+        corners = sightings[name].rays.corners()
+        write_registration(scenes[name].registration, found.matrix, corners, "by the tests")
     return folder

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import ndimage
@@ -66,6 +66,7 @@ def test_aligned_columns_look_in_one_direction() -> None:
     assert np.abs(np.diff(direction, axis=0)).max() < 1e-12
 
 
+@settings(max_examples=40)
 @given(images, st.sampled_from([3, 7, 13]))
 def test_the_median_is_that_of_a_plain_filter(image: np.ndarray, length: int) -> None:
     down = ndimage.median_filter(image, size=(length, 1), mode="reflect")

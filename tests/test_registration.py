@@ -4,16 +4,20 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.errors import SourceError
+from dfdbench.board_rays import board_rays
 from dfdbench.lens import read_lens_table
 from dfdbench.lidar import average_scans, depth_image, warp
 from dfdbench.lidar_files import read_beams
 from dfdbench.raycast import View
-from dfdbench.registration import matrix_for, nominal, register
+from dfdbench.registration import Registration, Sighting, register, sight
 from dfdbench.rig import Pose, Rig
 from dfdbench.simulator import MOUNTED, SimulatedScene, defocus
 
 PLACES = np.array([[[10.0, 10], [620, 10], [620, 620], [10, 620], [315, 315]]])
+OTHER = Pose(-0.8, 0.6, 1.2)
+# Its rows run along the upper and lower side of a flat board: the height falls between two beams.
+LEVEL = Pose(0.254, 0.734, 0.0)
+RIG = Rig()
 
 
 @cache
@@ -21,47 +25,89 @@ def seen(number: int) -> tuple[View, np.ndarray]:
     scene = SimulatedScene(number)
     view = scene.look()
     light = defocus(view, read_lens_table(), 135)
-    frames = [scene.frame(light, 40, (135, 40, n)) for n in range(4)]
-    return view, np.mean(frames, axis=0).astype(np.uint8)
+    return view, scene.frame(light, 40, (135, 40, 0))
 
 
+@cache
 def scanned(number: int, pose: Pose) -> np.ndarray:
     scene = SimulatedScene(number, pose=pose)
     return average_scans([scene.scan(read_beams(), n) for n in range(5)])
 
 
-def largest_shift(found: np.ndarray, truth: np.ndarray) -> float:
-    """How far apart two transforms put the corners and the middle of the image, in pixels."""
-    source = cv2.perspectiveTransform(PLACES, np.linalg.inv(truth))
-    moved = cv2.perspectiveTransform(source, found)
+@cache
+def sighted(number: int, pose: Pose) -> Sighting:
+    return sight(seen(number)[1], scanned(number, pose), read_beams(), RIG)
+
+
+def unseen(number: int, pose: Pose) -> Sighting:
+    """A board that fills the frame: the image shows none of its sides."""
+    return Sighting(board_rays(scanned(number, pose), read_beams()), [])
+
+
+def shift(found: Registration, sighting: Sighting, pose: Pose) -> float:
+    """How far apart found and true transform put corners and middle of the image, in pixels."""
+    source = cv2.perspectiveTransform(PLACES, np.linalg.inv(sighting.rays.matrix(pose, RIG)))
+    moved = cv2.perspectiveTransform(source, found.matrix)
     return float(np.linalg.norm(moved - PLACES, axis=-1).max())
 
 
 @pytest.mark.parametrize("number", [1, 3, 32, 50])
-@pytest.mark.parametrize("pose", [MOUNTED, Pose(-0.8, 0.6, 1.2)])
+@pytest.mark.parametrize("pose", [MOUNTED, OTHER])
 def test_a_known_misalignment_is_recovered_within_three_pixels(number: int, pose: Pose) -> None:
-    beams, rig = read_beams(), Rig()
-    view, image = seen(number)
-    ranges = scanned(number, pose)
-    truth = matrix_for(ranges, beams, rig, pose)
-    assert largest_shift(nominal(ranges, beams, rig).matrix, truth) > 15
-    found = register(image, ranges, beams, rig)
-    assert largest_shift(found.matrix, truth) < 3
-    assert found.agreement > 0.98
+    view, _ = seen(number)
+    sighting = sighted(number, pose)
+    found = register({"k": sighting}, RIG)[0]["k"]
+    parallel = sighting.rays.matrix(Pose(), RIG)
+    assert shift(Registration(parallel, Pose(), None, 0.0, 0), sighting, pose) > 15
+    assert shift(found, sighting, pose) < 3
+    assert (found.agreement or 0) > 0.98
     # And so is the distance that lay before the rig, to two levels on 95 % of what is valid.
-    levels, valid = warp(*depth_image(ranges, beams), found.matrix, (630, 630))
+    image = depth_image(scanned(number, pose), read_beams())
+    levels, valid = warp(*image, found.matrix, (630, 630))
     expected = SimulatedScene(number).truth(view).astype(int) // 10
     assert valid.mean() > 0.95
     assert (np.abs(levels.astype(int) - expected) <= 2)[valid].mean() > 0.95
 
 
-def test_an_image_without_a_board_is_refused() -> None:
+def test_what_one_board_leaves_open_is_told_and_others_of_the_rig_settle_it() -> None:
+    flat, oblique = sighted(3, LEVEL), sighted(1, LEVEL)
+    alone = register({"k03": flat}, RIG)[0]["k03"]
+    assert alone.known_to > 3
+    assert shift(alone, flat, LEVEL) < alone.known_to + 1
+    together, problems = register({"k03": flat, "k01": oblique}, RIG)
+    assert (problems, together["k03"].boards) == ({}, 2)
+    assert together["k03"].pose == together["k01"].pose
+    assert together["k03"].known_to < 1.5
+    assert max(shift(together["k03"], flat, LEVEL), shift(together["k01"], oblique, LEVEL)) < 1.5
+
+
+def test_an_image_that_shows_no_sides_is_registered_by_others_of_the_rig() -> None:
+    filled = unseen(3, MOUNTED)
+    found, problems = register({"k01": sighted(1, MOUNTED), "k03": filled}, RIG)
+    assert problems == {}
+    assert found["k03"].agreement is None
+    assert shift(found["k03"], filled, MOUNTED) < 3
+    _, problems = register({"k03": filled}, RIG)
+    assert "sides are not found" in str(problems["k03"][0])
+
+
+def test_a_scene_of_another_rig_is_registered_by_itself_and_spoils_nothing() -> None:
+    scenes = {"k01": (1, MOUNTED), "k03": (3, MOUNTED), "k50": (50, OTHER)}
+    sightings = {name: sighted(*scene) for name, scene in scenes.items()}
+    found, problems = register(sightings, RIG)
+    assert problems == {}
+    assert [found[name].boards for name in scenes] == [2, 2, 1]
+    for name, (_, pose) in scenes.items():
+        assert shift(found[name], sightings[name], pose) < 3
+
+
+def test_rays_and_an_outline_that_disagree_are_refused() -> None:
+    rays = sighted(3, MOUNTED).rays
+    small = [np.array(line) for line in ([1.0, 0, -300], [0, 1.0, -300], [-1.0, 0, 400])]
+    _, problems = register({"k03": Sighting(rays, [[line] for line in small])}, RIG)
+    assert "do not agree" in str(problems["k03"][0])
+
+
+def test_a_plain_image_shows_no_sides() -> None:
     plain = np.full((728, 736, 3), 90, np.uint8)
-    with pytest.raises(SourceError, match="sides are not found"):
-        register(plain, scanned(3, MOUNTED), read_beams(), Rig())
-
-
-def test_a_scan_without_a_board_is_refused() -> None:
-    _, image = seen(3)
-    with pytest.raises(SourceError, match="sees no board"):
-        register(image, np.full((64, 2048), 5000.0), read_beams(), Rig())
+    assert sight(plain, scanned(3, MOUNTED), read_beams(), RIG).sides == []

@@ -1,7 +1,13 @@
+import csv
+import io
+import json
+
 import pytest
 
 from dfdbench.manifest import Scene
+from dfdbench.report import run_as_csv, run_as_json
 from dfdbench.report_scenes import scene_tables
+from dfdbench.summary import scene_labels
 from tests.results import make_result
 
 VALUES = {
@@ -47,3 +53,20 @@ def test_scenes_that_name_neither_have_no_table(name: str) -> None:
     assert (
         scene_tables(make_result({(name, 1, 1, 0): 0.5}), "thesis", [scene(name, None, None)]) == []
     )
+
+
+def test_the_same_parts_come_as_data() -> None:
+    labels = scene_labels([scene("k00", "flat-far", None), scene("k01", "oblique", None)])
+    result = make_result(VALUES)
+    rows = list(csv.DictReader(io.StringIO(run_as_csv(result, "thesis", labels))))
+    parted = {(r["geometry"], r["metric"]): r for r in rows if r["geometry"] != "all"}
+    assert len(parted) == 2 * 4
+    flat = parted["flat-far", "nrmse"]
+    assert float(flat["mean"]) == pytest.approx(0.3)
+    assert (flat["exposure"], flat["illumination"], flat["evaluated"]) == ("all", "all", "2")
+    assert {r["geometry"] for r in rows if r["exposure"] != "all"} == {"all"}
+    content = json.loads(run_as_json(result, "thesis", labels))
+    assert [(g["geometry"], g["nrmse"]["mean"]) for g in content["by_geometry"]] == [
+        ("flat-far", pytest.approx(0.3)),
+        ("oblique", pytest.approx(0.1)),
+    ]

@@ -15,7 +15,8 @@ FEW = Settings(steps=(135,), exposures=(30,), frames=1, scans=2)
 def capture() -> Capture:
     found = find_manifest("realworld").capture
     assert found is not None
-    return found
+    # A quarter of the pixels: what is tested does not depend on them.
+    return found.model_copy(update={"frame_size": (364, 368), "crop_size": 315})
 
 
 def test_captures_are_the_same_on_every_run_and_a_stopped_one_goes_on(

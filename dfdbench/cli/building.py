@@ -218,7 +218,7 @@ def _missing_text(manifest: Manifest, missing: tuple[Pair, ...], fix: str) -> st
     whole = [s for s in by_scene if len(by_scene[s]) == len(manifest.pairs_of_scene(s))]
     lines = [f"missing: {len(missing)} of {manifest.pair_count} pairs, left out of the store"]
     if whole:
-        lines.append(f"  no image at all   {', '.join(whole)}")
+        lines.append(f"  no pair at all    {', '.join(_spans(whole, manifest.scene_names))}")
     alike: dict[str, list[str]] = {}
     for scene, places in by_scene.items():
         if scene not in whole:
@@ -228,3 +228,14 @@ def _missing_text(manifest: Manifest, missing: tuple[Pair, ...], fix: str) -> st
         lines.append(f"    {listed}")
     lines.append(f"  fix               {fix}")
     return "\n".join(lines)
+
+
+def _spans(names: list[str], known: tuple[str, ...]) -> list[str]:
+    """Return names, three neighbours and more as the first and the last of them."""
+    runs: list[list[str]] = []
+    for name in known:
+        if name in names:
+            if not runs or known.index(name) != known.index(runs[-1][-1]) + 1:
+                runs.append([])
+            runs[-1].append(name)
+    return [text for run in runs for text in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)]

@@ -25,6 +25,7 @@ from dfdbench.run_folder import RESULT
 from dfdbench.store import open_store
 from dfdbench.submission import LEADERBOARD
 from dfdbench.submission import submit as submit_result
+from dfdbench.summary import scene_labels
 from dfdbench.tables import Format, Table, render
 
 Params = Annotated[
@@ -88,9 +89,9 @@ def run(
         for table in tables:
             print_table(table)
     elif format is Format.csv:
-        print(run_as_csv(done.result, shown.name), end="")
+        print(run_as_csv(done.result, shown.name, scene_labels(data.manifest.scenes)), end="")
     elif format is Format.json:
-        print(run_as_json(done.result, shown.name), end="")
+        print(run_as_json(done.result, shown.name, scene_labels(data.manifest.scenes)), end="")
     else:
         print(render(tables, format), end="")
     say(f"result       {folder / RESULT}")

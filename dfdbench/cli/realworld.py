@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -12,25 +14,29 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from dfdbench.board_rays import board_rays
 from dfdbench.catalog import find_manifest
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.errors import DfdbenchError, InputError, Problem, SourceError, unknown_name
 from dfdbench.figures_realworld import overlay_figure
-from dfdbench.lidar import depth_image, warp
+from dfdbench.lidar import Beams, depth_image, warp
 from dfdbench.manifest import Capture, Manifest
-from dfdbench.registration import board_corners, nominal, register
+from dfdbench.registration import Registration, Sighting, register, sight
 from dfdbench.registration_file import NAME, read_registration, write_registration
-from dfdbench.rig import Rig
+from dfdbench.rig import Pose, Rig
 from dfdbench.sharpness import sharpest
 from dfdbench.simulated_captures import Settings, write_captures
 from dfdbench.simulated_lens import write_lens_test
-from dfdbench.sources.captures import RawScene, find_scene
+from dfdbench.simulator import MOUNTED
+from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
 from dfdbench.tables import Table
 from dfdbench.units import parse_length
 
 simulate_app = typer.Typer(help="Make captures as the thesis's rig would write them.")
 
 OVERLAY = "registration.png"
+_KNOWN_WELL = 3.0  # pixels
+_LARGEST_TURN = 10.0  # degrees
 
 
 @simulate_app.command("realworld")
@@ -39,6 +45,9 @@ def simulate_realworld(
     scenes: Annotated[str, typer.Option(help="Which: k00-k07,k33.")] = "k00-k07",
     steps: Annotated[str, typer.Option(help="Voltage steps: 127-143.")] = "127-143",
     exposures: Annotated[str, typer.Option(help="In ms.")] = "10,20,30,40,50,60,70",
+    turn: Annotated[
+        str, typer.Option(help="Of the LIDAR against the camera: yaw,pitch,roll in degrees.")
+    ] = f"{MOUNTED.yaw},{MOUNTED.pitch},{MOUNTED.roll}",
     workers: Annotated[int, typer.Option(min=1, help="Scenes made at once.")] = os.cpu_count() or 1,
 ) -> None:
     """Simulate raw captures of the real-world set: frames, LIDAR scans, and the truth beside."""
@@ -50,6 +59,7 @@ def simulate_realworld(
         _numbers(exposures, "--exposures", manifest.axes["exposure_ms"]),
         capture.frames,
         capture.lidar_scans,
+        _pose(turn),
     )
     count = len(settings.steps) * len(settings.exposures) * settings.frames
     say(f"{count} frames a scene, about {count * 0.8:.0f} MB")
@@ -92,46 +102,82 @@ def register_scenes(
         (height, width), capture.crop_size, parse_length(baseline, "--baseline"),
     )  # fmt: skip
     everywhere = scene == "all"
-    rows, problems = [], []
-    for name in _scenes(f"{manifest.scene_names[0]}-{manifest.scene_names[-1]}" if everywhere
-                        else scene, manifest):  # fmt: skip
-        files = find_scene(source, name, capture)
-        if files is None and everywhere:
-            continue
-        if not isinstance(files, RawScene):
-            problems.append(_not_raw(source / name))
-            continue
-        try:
-            rows.append(_register(files, name, rig, fresh))
-        except DfdbenchError as error:
-            problems += [_at_scene(problem, name) for problem in error.problems]
+    span = f"{manifest.scene_names[0]}-{manifest.scene_names[-1]}"
+    names = _scenes(span if everywhere else scene, manifest)
+    there = {name: find_scene(source, name, capture) for name in names}
+    if everywhere:
+        there = {name: files for name, files in there.items() if files}
+    seen: dict[str, _Seen] = {}
+    problems: dict[str, tuple[Problem, ...]] = {}
+    with progress("looking at scenes") as step:
+        for number, (name, files) in enumerate(there.items(), start=1):
+            try:
+                seen[name] = _look(files, source / name, rig, fresh)
+            except DfdbenchError as error:
+                problems[name] = error.problems
+            step(number, len(there))
+    sightings = {name: one.sighting for name, one in seen.items() if one.sighting}
+    with progress("registering scenes") as step:
+        found, untold = register(sightings, rig, step)
+    problems |= untold
+    for name, registration in found.items():
+        _write(seen[name], registration)
+    drawn = {name: one for name, one in seen.items() if one.files.registration.exists()}
+    rows = []
+    with progress("drawing scenes") as step:
+        for number, (name, one) in enumerate(drawn.items(), start=1):
+            try:
+                rows.append(_drawn(name, one, found.get(name), rig))
+            except DfdbenchError as error:
+                problems[name] = error.problems
+            step(number, len(drawn))
     if rows:
-        columns = ("scene", "", "rays on their side", "moved by (pixels)")
-        print_table(Table("registration", columns, tuple(rows), "llrr"))
+        columns = ("scene", "", "rays on their side", "known to (pixels)", "moved by (pixels)")
+        print_table(Table("registration", columns, tuple(rows), "llrrr", _notes(found)))
     if problems:
-        raise SourceError(problems)
+        raise SourceError([_at_scene(p, name) for name in there for p in problems.get(name, ())])
     if not rows:
         raise SourceError(Problem("no raw scene found", str(source), "folders such as k33/frames"))
 
 
-def _register(files: RawScene, name: str, rig: Rig, fresh: bool) -> tuple[str, ...]:
-    found = files.scan_problems()
-    if found:
-        raise SourceError(found)
+@dataclass(frozen=True)
+class _Seen:
+    """A scene as `register` reads it; without a sighting where its registration is kept."""
+
+    files: RawScene
+    ranges: NDArray[np.float64]
+    beams: Beams
+    frame: NDArray[np.uint8]
+    told: str
+    sighting: Sighting | None
+
+
+def _look(files: RawScene | PublishedScene | None, place: Path, rig: Rig, fresh: bool) -> _Seen:
+    if not isinstance(files, RawScene):
+        raise SourceError(_not_raw(place))
+    wrong = files.scan_problems()
+    if wrong:
+        raise SourceError(wrong)
     ranges, beams = files.ranges(), files.beams()
     frame, told = _sharp_frame(files)
-    before = nominal(ranges, beams, rig).matrix
-    corners = board_corners(ranges, beams)
-    agreement = "–"
     kept = files.registration.exists() and not fresh
-    if not kept:
-        estimate = register(frame, ranges, beams, rig)
-        agreement = f"{100 * estimate.agreement:.1f} %"
-        note = f"Estimated by dfdbench register from {told}."
-        write_registration(files.registration, estimate.matrix, corners, note)
-    after = read_registration(files.registration)
-    moved = [cv2.perspectiveTransform(corners[np.newaxis], m)[0] for m in (before, after)]
-    levels, valid = depth_image(ranges, beams)
+    sighting = None if kept else sight(frame, ranges, beams, rig)
+    return _Seen(files, ranges, beams, frame, told, sighting)
+
+
+def _write(one: _Seen, found: Registration) -> None:
+    others = f" and {found.boards - 1} other scenes" if found.boards > 1 else ""
+    note = f"Estimated by dfdbench register from {one.told}{others}."
+    corners = board_rays(one.ranges, one.beams).corners()
+    write_registration(one.files.registration, found.matrix, corners, note)
+
+
+def _drawn(name: str, one: _Seen, found: Registration | None, rig: Rig) -> tuple[str, ...]:
+    after = read_registration(one.files.registration)
+    rays = board_rays(one.ranges, one.beams)
+    before = rays.matrix(Pose(), rig)
+    moved = [cv2.perspectiveTransform(rays.corners()[np.newaxis], m)[0] for m in (before, after)]
+    levels, valid = depth_image(one.ranges, one.beams)
     # The whole frame is drawn, not its crop: the board's sides are what tells.
     y, x = rig.crop_offset
     to_frame = np.array([[1.0, 0, x], [0, 1, y], [0, 0, 1]])
@@ -140,10 +186,24 @@ def _register(files: RawScene, name: str, rig: Rig, fresh: bool) -> tuple[str, .
         title: warp(levels, valid, to_frame @ matrix, rig.frame_size)
         for title, matrix in named.items()
     }
-    figure = overlay_figure(frame, depths, f"{name}, {told}, whole frame")
-    save_figure(figure, files.folder / OVERLAY)
-    shift = float(np.linalg.norm(moved[1] - moved[0], axis=-1).max())
-    return name, "kept" if kept else "estimated", agreement, f"{shift:.1f}"
+    figure = overlay_figure(one.frame, depths, f"{name}, {one.told}, whole frame")
+    save_figure(figure, one.files.folder / OVERLAY)
+    shift = f"{float(np.linalg.norm(moved[1] - moved[0], axis=-1).max()):.1f}"
+    if found is None:
+        return name, "kept", "–", "–", shift
+    how = "by itself" if found.boards == 1 else f"with {found.boards} boards"
+    agreed = "–" if found.agreement is None else f"{100 * found.agreement:.1f} %"
+    return name, f"estimated {how}", agreed, f"± {found.known_to:.1f}", shift
+
+
+def _notes(found: Mapping[str, Registration]) -> tuple[str, ...]:
+    loose = [name for name, one in found.items() if one.known_to > _KNOWN_WELL]
+    unseen = [name for name, one in found.items() if one.agreement is None]
+    told = {
+        "the beams leave open where the board lies; register it with others of its rig": loose,
+        "the image shows too little of the board; it lies where the others tell": unseen,
+    }
+    return tuple(f"{', '.join(names)}: {what}" for what, names in told.items() if names)
 
 
 def _sharp_frame(files: RawScene) -> tuple[NDArray[np.uint8], str]:
@@ -184,6 +244,19 @@ def _numbers(text: str, option: str, known: list[int]) -> tuple[int, ...]:
             expected = f"of {', '.join(map(str, known))}"
             raise InputError(Problem("not a list of values", option, expected, text))
     return tuple(sorted(chosen))
+
+
+def _pose(text: str) -> Pose:
+    try:
+        yaw, pitch, roll = map(float, text.split(","))
+    except ValueError:
+        raise InputError(
+            Problem("not a turn", "--turn", "yaw,pitch,roll in degrees, as 0.5,-0.3,1", text)
+        ) from None
+    if not max(abs(yaw), abs(pitch), abs(roll)) <= _LARGEST_TURN:
+        expected = f"angles of {_LARGEST_TURN:g} degrees at most"
+        raise InputError(Problem("the LIDAR would miss the board", "--turn", expected, text))
+    return Pose(yaw, pitch, roll)
 
 
 def _capture(manifest: Manifest) -> Capture:

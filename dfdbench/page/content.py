@@ -10,8 +10,10 @@ from matplotlib.figure import Figure
 from dfdbench.board_tables import lighting_table, ranking_table, runs_table
 from dfdbench.comparison_figures import lighting_figures, time_figure
 from dfdbench.errors import unknown_name
+from dfdbench.figures_groups import group_figures
 from dfdbench.leaderboard import Entry, boards
 from dfdbench.report import run_tables
+from dfdbench.report_scenes import scene_tables
 from dfdbench.result import PairResult
 from dfdbench.runs import SavedRun
 from dfdbench.summary import ranked
@@ -107,8 +109,17 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         members = sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
         shown += members
         ranking = ranking_table(board, folder)
-        details = tuple((run.label, tuple(run_tables(run.result, protocol))) for run in members)
+        scenes = next((run.store.manifest.scenes for run in members if run.store), [])
+        details = tuple(
+            (
+                run.label,
+                (*run_tables(run.result, protocol), *scene_tables(run.result, protocol, scenes)),
+            )
+            for run in members
+        )
         plots = lighting_figures(members, protocol)
+        parted = group_figures({run.label: run.result for run in members}, protocol, scenes)
+        plots |= {f"by {what}": figure for what, figure in parted.items()}
         if (times := time_figure(members)) is not None:
             plots["seconds a pair"] = times
         tables = (ranking, lighting_table(board), runs_table(board))

@@ -1,3 +1,6 @@
+import csv
+import io
+import shutil
 from pathlib import Path
 
 import pytest
@@ -22,8 +25,11 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     assert Path("raw/k34/registration.png").read_bytes().startswith(b"\x89PNG")
     by_hand = Path("raw/k34/registration.toml").read_text() + "# looked at\n"
     Path("raw/k34/registration.toml").write_text(by_hand)
-    assert "kept" in dfdbench("register", "all", "--source", "raw").out
+    shutil.copytree("raw/k34/frames", "raw/k35/frames")
+    some = dfdbench("register", "all", "--source", "raw")
+    assert (some.status, "scene has no LIDAR" in some.err, "kept" in some.out) == (2, True, True)
     assert Path("raw/k34/registration.toml").read_text() == by_hand
+    shutil.rmtree("raw/k35")
     assert "estimated" in dfdbench("register", "k34", "--source", "raw", "--fresh").out
 
     built = dfdbench("build", "realworld", "--source", "raw", "--allow-missing")
@@ -31,16 +37,30 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     other = dfdbench("build", "realworld", "--source", "raw", "--pair", "129,141")
     assert (other.status, "--store PATH" in other.err) == (2, True)
 
-    run = ("run", "--method", "mymodule:predict", "--dataset", "realworld", "--split",
-           "test-pruned", "--no-predictions")  # fmt: skip
+    run = ["run", "--method", "mymodule:predict", "--dataset", "realworld", "--split",
+           "test-pruned"]  # fmt: skip
     ran = dfdbench(*run)
     assert ran.status == 0, ran.err
+    parts = ("exposure_ms", "geometry", "texture")
+    figures = Path("results/realworld-1-test-pruned/mymodule-predict/figures")
+    assert {f"by_{what}.png" for what in parts} < {path.name for path in figures.iterdir()}
+    told = dfdbench("report", str(figures.parent), "--out", "page", "--format", "markdown")
+    assert told.status == 0, told.err
+    assert {f"1-by-{what}.png" for what in parts} < {path.name for path in Path("page").iterdir()}
+    assert "by texture, protocol thesis" in Path("page/report.md").read_text()
+    run.append("--no-predictions")
     rows = [line.split() for line in ran.out.splitlines()]
     near_right = next(row for row in rows if row[:1] == ["oblique-near-right"])
     assert near_right[-1] == "1/14"
     asked = dfdbench("run", "--method", "local", "--dataset", "realworld", "--split", "k34")
     assert (asked.status, "captured defocus" in asked.err) == (2, True)
     assert "| texture | scenes |" in dfdbench(*run, "--format", "markdown").out
+    lines = csv.DictReader(io.StringIO(dfdbench(*run, "--format", "csv").out))
+    parted = {line["geometry"]: line for line in lines if line["metric"] == "nrmse"}
+    assert (parted["oblique-near-right"]["evaluated"], parted["flat-near"]["evaluated"]) == (
+        "1", "0",
+    )  # fmt: skip
+    assert "by_geometry" in dfdbench(*run, "--format", "json").out
 
 
 def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:
@@ -58,6 +78,8 @@ def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:
         (("simulate", "realworld", "--out", "o", "--scenes", "k64"), "unknown scene"),
         (("simulate", "realworld", "--out", "o", "--steps", "1-3"), "127, 128"),
         (("simulate", "realworld", "--out", "o", "--exposures", "x"), "10, 20"),
+        (("simulate", "realworld", "--out", "o", "--turn", "1,2"), "yaw,pitch,roll"),
+        (("simulate", "realworld", "--out", "o", "--turn", "nan,0,0"), "10 degrees at most"),
         (("register", "k33", "--source", "none"), "no raw captures"),
         (("register", "all", "--source", "none"), "no raw scene found"),
         (("register", "all", "--source", "none", "--dataset", "demo"), "demo-1: capture"),
