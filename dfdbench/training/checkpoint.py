@@ -78,7 +78,8 @@ class TrainingFolder:
         except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, TypeError) as error:
             raise InputError(
                 Problem(
-                    "the checkpoint cannot be read", str(path), got=str(error).partition("\n")[0] or "no content",
+                    "the checkpoint cannot be read", str(path),
+                    got=str(error).partition("\n")[0] or "no content",
                     fix="--fresh starts anew",
                 )
             ) from error  # fmt: skip

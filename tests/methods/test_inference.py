@@ -96,9 +96,9 @@ def test_bf16_changes_few_pixels_by_much() -> None:
 
 def test_wrong_choices_are_told() -> None:
     with pytest.raises(MethodError, match="float32 or bf16"):
-        Predictor(network(), CPU, precision="int8")
+        Predictor(network(), CPU, precision="int8")  # type: ignore[arg-type]
     for tile in (63, 64.5):
         with pytest.raises(MethodError, match="at least 64"):
-            Predictor(network(), CPU, tile=tile)
-    with pytest.raises(MethodError, match="auto, .*cpu"):
+            Predictor(network(), CPU, tile=tile)  # type: ignore[arg-type]
+    with pytest.raises(MethodError, match=r"auto, .*cpu"):
         find_device("tpu")

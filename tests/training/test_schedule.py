@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -53,7 +55,7 @@ def test_the_cosine_rises_then_falls_to_nothing() -> None:
         schedule.after(step, 1.0)
     assert rates[0] == pytest.approx(0.1)
     assert max(rates) == pytest.approx(rates[9], rel=0.05)
-    assert all(before > after for before, after in zip(rates[9:], rates[10:], strict=False))
+    assert all(before > after for before, after in pairwise(rates[9:]))
     assert rates[-1] < 1e-3
     assert schedule.ended
 

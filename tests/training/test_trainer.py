@@ -48,7 +48,7 @@ def test_a_training_leaves_weights_card_and_log(tiny_store: Store, tmp_path: Pat
     assert set(card.scores) == {"nrmse", "nmae", "ssim"}
     assert card.fingerprint == tiny_store.fingerprint
     assert card.architecture["channel_means"] == pytest.approx(
-        network.pixels.means.flatten().tolist()
+        network.state_dict()["pixels.means"].flatten().tolist()
     )
     assert len(losses(tmp_path / "t")) == 12
     with (tmp_path / "t/scores.csv").open() as file:

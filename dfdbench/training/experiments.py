@@ -1,0 +1,250 @@
+"""The experiments of chapter 5: one training for each value and seed, and a table of scores."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from statistics import fmean, stdev
+from typing import Any
+
+from dfdbench.errors import InputError, Problem, unknown_name
+from dfdbench.manifest import Manifest
+from dfdbench.methods.weights import Card, load_weights
+from dfdbench.protocol import METRICS
+from dfdbench.store import Store
+from dfdbench.tables import Table
+from dfdbench.training.checkpoint import WEIGHTS
+from dfdbench.training.configuration import TrainingConfiguration, read_configuration
+from dfdbench.training.trainer import Task, task_of, train
+
+#: What an experiment changes where it changes no choice of the configuration.
+FOLD = "fold"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What is trained again and again.
+
+    Parameters
+    ----------
+    name, title : str
+        As it is asked for, and as its table is headed.
+    varies : str
+        A choice of the configuration, ``"fold"``, or nothing: the seed alone.
+    values : tuple
+        What it takes; for folds those of the data set.
+    repeats : int
+        Trainings of each value, with seeds from 0.
+    """
+
+    name: str
+    title: str
+    varies: str
+    values: tuple[Any, ...]
+    repeats: int
+
+
+def experiments() -> dict[str, Experiment]:
+    """Return the thesis's experiments by name.
+
+    Examples
+    --------
+    >>> experiments()["noise"].values
+    (0, 1, 2, 3)
+    """
+    source = files("dfdbench.training").joinpath("experiments.toml")
+    content = tomllib.loads(source.read_text(encoding="utf-8"))
+    return {
+        name: Experiment(
+            name, item["title"], item.get("varies", ""), tuple(item.get("values", ())),
+            item["repeats"],
+        )
+        for name, item in content.items()
+    }  # fmt: skip
+
+
+def find_experiment(name: str) -> Experiment:
+    """Return an experiment by name.
+
+    Raises
+    ------
+    UnknownNameError
+        Where there is none; near misses are named.
+    """
+    known = experiments()
+    if name not in known:
+        raise unknown_name("experiment", name, known)
+    return known[name]
+
+
+def folds_of(manifest: Manifest) -> tuple[str, ...]:
+    """Return a data set's folds; of one that has none, each scene is one."""
+    return tuple(fold.name for fold in manifest.folds) or manifest.scene_names
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One training of an experiment.
+
+    Parameters
+    ----------
+    value : str
+        What was varied, as text.
+    task : Task
+        What is trained.
+    folder : Path
+        Where.
+    """
+
+    value: str
+    task: Task
+    folder: Path
+
+
+def trials(
+    experiment: Experiment,
+    method: str,
+    store: Store,
+    config: str,
+    changes: Mapping[str, Any],
+    folder: Path,
+    values: Sequence[Any] | None = None,
+    repeats: int | None = None,
+) -> list[Trial]:
+    """Return the trainings of an experiment, checked before the first begins.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Which.
+    method : str
+        What is trained.
+    store : Store
+        On what.
+    config : str
+        The configuration to start from: a file or a shipped name.
+    changes : mapping
+        Values in place of the file's.
+    folder : Path
+        Each training has a folder in it.
+    values, repeats
+        In place of the experiment's own.
+
+    Raises
+    ------
+    InputError
+        Where a value is none that the configuration takes.
+    """
+    chosen = tuple(values or experiment.values)
+    if experiment.varies == FOLD:
+        chosen = tuple(values or folds_of(store.manifest))
+    elif not experiment.varies:
+        if values:
+            raise InputError(Problem(f"{experiment.name} varies the seed alone", "--values"))
+        chosen = ("",)
+    if experiment.varies in changes:
+        raise InputError(
+            Problem(
+                f"{experiment.name} varies {experiment.varies} itself", "--set",
+                fix="choose its values with --values",
+            )
+        )  # fmt: skip
+    found = []
+    for value in chosen:
+        fold = str(value) if experiment.varies == FOLD else None
+        varied = {experiment.varies: value} if experiment.varies and not fold else {}
+        configuration = read_configuration(config, {**changes, **varied})
+        configuration.architecture(method)
+        for seed in range(repeats or experiment.repeats):
+            task = task_of(method, store, configuration, "train", fold, seed)
+            name = "-".join(str(part) for part in (value, f"seed{seed}") if part != "")
+            found.append(Trial(str(value), task, folder / name))
+    return found
+
+
+def run_trial(
+    trial: Trial,
+    max_seconds: float | None,
+    device: str,
+    on_step: Callable[[int, int | None, float], None] | None = None,
+) -> Card:
+    """Train, or go on with it; of a training that has ended, return the card.
+
+    Raises
+    ------
+    InputError
+        Where the folder holds another training.
+    """
+    path = trial.folder / WEIGHTS
+    if path.exists():
+        card = load_weights(path, trial.task.method)[1]
+        same = (
+            TrainingConfiguration.model_validate(card.configuration) == trial.task.configuration
+            and (card.fingerprint, card.trained_on, card.seed)
+            == (trial.task.store.fingerprint, trial.task.trained_on, trial.task.seed)
+        )  # fmt: skip
+        if not same:
+            raise InputError(
+                Problem(
+                    "the folder holds another training", str(trial.folder),
+                    fix="choose another with --out DIR",
+                )
+            )  # fmt: skip
+        ended_early = max_seconds is None or card.seconds < max_seconds
+        if not (card.ended_by == "its time limit" and ended_early):
+            return card
+    return train(trial.task, trial.folder, max_seconds, device, on_step).card
+
+
+def score_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Table:
+    """Return minimum, mean, maximum and deviation of the scores, as Tables 5.6 and 5.7.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        What was done.
+    cards : sequence of (str, Card)
+        Value and card of each training that has ended.
+    """
+    by_value: dict[str, list[Card]] = {}
+    for value, card in cards:
+        by_value.setdefault(value, []).append(card)
+    rows, records = [], []
+    for value, group in by_value.items():
+        for statistic, of in _STATISTICS.items():
+            if len(group) == 1 and statistic != "mean":
+                continue
+            scores = {
+                metric: of([card.scores[metric] for card in group])
+                for metric in METRICS
+                if all(metric in card.scores for card in group)
+            }
+            first = value if statistic == "mean" or len(group) > 1 else ""
+            rows.append(
+                (
+                    first, str(len(group)), "score" if len(group) == 1 else statistic,
+                    *(f"{scores[metric]:.4f}" if metric in scores else "–" for metric in METRICS),
+                )
+            )  # fmt: skip
+            record: dict[str, object] = {"value": value, "trainings": len(group)}
+            records.append({**record, "statistic": rows[-1][2], **scores})
+    some = cards[0][1] if cards else None
+    notes = [f"{some.method} on {some.dataset}, protocol thesis"] if some else []
+    notes += sorted({f"steps {card.steps:,}, ended by {card.ended_by}" for _, card in cards})
+    arrows = ("NRMSE ↓", "NMAE ↓", "SSIM ↑")
+    heading = experiment.varies.replace("_", " ") or "value"
+    return Table(
+        experiment.title, (heading, "trainings", "", *arrows), tuple(rows), "lrlrrr", tuple(notes),
+        records=tuple(records),
+    )  # fmt: skip
+
+
+_STATISTICS: dict[str, Callable[[Sequence[float]], float]] = {
+    "minimum": min,
+    "mean": fmean,
+    "maximum": max,
+    "std deviation": stdev,
+}
