@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from dfdbench.board_folder import RESULTS, require_leaderboard
 from dfdbench.compare import Difference, changes, paired_difference
 from dfdbench.errors import Problem, ResultError
 from dfdbench.protocol import PROTOCOLS
 from dfdbench.result import Result
-from dfdbench.submission import RESULTS, TIME_FORMAT, load_submission, method_label
+from dfdbench.submission import TIME_FORMAT, load_submission, method_label
 from dfdbench.summary import bootstrap_interval
 from dfdbench.verification import SUFFIX, Verification, load_verification
 
@@ -98,13 +99,7 @@ def collect(folder: Path) -> list[Entry]:
     ResultError
         With everything that is wrong in any of the files.
     """
-    if not folder.is_dir():
-        raise ResultError(
-            Problem(
-                "no leaderboard", str(folder),
-                fix="run this in a clone of dfdbench, or name the folder: --folder DIR",
-            )
-        )  # fmt: skip
+    require_leaderboard(folder)
     entries: list[Entry] = []
     problems: list[Problem] = []
     for path in sorted((folder / RESULTS).rglob("*.json")):

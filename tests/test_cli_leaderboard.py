@@ -25,6 +25,7 @@ def built(demo_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:  # noqa: F811
     run = ("run", "--dataset", "demo", "--method")
     assert dfdbench("leaderboard").status == 2
+    Path("leaderboard/results").mkdir(parents=True)
     submitted = dfdbench(*run, "constant", "--submit")
     assert submitted.status == 0
     assert submitted.err.count("submission") == 3
@@ -65,6 +66,7 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:  # noqa: F81
 
 @pytest.mark.usefixtures("built")
 def test_mistakes_are_told(dfdbench: Command) -> None:  # noqa: F811
+    Path("leaderboard/results").mkdir(parents=True)
     dfdbench("run", "--dataset", "demo", "--method", "constant", "--submit", "--no-predictions")
     result = "leaderboard/results/demo-1-test/thesis/constant.json"
     other = "leaderboard/results/demo-1-test/valid/constant.json"
@@ -80,3 +82,13 @@ def test_mistakes_are_told(dfdbench: Command) -> None:  # noqa: F811
         outcome = dfdbench(*arguments)
         assert (outcome.status, told in outcome.err) == (2, True), outcome.err
         assert "Traceback" not in outcome.err
+
+
+@pytest.mark.usefixtures("built")
+def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -> None:  # noqa: F811
+    run = ("run", "--dataset", "demo", "--method", "constant", "--submit")
+    for arguments, told in ((run, "no leaderboard here"), ((*run, "--limit", "2"), "--limit")):
+        outcome = dfdbench(*arguments)
+        assert (outcome.status, told in outcome.err) == (2, True), outcome.err
+    assert not Path("leaderboard").exists()
+    assert not Path("results").exists()

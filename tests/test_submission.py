@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
+from dfdbench.board_folder import FINGERPRINTS
 from dfdbench.errors import ResultError
 from dfdbench.result import seal_of
-from dfdbench.submission import FINGERPRINTS, load_submission, method_label, submit
-from tests.results import make_demo_result, make_result
+from dfdbench.submission import load_submission, method_label, submit
+from tests.results import limited, make_demo_result, make_result
 
 WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 
@@ -34,6 +35,22 @@ def test_a_submission_is_a_sealed_file_a_protocol(tmp_path: Path) -> None:
 
 def test_a_later_run_of_the_same_method_takes_its_place(tmp_path: Path) -> None:
     assert write(tmp_path) == write(tmp_path)
+
+
+def test_a_partial_run_takes_no_complete_ones_place(tmp_path: Path) -> None:
+    whole = make_demo_result(lambda pair: 0.1, protocols=("thesis", "valid"))
+    partial = limited(whole, 2)
+    first = submit(partial, tmp_path, WHEN)
+    assert submit(partial, tmp_path, WHEN) == first
+    # Complete under one protocol is enough: nothing at all is written.
+    kept = submit(make_demo_result(lambda pair: 0.1, protocols=("valid",)), tmp_path, WHEN)
+    before = [path.read_bytes() for path in (*first, *kept)]
+    with pytest.raises(ResultError, match="partial run") as raised:
+        submit(partial, tmp_path)
+    assert "2 pairs" in str(raised.value)
+    assert [path.read_bytes() for path in (*first, *kept)] == before
+    submit(whole, tmp_path, WHEN)
+    assert all(load_submission(path, tmp_path).complete for path in first)
 
 
 def test_names_that_make_one_file_name_do_not_replace_each_other(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dfdbench.board_folder import LEADERBOARD
 from dfdbench.board_tables import ranking_table
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import ResultError
@@ -14,7 +15,7 @@ from dfdbench.leaderboard import boards, collect
 from dfdbench.leaderboard_readme import check_readme, write_readme
 from dfdbench.result import load_result
 from dfdbench.store import open_store
-from dfdbench.submission import LEADERBOARD, data_set_problems
+from dfdbench.submission import data_set_problems
 from dfdbench.tables import Format, render
 from dfdbench.verification import SUFFIX, save_verification, verify
 
