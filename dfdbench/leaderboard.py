@@ -15,7 +15,7 @@ from dfdbench.protocol import PROTOCOLS
 from dfdbench.result import Result
 from dfdbench.submission import TIME_FORMAT, load_submission, method_label
 from dfdbench.summary import bootstrap_interval
-from dfdbench.verification import SUFFIX, Verification, load_verification
+from dfdbench.verification import SUFFIX, Verification, entry_problems, load_verification
 
 
 @dataclass(frozen=True)
@@ -108,6 +108,7 @@ def collect(folder: Path) -> list[Entry]:
                 _refuse_orphan(path)
             else:
                 result = load_submission(path, folder)
+                problems += entry_problems(result.method, path)
                 entries.append(Entry(result, path, load_verification(path)))
         except ResultError as error:
             problems += error.problems

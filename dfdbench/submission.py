@@ -11,7 +11,14 @@ from dfdbench.catalog import find_manifest
 from dfdbench.errors import DfdbenchError, Problem, ResultError
 from dfdbench.files import write_whole
 from dfdbench.protocol import PROTOCOLS
-from dfdbench.result import MethodRecord, Result, Submission, load_result, seal_of
+from dfdbench.result import (
+    MethodRecord,
+    Result,
+    Submission,
+    examine_result,
+    load_result,
+    seal_of,
+)
 
 TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
 
@@ -94,8 +101,8 @@ def load_submission(path: Path, folder: Path) -> Result:
     ResultError
         With every problem that was found.
     """
-    result = load_result(path)
-    problems = []
+    result, problems = examine_result(path)
+    stems = file_stems(method_label(result.method), result.dataset.fingerprint)
     if result.submission is None:
         problems.append(
             Problem(
@@ -108,6 +115,13 @@ def load_submission(path: Path, folder: Path) -> Result:
             Problem(
                 "result in the wrong folder", str(path), str(_place(result, folder)),
                 str(path.parent),
+            )
+        )  # fmt: skip
+    elif path.stem not in stems:
+        problems.append(
+            Problem(
+                "the file's name is not its method's", str(path), f"{stems[0]}.json", path.name,
+                "write it with `dfdbench run ... --submit`",
             )
         )  # fmt: skip
     problems += data_set_problems(result, folder, str(path))
@@ -145,17 +159,14 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
         )  # fmt: skip
     found = {pair.id: pair for pair in result.pairs}
     for what, names in (
-        ("pairs of the split are missing", expected.keys() - found.keys()),
-        ("pairs are not of the split", found.keys() - expected.keys()),
+        ("missing from the split", expected.keys() - found.keys()),
+        ("too many for the split", found.keys() - expected.keys()),
     ):
         if names:
-            first = ", ".join(sorted(names)[:3])
-            problems.append(
-                Problem(
-                    f"{len(names)} {what}", f"{where}: pairs", f"{len(expected)} pairs of "
-                    f"{dataset.name}, split {dataset.split}", first,
-                )
-            )  # fmt: skip
+            count = f"{len(names)} pair{'s' if len(names) > 1 else ''}"
+            whole = f"{len(expected)} pairs of {dataset.name}, split {dataset.split}"
+            named = ", ".join(sorted(names)[:3]) + (", ..." if len(names) > 3 else "")
+            problems.append(Problem(f"{count} {what}", f"{where}: pairs", whole, named))
     problems += [
         Problem("pair's coordinates are not those of its name", f"{where}: {name}")
         for name, pair in found.items()
@@ -175,7 +186,7 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
 
 
 def _place(result: Result, folder: Path) -> Path:
-    return place_of(result.dataset, result.protocol_names[0], folder)
+    return place_of(result.dataset, next(iter(result.protocol_names), "PROTOCOL"), folder)
 
 
 def _free_place(result: Result, folder: Path) -> Path:

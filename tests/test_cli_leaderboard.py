@@ -98,6 +98,7 @@ def test_mistakes_are_told(dfdbench: Command) -> None:  # noqa: F811
         (("report", result, "--out", "page", "--protocol", "valid"), "unknown protocol of"),
         (("leaderboard", "verify", "nowhere.json"), "cannot read the result"),
         (("leaderboard", "--folder", "nowhere"), "no leaderboard"),
+        (("leaderboard", "--check", "--format", "csv"), "--check prints no rankings"),
     ):
         outcome = dfdbench(*arguments)
         assert (outcome.status, told in outcome.err) == (2, True), outcome.err

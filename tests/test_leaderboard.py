@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from dfdbench.board_folder import file_stems
 from dfdbench.board_tables import lighting_table, ranking_table, runs_table
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard import Board, boards, collect
@@ -85,12 +86,12 @@ def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
 
 def test_the_newer_of_two_results_of_a_method_wins_and_that_is_said(tmp_path: Path) -> None:
     old = add(tmp_path, "mine", 0.1)
-    old = old.rename(old.with_stem("kept"))
+    kept = old.rename(old.with_stem(file_stems("mine", "2" * 64)[1]))
     newer = make_demo_result(lambda pair: 0.2, "mine")
     submit(newer, tmp_path, WHEN + timedelta(seconds=1))
     board = only_board(tmp_path)
     assert [s.entry.path.name for s in board.standings] == ["mine.json"]
-    assert "kept.json gives way to the newer mine.json" in " ".join(
+    assert f"{kept.name} gives way to the newer mine.json" in " ".join(
         ranking_table(board, tmp_path).notes
     )
 
@@ -105,6 +106,23 @@ def test_every_wrong_file_is_told_at_once(tmp_path: Path) -> None:
     told = str(raised.value)
     for part in ("another version", "a.json", "b.json", "finite", "without its result"):
         assert part in told, part
+
+
+def test_a_methods_name_and_entry_are_one(tmp_path: Path) -> None:
+    def named(name: str, entry: str) -> None:
+        result = make_demo_result(lambda pair: 0.1, name)
+        method = result.method.model_copy(update={"entry": entry})
+        submit(result.model_copy(update={"method": method}), tmp_path, WHEN)
+
+    named("/home/me/mine.py:predict", "mine.py:predict")
+    named("another-package's", "theirs:predict")
+    named("constant", "dfdbench.methods.baselines:Constant")
+    assert len(collect(tmp_path)) == 3
+    named("mymodule:predict", "os:system")
+    named("local", "dfdbench.methods.baselines:Constant")
+    with pytest.raises(ResultError, match="leads to another entry") as raised:
+        collect(tmp_path)
+    assert len(raised.value.problems) == 2
 
 
 def test_no_folder_is_told() -> None:
