@@ -7,6 +7,7 @@ from dfdbench.errors import Problem, ResultError
 from dfdbench.protocol import METRICS
 from dfdbench.result import Result
 from dfdbench.submission import method_label
+from dfdbench.summary import SCENES_TO_TELL, interval_name
 from dfdbench.tables import Table
 
 
@@ -70,14 +71,26 @@ def difference_table(first: Result, second: Result, protocol: str) -> Table:
                 }
             )  # fmt: skip
         rules.add(len(rows) - 1)
-    columns = ("metric", "pairs", "B less A, 95 % interval", "B better", "B worse", "same")
+    scenes = len({pair.scene for pair in first.pairs})
+    columns = (
+        "metric",
+        "pairs",
+        f"B less A, {interval_name(scenes)}",
+        "B better",
+        "B worse",
+        "same",
+    )
     names = [method_label(result.method) for result in (first, second)]
     title = f"A: {names[0]}, B: {names[1]}; {dataset.name}, split {dataset.split}, {protocol}"
     both = len(changes(first, second, protocol, "nmae"))
-    notes = [
-        "Intervals: bootstrap over scenes of the pairs' differences. Likely: leaves out 0, but "
-        "fewer than six scenes cannot tell."
-    ]
+    notes = []
+    if scenes >= SCENES_TO_TELL:
+        notes.append("95 %: bootstrap over scenes of the pairs' differences. Real: leaves out 0.")
+    elif scenes > 1:
+        notes.append(
+            f"{scenes} scenes: fewer than six are too few for a 95 % interval. Likely: all lean "
+            "one way."
+        )
     if both < dataset.expected:
         notes.append(f"{both} of {dataset.expected} pairs were scored in both runs")
     if _same_depth_maps(first, second):

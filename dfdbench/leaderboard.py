@@ -14,7 +14,7 @@ from dfdbench.errors import Problem, ResultError
 from dfdbench.protocol import PROTOCOLS
 from dfdbench.result import Result
 from dfdbench.submission import TIME_FORMAT, load_submission, method_label
-from dfdbench.summary import bootstrap_interval
+from dfdbench.summary import scene_interval
 from dfdbench.verification import SUFFIX, Verification, entry_problems, load_verification
 
 
@@ -60,7 +60,7 @@ class Standing:
     rank : int or None
         By NRMSE, ties by NMAE; None for a run that is incomplete or has no NRMSE.
     interval : tuple of float, or None
-        95 % interval of NRMSE, bootstrapped over scenes.
+        Of NRMSE, as `dfdbench.summary.scene_interval` has it.
     above : Difference or None
         How much larger its NRMSE is than that of the row above, pair by pair.
     """
@@ -84,6 +84,11 @@ class Board:
     protocol: str
     standings: tuple[Standing, ...]
     superseded: tuple[tuple[Entry, Entry], ...]
+
+    @property
+    def scenes(self) -> int:
+        """How many scenes the split has."""
+        return len({pair.scene for s in self.standings for pair in s.entry.result.pairs})
 
 
 def collect(folder: Path) -> list[Entry]:
@@ -185,7 +190,7 @@ def _interval(result: Result, protocol: str) -> tuple[float, float] | None:
         if pair.status == "ok" and pair.scores[protocol].nrmse is not None
     ]
     values = [value for value, _ in defined if value is not None]
-    return bootstrap_interval(values, [scene for _, scene in defined])
+    return scene_interval(values, [scene for _, scene in defined])
 
 
 def _refuse_orphan(path: Path) -> None:

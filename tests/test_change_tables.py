@@ -59,3 +59,11 @@ def test_what_is_drawn_is_of_different_scenes_and_views() -> None:
     ]  # fmt: skip
     assert len(changes_to_show(before, after, "thesis", 99)) == len(places)
     assert changes_to_show(before, before, "thesis", 4) == ()
+
+
+@pytest.mark.parametrize("scenes", ["abc", "abcdef"])
+def test_few_scenes_are_no_95_per_cent(scenes: str) -> None:
+    first, second = (make_result({(s, 1, 1, 0): v for s in scenes}) for v in (0.1, 0.2))
+    table = change_tables(first, second, "thesis")[0]
+    assert table.columns[2].endswith("95 %" if len(scenes) > 5 else "range of scene means")
+    assert ("too few for a 95 % interval" in table.notes[0]) == (len(scenes) < 6)

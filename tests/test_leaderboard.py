@@ -1,3 +1,4 @@
+import os
 import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -8,10 +9,10 @@ import pytest
 from dfdbench.board_folder import file_stems
 from dfdbench.board_tables import lighting_table, ranking_table, runs_table
 from dfdbench.errors import ResultError
-from dfdbench.leaderboard import Board, boards, collect
+from dfdbench.leaderboard import Board, Entry, boards, collect
 from dfdbench.manifest import Pair
 from dfdbench.submission import submit
-from tests.results import limited, make_demo_result
+from tests.results import limited, make_demo_result, make_result
 
 WHEN = datetime(2026, 1, 2, tzinfo=UTC)
 
@@ -43,6 +44,36 @@ def test_the_ranking_is_by_nrmse_with_an_interval_and_the_row_above(tmp_path: Pa
     score = first.entry.score("thesis", "nrmse")
     assert score is not None
     assert first.interval[0] < score < first.interval[1]
+
+
+@pytest.mark.parametrize("scenes", ["abc", "abcdef"])
+def test_few_scenes_are_no_95_per_cent(tmp_path: Path, scenes: str) -> None:
+    (tmp_path / "r.json").touch()
+    values = {(scene, 1, 1, 0): 0.1 * (1 + n) for n, scene in enumerate(scenes)}
+    (board,) = boards([Entry(make_result(values), tmp_path / "r.json", None)])
+    table = ranking_table(board, tmp_path)
+    name = "95 %" if len(scenes) > 5 else "range of scene means"
+    assert table.columns[3] == name
+    assert table.records[0]["interval"] == name
+    assert ("too few for a 95 % interval" in table.notes[0]) == (len(scenes) < 6)
+    assert (table.rows[0][3] == "0.1000 to 0.3000") == (len(scenes) < 6)
+
+
+def test_runs_that_give_way_are_named_by_their_folders(tmp_path: Path) -> None:
+    paths = [tmp_path / place / "result.json" for place in ("old", "new", "a/run", "b/run")]
+    for path in paths:
+        path.parent.mkdir(parents=True)
+        path.write_text("")
+    for first, second, told in (
+        (paths[0], paths[1], "old gives way to the newer new"),
+        (paths[2], paths[3], "a/run gives way to the newer b/run"),
+    ):
+        entries = [
+            Entry(make_result({("a", 1, 1, 0): 0.1}), path, None) for path in (first, second)
+        ]
+        os.utime(first, (0, 0))
+        (board,) = boards(entries)
+        assert told in ranking_table(board, tmp_path).notes[-1]
 
 
 def test_ties_go_to_nmae_and_full_ties_share_a_rank(tmp_path: Path) -> None:
