@@ -62,7 +62,10 @@ def ranking_table(board: Board, folder: Path) -> Table:
     )  # fmt: skip
     title = f"{board.dataset}, split {board.split}, protocol {protocol}"
     records = tuple(_record(board, standing, folder) for standing in board.standings)
-    return Table(title, columns, tuple(rows), "rlrlrrlrl", tuple(notes), records=records)
+    return Table(
+        title, columns, tuple(rows), "rlrlrrlrl", tuple(notes), records=records,
+        parts=((0, 1, 2, 3, 4, 5), (0, 1, 6, 7, 8)),
+    )  # fmt: skip
 
 
 def lighting_table(board: Board) -> Table:
