@@ -105,6 +105,27 @@ def test_mistakes_are_told(dfdbench: Command) -> None:  # noqa: F811
         assert "Traceback" not in outcome.err
 
 
+FAILS_AT_TIMES = """
+def predict(infocus, defocus):
+    assert infocus.mean() < defocus.mean()
+    return infocus[..., 0]
+"""
+
+
+@pytest.mark.usefixtures("built")
+def test_a_run_with_failed_pairs_is_submitted_without_rank(dfdbench: Command) -> None:  # noqa: F811
+    Path("leaderboard/results").mkdir(parents=True)
+    Path("fails.py").write_text(FAILS_AT_TIMES)
+    ran = dfdbench(
+        "run", "--dataset", "demo", "--method", "fails.py:predict", "--submit", "--no-predictions"
+    )
+    assert ran.status == 1
+    assert "pairs failed" in ran.err
+    assert "without a rank" in ran.err
+    listed = json.loads(dfdbench("leaderboard", "--format", "json").out)
+    assert [board["rows"][0]["rank"] for board in listed] == [None] * 3
+
+
 @pytest.mark.usefixtures("built")
 def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -> None:  # noqa: F811
     run = ("run", "--dataset", "demo", "--method", "constant", "--submit")

@@ -22,6 +22,7 @@ from dfdbench.pair_evaluation import load_for
 from dfdbench.protocol import find_protocol
 from dfdbench.report import run_as_csv, run_as_json, run_tables
 from dfdbench.report_scenes import scene_tables
+from dfdbench.result import Result
 from dfdbench.run_folder import RESULT
 from dfdbench.store import open_store
 from dfdbench.submission import submit as submit_result
@@ -98,14 +99,12 @@ def run(
     say(f"result       {folder / RESULT}")
     if not no_predictions:
         say(f"figures      {folder / 'figures'}")
-    if submit:
-        for path in submit_result(done.result, LEADERBOARD):
-            say(f"submission   {path}")
-        if not done.result.complete:
-            say("not every pair was evaluated: the leaderboard lists this run without a rank")
     failed = sum(pair.status == "failed" for pair in done.result.pairs)
     if failed:
         say(f"{failed} pairs failed; the same command tries them again")
+    if submit:
+        _submit(done.result)
+    if failed:
         raise typer.Exit(1)
 
 
@@ -145,6 +144,13 @@ def _refuse_what_cannot_be_submitted(limit: int | None) -> None:
             )
         )  # fmt: skip
     require_leaderboard(LEADERBOARD)
+
+
+def _submit(result: Result) -> None:
+    for path in submit_result(result, LEADERBOARD):
+        say(f"submission   {path}")
+    if not result.complete:
+        say("not every pair was evaluated: the leaderboard lists this run without a rank")
 
 
 def _parameters(given: list[str] | None) -> dict[str, Any]:
