@@ -13,6 +13,8 @@ from dfdbench.leaderboard import Board, Entry, Standing
 from dfdbench.protocol import METRICS
 from dfdbench.published import PublishedTable, mean_over
 from dfdbench.result import Result
+from dfdbench.run_folder import RESULT
+from dfdbench.summary import SCENES_TO_TELL, interval_name
 from dfdbench.tables import Link, Table
 
 _NOTHING = "–"
@@ -46,24 +48,24 @@ def ranking_table(board: Board, folder: Path) -> Table:
                 str(standing.above or _NOTHING), seconds_text(entry.seconds), entry.status,
             )
         )  # fmt: skip
-    scenes = {pair.scene for s in board.standings for pair in s.entry.result.pairs}
     notes = [
-        f"95 %: interval of NRMSE from a bootstrap over {len(scenes)} scenes. Behind the row "
-        "above: how much larger NRMSE is, pair by pair, with its interval; real where that "
-        "leaves out 0, likely where it does but fewer than six scenes cannot tell.",
+        _interval_note(board.scenes),
         *_incomplete_notes(board),
         *(
-            f"{old.label}: {old.path.name} gives way to the newer {new.path.name}"
+            f"{old.label}: {_file(old, new)} gives way to the newer {_file(new, old)}"
             for old, new in board.superseded
         ),
     ]
     columns = (
-        "", "method", _HEADS["nrmse"], "95 %", _HEADS["nmae"], _HEADS["ssim"],
+        "", "method", _HEADS["nrmse"], interval_name(board.scenes), _HEADS["nmae"], _HEADS["ssim"],
         "behind the row above", "seconds a pair", "status",
     )  # fmt: skip
     title = f"{board.dataset}, split {board.split}, protocol {protocol}"
     records = tuple(_record(board, standing, folder) for standing in board.standings)
-    return Table(title, columns, tuple(rows), "rlrlrrlrl", tuple(notes), records=records)
+    return Table(
+        title, columns, tuple(rows), "rlrlrrlrl", tuple(notes), records=records,
+        parts=((0, 1, 2, 3, 4, 5), (0, 1, 6, 7, 8)),
+    )  # fmt: skip
 
 
 def lighting_table(board: Board) -> Table:
@@ -246,6 +248,7 @@ def _record(board: Board, standing: Standing, folder: Path) -> dict[str, object]
         **{metric: entry.score(protocol, metric) for metric in METRICS},
         "nrmse_low": low,
         "nrmse_high": high,
+        "interval": interval_name(board.scenes),
         "nrmse_behind": above.mean if above else None,
         "nrmse_behind_low": above.low if above else None,
         "nrmse_behind_high": above.high if above else None,
@@ -272,6 +275,33 @@ def _mean(result: Result, protocol: str, metric: str, axis: str, level: int) -> 
     values = [getattr(pair.scores[protocol], metric) for pair in pairs]
     defined = [value for value in values if value is not None]
     return fsum(defined) / len(defined) if defined else None
+
+
+def _interval_note(scenes: int) -> str:
+    behind = "Behind the row above: how much larger NRMSE is, pair by pair, with its"
+    if scenes >= SCENES_TO_TELL:
+        return (
+            f"95 %: interval of NRMSE from a bootstrap over {scenes} scenes. {behind} interval; "
+            "real where that leaves out 0."
+        )
+    if scenes == 1:
+        return "A single scene: no interval."
+    return (
+        f"Range of scene means: the lowest and the highest NRMSE of {scenes} scenes; fewer than "
+        f"six are too few for a 95 % interval. {behind} range over scenes; likely where all "
+        "scenes lean one way."
+    )
+
+
+def _file(entry: Entry, other: Entry) -> str:
+    # A run's result is called like every other: its folder tells it apart.
+    files = [e.path.resolve() for e in (entry, other)]
+    places = [file.parent if file.name == RESULT else file for file in files]
+    if places[0].name != places[1].name:
+        return places[0].name
+    return Path(
+        os.path.relpath(places[0], os.path.commonpath([p.parent for p in places]))
+    ).as_posix()
 
 
 def _incomplete_notes(board: Board) -> list[str]:

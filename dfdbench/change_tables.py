@@ -7,6 +7,7 @@ from dfdbench.errors import Problem, ResultError
 from dfdbench.protocol import METRICS
 from dfdbench.result import Result
 from dfdbench.submission import method_label
+from dfdbench.summary import SCENES_TO_TELL, interval_name
 from dfdbench.tables import Table
 
 
@@ -22,6 +23,11 @@ def change_tables(first: Result, second: Result, protocol: str, most: int = 10) 
     most : int
         How many pairs are listed of those that changed most.
 
+    Returns
+    -------
+    list of Table
+        The differences and, where there are any, the pairs that changed.
+
     Raises
     ------
     ResultError
@@ -32,7 +38,10 @@ def change_tables(first: Result, second: Result, protocol: str, most: int = 10) 
         raise ResultError(
             Problem("no pair was scored in both runs", fix="complete them: `dfdbench run` goes on")
         )
-    return [difference_table(first, second, protocol), pair_table(first, second, protocol, most)]
+    tables = [difference_table(first, second, protocol)]
+    if most_changed(first, second, protocol, most):
+        tables.append(pair_table(first, second, protocol, most))
+    return tables
 
 
 def difference_table(first: Result, second: Result, protocol: str) -> Table:
@@ -62,16 +71,30 @@ def difference_table(first: Result, second: Result, protocol: str) -> Table:
                 }
             )  # fmt: skip
         rules.add(len(rows) - 1)
-    columns = ("metric", "pairs", "B less A, 95 % interval", "B better", "B worse", "same")
+    scenes = len({pair.scene for pair in first.pairs})
+    columns = (
+        "metric",
+        "pairs",
+        f"B less A, {interval_name(scenes)}",
+        "B better",
+        "B worse",
+        "same",
+    )
     names = [method_label(result.method) for result in (first, second)]
     title = f"A: {names[0]}, B: {names[1]}; {dataset.name}, split {dataset.split}, {protocol}"
     both = len(changes(first, second, protocol, "nmae"))
-    notes = [
-        "Intervals: bootstrap over scenes of the pairs' differences. Likely: leaves out 0, but "
-        "fewer than six scenes cannot tell."
-    ]
+    notes = []
+    if scenes >= SCENES_TO_TELL:
+        notes.append("95 %: bootstrap over scenes of the pairs' differences. Real: leaves out 0.")
+    elif scenes > 1:
+        notes.append(
+            f"{scenes} scenes: fewer than six are too few for a 95 % interval. Likely: all lean "
+            "one way."
+        )
     if both < dataset.expected:
         notes.append(f"{both} of {dataset.expected} pairs were scored in both runs")
+    if _same_depth_maps(first, second):
+        notes.append("The depth maps are the same in both runs, to the last digit.")
     return Table(
         title, columns, tuple(rows), "lllrrr", tuple(notes), frozenset(rules), tuple(records)
     )
@@ -103,6 +126,37 @@ def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table
 
 
 def most_changed(first: Result, second: Result, protocol: str, most: int) -> tuple[PairChange, ...]:
-    """Return the pairs whose NRMSE changed most, largest change first."""
-    found = changes(first, second, protocol, "nrmse")
+    """Return the pairs whose NRMSE changed most, largest change first; none that did not."""
+    found = [c for c in changes(first, second, protocol, "nrmse") if c.difference]
     return tuple(sorted(found, key=lambda c: (-abs(c.difference), c.first.id))[:most])
+
+
+def changes_to_show(
+    first: Result, second: Result, protocol: str, count: int
+) -> tuple[PairChange, ...]:
+    """Return pairs whose NRMSE changed much, of as many scenes and views as there are.
+
+    The pairs that changed most are often one scene's view under other lights, the same picture
+    over and over: a pair counts behind those of scenes, then views, that were chosen less often.
+    """
+    axis = first.dataset.axes[0]
+    left = list(most_changed(first, second, protocol, len(first.pairs)))
+    chosen: list[PairChange] = []
+
+    def seen(change: PairChange) -> tuple[int, int]:
+        same_scene = [c for c in chosen if c.first.scene == change.first.scene]
+        value = change.first.coordinates[axis]
+        return len(same_scene), sum(c.first.coordinates[axis] == value for c in same_scene)
+
+    while left and len(chosen) < count:
+        chosen.append(left.pop(left.index(min(left, key=seen))))
+    return tuple(sorted(chosen, key=lambda c: (-abs(c.difference), c.first.id)))
+
+
+def _same_depth_maps(first: Result, second: Result) -> bool:
+    others = {pair.id: pair.prediction_sha256 for pair in second.pairs if pair.status == "ok"}
+    return all(
+        pair.prediction_sha256 is not None and pair.prediction_sha256 == others[pair.id]
+        for pair in first.pairs
+        if pair.status == "ok" and pair.id in others
+    )

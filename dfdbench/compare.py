@@ -8,11 +8,7 @@ from dataclasses import dataclass
 from dfdbench.errors import Problem, ResultError, unknown_name
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result
-from dfdbench.summary import bootstrap_interval
-
-# That n scenes all lean one way by chance has probability 2 / 2^n: below 5 % from 6 on. With
-# fewer, a bootstrap over scenes is narrower than its 95 % say.
-_SCENES_TO_TELL = 6
+from dfdbench.summary import SCENES_TO_TELL, scene_interval
 
 
 @dataclass(frozen=True)
@@ -33,7 +29,7 @@ class Difference:
     mean : float
         Second run less first.
     low, high : float or None
-        95 % interval, bootstrapped over scenes; None for a single scene.
+        95 % interval or, of fewer than six scenes, the range of their means; None for one scene.
     wins, losses, ties : int
         Pairs on which the second run is better, worse, the same.
     scenes : int
@@ -58,13 +54,13 @@ class Difference:
     def verdict(self) -> str:
         """Whether the difference is more than chance.
 
-        ``real``: the interval leaves out 0. ``likely``: it does, but of so few scenes that
-        all of them lean one way by chance in more than 5 % of cases. ``may be chance``: it
-        holds 0, or there is no interval.
+        ``real``: the interval leaves out 0. ``likely``: all scenes lean one way, but there are
+        so few that they do by chance in more than 5 % of cases. ``may be chance``: interval or
+        range hold 0, or there is neither.
         """
         if self.low is None or self.high is None or self.low <= 0 <= self.high:
             return "may be chance"
-        return "real" if self.scenes >= _SCENES_TO_TELL else "likely"
+        return "real" if self.scenes >= SCENES_TO_TELL else "likely"
 
 
 def check_comparable(first: Result, second: Result, protocol: str) -> None:
@@ -142,7 +138,7 @@ def paired_difference(
     if not METRICS[metric]:
         better, worse = worse, better
     scenes = [change.first.scene for change in found]
-    low, high = bootstrap_interval(values, scenes, seed) or (None, None)
+    low, high = scene_interval(values, scenes, seed) or (None, None)
     ties = len(values) - better - worse
     mean = math.fsum(values) / len(values)
     return Difference(mean, low, high, better, worse, ties, len(set(scenes)))

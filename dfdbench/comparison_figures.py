@@ -83,7 +83,7 @@ def change_figure(
     figure = Figure(figsize=(15, 1.9 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 6, squeeze=False)
     names = [plain_text(run.label) for run in (first, second)]
-    figure.suptitle(f"A: {names[0]}    B: {names[1]}    pairs that changed most")
+    figure.suptitle(f"A: {names[0]}    B: {names[1]}    changed much, scene by scene")
     heads = ("in-focus", "ground truth", "A", "B", "A − truth", "B − truth")
     for number, (change, images, *predictions) in enumerate(rows):
         known = np.where(images.valid, images.depth, np.nan).astype(np.float64)

@@ -223,7 +223,7 @@ def _result(store: Store, method: Method, split: str, pairs: list[PairResult], s
         protocols=[protocol.as_dict() for protocol in PROTOCOLS.values()],
         method=MethodRecord(
             name=method.name,
-            entry=_without_folder(method.entry),
+            entry=without_folder(method.entry),
             source_sha256=method.source_sha256,
             parameters={name: _shared(value) for name, value in method.parameters.items()},
             uses=list(method.uses),
@@ -245,7 +245,15 @@ def _shared(value: Any) -> Any:
     return Path(value).name if is_file else value
 
 
-def _without_folder(entry: str) -> str:
-    # A result is for others to read: where a file lay on this machine is none of their business.
+def without_folder(entry: str) -> str:
+    """Return a method's entry as results show it: an absolute path's file name only.
+
+    Where a file lies on one machine is no business of those who read the result.
+
+    Examples
+    --------
+    >>> without_folder("/home/me/mine.py:predict"), without_folder("mine.py:predict")
+    ('mine.py:predict', 'mine.py:predict')
+    """
     place, _, attribute = entry.rpartition(":")
     return f"{Path(place).name}:{attribute}" if Path(place).is_absolute() else entry

@@ -9,11 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from dfdbench.figure_style import COLOURS
+from dfdbench.methods.weights import Card
 from dfdbench.protocol import METRICS
 from dfdbench.training.checkpoint import Log, Row
 
-# Okabe and Ito's colours, which the colour-blind can tell apart.
-_TRAIN, _TEST = "#0072B2", "#D55E00"
+_TRAIN, _TEST = COLOURS[0], COLOURS[5]
 _POINTS = 400
 
 
@@ -72,6 +73,25 @@ def levels_figure(rows: Sequence[Row], title: str) -> Figure:
     axis.set(title=title, xlabel="depth level", ylabel="pixels (%)", xlim=(-1, 256))
     axis.grid(alpha=0.3)
     axis.legend()
+    return figure
+
+
+def experiment_figure(title: str, cards: Sequence[tuple[str, Card]]) -> Figure:
+    """Draw each training's scores and their mean by value, as Figs 5.18 and 5.21 to 5.23 do."""
+    values = list(dict.fromkeys(value for value, _ in cards))
+    figure = Figure(figsize=(12, 4), layout="constrained")
+    figure.suptitle(title)
+    for axis, metric in zip(figure.subplots(1, len(METRICS)), METRICS, strict=True):
+        for place, value in enumerate(values):
+            scores = [card.scores[metric] for name, card in cards if name == value]
+            axis.plot([place] * len(scores), scores, "o", color=_TRAIN, alpha=0.6)
+            axis.plot([place - 0.2, place + 0.2], [np.mean(scores)] * 2, color=_TEST)
+        axis.set_xticks(range(len(values)), [value or "all seeds" for value in values])
+        axis.set(ylabel=metric.upper())
+        axis.set_xlim(-0.5, len(values) - 0.5)
+        axis.grid(alpha=0.3)
+        if max((len(value) for value in values), default=0) > 4:
+            axis.tick_params(axis="x", rotation=45)
     return figure
 
 

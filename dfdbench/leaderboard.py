@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from dfdbench.board_folder import RESULTS, require_leaderboard
 from dfdbench.compare import Difference, changes, paired_difference
 from dfdbench.errors import Problem, ResultError
 from dfdbench.protocol import PROTOCOLS
 from dfdbench.result import Result
-from dfdbench.submission import RESULTS, TIME_FORMAT, load_submission, method_label
-from dfdbench.summary import bootstrap_interval
-from dfdbench.verification import SUFFIX, Verification, load_verification
+from dfdbench.submission import TIME_FORMAT, load_submission, method_label
+from dfdbench.summary import scene_interval
+from dfdbench.verification import SUFFIX, Verification, entry_problems, load_verification
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Standing:
     rank : int or None
         By NRMSE, ties by NMAE; None for a run that is incomplete or has no NRMSE.
     interval : tuple of float, or None
-        95 % interval of NRMSE, bootstrapped over scenes.
+        Of NRMSE, as `dfdbench.summary.scene_interval` has it.
     above : Difference or None
         How much larger its NRMSE is than that of the row above, pair by pair.
     """
@@ -84,6 +85,11 @@ class Board:
     standings: tuple[Standing, ...]
     superseded: tuple[tuple[Entry, Entry], ...]
 
+    @property
+    def scenes(self) -> int:
+        """How many scenes the split has."""
+        return len({pair.scene for s in self.standings for pair in s.entry.result.pairs})
+
 
 def collect(folder: Path) -> list[Entry]:
     """Read every result of a leaderboard.
@@ -98,13 +104,7 @@ def collect(folder: Path) -> list[Entry]:
     ResultError
         With everything that is wrong in any of the files.
     """
-    if not folder.is_dir():
-        raise ResultError(
-            Problem(
-                "no leaderboard", str(folder),
-                fix="run this in a clone of dfdbench, or name the folder: --folder DIR",
-            )
-        )  # fmt: skip
+    require_leaderboard(folder)
     entries: list[Entry] = []
     problems: list[Problem] = []
     for path in sorted((folder / RESULTS).rglob("*.json")):
@@ -113,6 +113,7 @@ def collect(folder: Path) -> list[Entry]:
                 _refuse_orphan(path)
             else:
                 result = load_submission(path, folder)
+                problems += entry_problems(result.method, path)
                 entries.append(Entry(result, path, load_verification(path)))
         except ResultError as error:
             problems += error.problems
@@ -189,7 +190,7 @@ def _interval(result: Result, protocol: str) -> tuple[float, float] | None:
         if pair.status == "ok" and pair.scores[protocol].nrmse is not None
     ]
     values = [value for value, _ in defined if value is not None]
-    return bootstrap_interval(values, [scene for _, scene in defined])
+    return scene_interval(values, [scene for _, scene in defined])
 
 
 def _refuse_orphan(path: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import jinja2
 
+from dfdbench.board_folder import README
 from dfdbench.board_tables import board_tables, published_summary, published_table
 from dfdbench.errors import Problem, ResultError
 from dfdbench.files import write_whole
@@ -16,7 +17,6 @@ from dfdbench.leaderboard import Board, Entry, boards, collect
 from dfdbench.published import PublishedTable, load_published
 from dfdbench.tables import as_markdown, escape_markdown
 
-README = "README.md"
 NOTE = "note.md"
 
 

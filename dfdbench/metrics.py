@@ -149,7 +149,9 @@ def ssim(
     if mask is not None:
         truth, test = truth * counts, test * counts
     c1, c2 = (_SSIM_K1 * data_range) ** 2, (_SSIM_K2 * data_range) ** 2
-    return float(_mean_similarity(truth, test, counts, mask is not None, _SSIM_WEIGHTS, c1, c2))
+    mean = _mean_similarity(truth, test, counts, mask is not None, _SSIM_WEIGHTS, c1, c2)
+    # Nearly equal images may come out past 1 by a rounding.
+    return float(np.clip(mean, -1.0, 1.0))
 
 
 @njit(cache=True, nogil=True)

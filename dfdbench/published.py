@@ -11,10 +11,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
+from dfdbench.board_folder import PUBLISHED
 from dfdbench.errors import Problem, ResultError
 from dfdbench.result import Model
 
-PUBLISHED = "published"
 Text = Annotated[str, Field(min_length=1)]
 Printed = Annotated[Decimal, Field(allow_inf_nan=False)]
 Metric = Annotated[str, Field(pattern="^(nrmse|nmae|ssim)$")]

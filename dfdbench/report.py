@@ -9,7 +9,15 @@ from typing import Any
 from dfdbench.errors import unknown_name
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result
-from dfdbench.summary import Group, Statistic, ranked, summarise, summarise_scenes
+from dfdbench.summary import (
+    SCENES_TO_TELL,
+    Group,
+    Statistic,
+    interval_name,
+    ranked,
+    summarise,
+    summarise_scenes,
+)
 from dfdbench.tables import Table, as_csv
 
 _EXTREMES = 5
@@ -140,12 +148,13 @@ def run_as_csv(
                 (
                     result.method.name, dataset.name, dataset.split, protocol, *where, metric,
                     statistic.mean, statistic.std, statistic.low, statistic.high,
+                    None if statistic.low is None else interval_name(statistic.scenes),
                     statistic.defined, group.evaluated, group.expected,
                 )
             )  # fmt: skip
     columns = (
         "method", "dataset", "split", "protocol", *places, "metric", "mean", "std", "low", "high",
-        "defined", "evaluated", "expected",
+        "interval", "defined", "evaluated", "expected",
     )  # fmt: skip
     return as_csv(columns, rows)
 
@@ -194,7 +203,8 @@ def _group_as_dict(place: Mapping[str, object], group: Group) -> dict[str, Any]:
         return {
             "mean": value.mean,
             "std": value.std,
-            "interval_95": None if value.low is None else [value.low, value.high],
+            "interval": None if value.low is None else [value.low, value.high],
+            "interval_is": None if value.low is None else interval_name(value.scenes),
             "defined": value.defined,
         }
 
@@ -228,10 +238,10 @@ def _notes(result: Result, groups: tuple[Group, ...]) -> list[str]:
     ]
     if intervals:
         scenes = len({pair.scene for pair in result.pairs if pair.status == "ok"})
-        notes.append(
-            f"95 % interval of the overall mean, bootstrapped over {scenes} scenes: "
-            + "; ".join(intervals)
-        )
+        what = f"95 % interval of the overall mean, bootstrapped over {scenes} scenes"
+        if scenes < SCENES_TO_TELL:
+            what = f"range of the means of {scenes} scenes, too few for an interval"
+        notes.append(f"{what}: {'; '.join(intervals)}")
     if whole.undefined:
         notes.append(
             "without a defined score (flat ground truth), in no mean: "

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.files import write_whole
@@ -19,6 +20,8 @@ SCHEMA_VERSION = 1
 _TOLERANCE = 1e-9
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
+Similarity = Annotated[float, Field(allow_inf_nan=False, ge=-1, le=1)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -31,9 +34,9 @@ class Model(BaseModel):
 class PairScores(Model):
     """The metrics of one pair under one protocol; null where a metric is undefined."""
 
-    nrmse: Finite | None
-    nmae: Finite | None
-    ssim: Finite | None
+    nrmse: NotNegative | None
+    nmae: NotNegative | None
+    ssim: Similarity | None
 
 
 class PairResult(Model):
@@ -49,7 +52,7 @@ class PairResult(Model):
     scene: str
     coordinates: dict[str, int]
     status: Literal["ok", "failed", "missing", "not-run"]
-    seconds: Finite | None = None
+    seconds: NotNegative | None = None
     timed_alone: bool = True
     prediction_sha256: Sha256 | None = None
     scores: dict[str, PairScores] = Field(default_factory=dict)
@@ -102,6 +105,11 @@ class Environment(Model):
     versions: dict[str, str]
 
 
+def _a_date(text: str) -> str:
+    datetime.fromisoformat(text)
+    return text
+
+
 class Submission(Model):
     """What makes a result fit for the leaderboard.
 
@@ -109,7 +117,9 @@ class Submission(Model):
     of all else in the file, so that it cannot be edited without notice.
     """
 
-    submitted: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ$")]
+    submitted: Annotated[
+        str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ$"), AfterValidator(_a_date)
+    ]
     seal: Sha256
 
 
@@ -174,10 +184,21 @@ def load_result(path: Path) -> Result:
     ResultError
         Where it cannot be read, is of another schema version, or contradicts itself.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ResultError(Problem("cannot read the result", str(path), got=str(error))) from error
+    result, problems = examine_result(path)
+    if problems:
+        raise ResultError(problems)
+    return result
+
+
+def examine_result(path: Path) -> tuple[Result, list[Problem]]:
+    """Read a result file, and return in what it contradicts itself.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot be read or is of another schema version.
+    """
+    content = _read_json(path)
     found = content.get("schema_version") if isinstance(content, dict) else None
     if found != SCHEMA_VERSION:
         raise ResultError(
@@ -201,12 +222,34 @@ def load_result(path: Path) -> Result:
         problems.append(
             Problem(
                 "the file was edited after it was sealed", f"{path}: submission.seal",
-                seal_of(content), result.submission.seal, "submit the run's own result.json again",
+                "the SHA-256 of the file's content", result.submission.seal,
+                "submit the run again: `dfdbench run ... --submit`",
             )
         )  # fmt: skip
-    if problems:
-        raise ResultError(problems)
-    return result
+    return result, problems
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        raise ResultError(
+            Problem(
+                "cannot read the result", str(path), "a result file or the folder of a run",
+                reason, "name what `dfdbench run` wrote: results/DATASET-SPLIT/METHOD",
+            )
+        ) from error  # fmt: skip
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ResultError(
+            Problem(
+                "the result is damaged", str(path), "JSON as `dfdbench run` wrote it",
+                "an empty file" if not text.strip() else str(error),
+                "the same `dfdbench run` writes it anew, from the pairs that it kept",
+            )
+        ) from error  # fmt: skip
 
 
 def _contradictions(result: Result, path: Path) -> list[Problem]:
@@ -234,6 +277,16 @@ def _contradictions(result: Result, path: Path) -> list[Problem]:
         )
         for pair in evaluated
         if set(pair.scores) != set(names)
+    ]
+    # What holds for every error cannot be otherwise: its mean never exceeds its root mean square.
+    problems += [
+        Problem(
+            "NMAE is larger than NRMSE", f"{path}: {pair.id}, {name}", f"at most {nrmse}", str(nmae)
+        )
+        for pair in evaluated
+        for name, scores in pair.scores.items()
+        for nrmse, nmae in [(scores.nrmse, scores.nmae)]
+        if nrmse is not None and nmae is not None and nmae > nrmse + _TOLERANCE
     ]
     if problems:
         return problems

@@ -68,6 +68,8 @@ def open_run(path: Path, dataset: str | None = None) -> SavedRun:
     StoreError
         Where a store was named and is none, or holds other data.
     """
+    if path.is_dir() and not (path / RESULT).exists():
+        raise ResultError(_no_run(path))
     file = path / RESULT if path.is_dir() else path
     result = load_result(file)
     if not (file.parent / PREDICTIONS).is_dir():
@@ -88,3 +90,12 @@ def open_run(path: Path, dataset: str | None = None) -> SavedRun:
             )
         )  # fmt: skip
     return SavedRun(file, result, None, f"the built {result.dataset.short} set holds other data")
+
+
+def _no_run(folder: Path) -> Problem:
+    below = [found.parent for depth in ("*", "*/*") for found in folder.glob(f"{depth}/{RESULT}")]
+    names = ", ".join(map(str, sorted(below)[:3])) + (", ..." if len(below) > 3 else "")
+    return Problem(
+        "no run in this folder", str(folder), f"a folder with {RESULT}, or a result file",
+        fix=f"name the runs: {names}" if below else "`dfdbench run` makes one",
+    )  # fmt: skip

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from datetime import UTC, datetime
 from pathlib import Path
 
+from dfdbench.board_folder import file_stems, known_fingerprints, place_of
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import DfdbenchError, Problem, ResultError
 from dfdbench.files import write_whole
 from dfdbench.protocol import PROTOCOLS
-from dfdbench.result import MethodRecord, Result, Submission, load_result, seal_of
+from dfdbench.result import (
+    MethodRecord,
+    Result,
+    Submission,
+    examine_result,
+    load_result,
+    seal_of,
+)
 
-#: The leaderboard's folder in a clone.
-LEADERBOARD = Path("leaderboard")
-RESULTS = "results"
 TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
-#: The fingerprints that a data set must have, where it is made the same everywhere.
-FINGERPRINTS = "fingerprints.json"
 
 
 def method_label(method: MethodRecord) -> str:
@@ -39,7 +41,8 @@ def method_label(method: MethodRecord) -> str:
 def submit(result: Result, folder: Path, submitted: datetime | None = None) -> list[Path]:
     """Write a run as the leaderboard takes it, a sealed file for each protocol; return them.
 
-    A result of the same method, parameters and data set that is there already is replaced.
+    A result of the same method, parameters and data set that is there already is replaced, but
+    a complete one not by one of a partial run.
 
     Parameters
     ----------
@@ -53,22 +56,24 @@ def submit(result: Result, folder: Path, submitted: datetime | None = None) -> l
     Raises
     ------
     ResultError
-        Where the run is not one of a whole split of a released data set.
+        Where the run is not one of a released data set's split, or is a partial run and a
+        complete one is there. Nothing is written then.
     """
     problems = data_set_problems(result, folder, "this run")
     if problems:
         raise ResultError(problems)
+    parts = [under_protocol(result, protocol) for protocol in result.protocol_names]
+    places = [_free_place(part, folder) for part in parts]
+    problems = [_partial(result, path) for path in places if not result.complete and _whole(path)]
+    if problems:
+        raise ResultError(problems)
     when = (submitted or datetime.now(UTC)).strftime(TIME_FORMAT)
-    paths = []
-    for protocol in result.protocol_names:
-        narrowed = under_protocol(result, protocol)
-        path = _free_place(narrowed, folder)
+    for narrowed, path in zip(parts, places, strict=True):
         unsealed = Submission(submitted=when, seal="0" * 64)
         content = json.loads(narrowed.model_copy(update={"submission": unsealed}).model_dump_json())
         content["submission"]["seal"] = seal_of(content)
         write_whole(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
-        paths.append(path)
-    return paths
+    return places
 
 
 def under_protocol(result: Result, protocol: str) -> Result:
@@ -96,8 +101,8 @@ def load_submission(path: Path, folder: Path) -> Result:
     ResultError
         With every problem that was found.
     """
-    result = load_result(path)
-    problems = []
+    result, problems = examine_result(path)
+    stems = file_stems(method_label(result.method), result.dataset.fingerprint)
     if result.submission is None:
         problems.append(
             Problem(
@@ -110,6 +115,13 @@ def load_submission(path: Path, folder: Path) -> Result:
             Problem(
                 "result in the wrong folder", str(path), str(_place(result, folder)),
                 str(path.parent),
+            )
+        )  # fmt: skip
+    elif path.stem not in stems:
+        problems.append(
+            Problem(
+                "the file's name is not its method's", str(path), f"{stems[0]}.json", path.name,
+                "write it with `dfdbench run ... --submit`",
             )
         )  # fmt: skip
     problems += data_set_problems(result, folder, str(path))
@@ -137,7 +149,7 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
                 manifest.sha256, dataset.manifest_sha256,
             )
         )  # fmt: skip
-    known = _fingerprints(folder).get(dataset.name)
+    known = known_fingerprints(folder).get(dataset.name)
     if known and dataset.recipe["name"] == manifest.recipe and dataset.fingerprint not in known:
         problems.append(
             Problem(
@@ -147,17 +159,14 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
         )  # fmt: skip
     found = {pair.id: pair for pair in result.pairs}
     for what, names in (
-        ("pairs of the split are missing", expected.keys() - found.keys()),
-        ("pairs are not of the split", found.keys() - expected.keys()),
+        ("missing from the split", expected.keys() - found.keys()),
+        ("too many for the split", found.keys() - expected.keys()),
     ):
         if names:
-            first = ", ".join(sorted(names)[:3])
-            problems.append(
-                Problem(
-                    f"{len(names)} {what}", f"{where}: pairs", f"{len(expected)} pairs of "
-                    f"{dataset.name}, split {dataset.split}", first,
-                )
-            )  # fmt: skip
+            count = f"{len(names)} pair{'s' if len(names) > 1 else ''}"
+            whole = f"{len(expected)} pairs of {dataset.name}, split {dataset.split}"
+            named = ", ".join(sorted(names)[:3]) + (", ..." if len(names) > 3 else "")
+            problems.append(Problem(f"{count} {what}", f"{where}: pairs", whole, named))
     problems += [
         Problem("pair's coordinates are not those of its name", f"{where}: {name}")
         for name, pair in found.items()
@@ -177,35 +186,30 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
 
 
 def _place(result: Result, folder: Path) -> Path:
-    dataset = result.dataset
-    return folder / RESULTS / f"{dataset.name}-{dataset.split}" / result.protocol_names[0]
+    return place_of(result.dataset, next(iter(result.protocol_names), "PROTOCOL"), folder)
 
 
 def _free_place(result: Result, folder: Path) -> Path:
-    # Names that differ only in what a file name cannot hold must not replace each other.
-    label = method_label(result.method)
-    key = f"{label} {result.dataset.fingerprint}"
-    plain = label.replace(" (", "-").replace(", ", "-").replace(")", "")
-    stem = "".join(c if c.isascii() and (c.isalnum() or c in "-_.=") else "_" for c in plain)
-    path = _place(result, folder) / f"{stem.lstrip('.')[:80] or 'method'}.json"
+    stem, longer = file_stems(method_label(result.method), result.dataset.fingerprint)
+    path = _place(result, folder) / f"{stem}.json"
     if path.exists():
         there = load_result(path)
-        if f"{method_label(there.method)} {there.dataset.fingerprint}" != key:
-            return path.with_stem(f"{path.stem}-{hashlib.sha256(key.encode()).hexdigest()[:8]}")
+        if file_stems(method_label(there.method), there.dataset.fingerprint)[1] != longer:
+            return path.with_stem(longer)
     return path
 
 
-def _fingerprints(folder: Path) -> dict[str, list[str]]:
-    path = folder / FINGERPRINTS
-    if not path.exists():
-        return {}
-    try:
-        content: dict[str, list[str]] = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise ResultError(
-            Problem("cannot read the fingerprints", str(path), got=str(error))
-        ) from error
-    return content
+def _whole(path: Path) -> bool:
+    return path.exists() and load_result(path).complete
+
+
+def _partial(result: Result, path: Path) -> Problem:
+    dataset = result.dataset
+    return Problem(
+        "a partial run does not take the place of a complete one", str(path),
+        f"{dataset.expected} pairs", f"{dataset.evaluated} pairs",
+        "run the rest: the same command goes on where it stopped",
+    )  # fmt: skip
 
 
 def _shown(value: object) -> str:

@@ -11,6 +11,9 @@ from dfdbench.manifest import Scene
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result
 
+#: That n scenes all lean one way by chance has probability 2 / 2^n: below 5 % from 6 on. With
+#: fewer, a bootstrap over scenes is narrower than its 95 % say.
+SCENES_TO_TELL = 6
 _RESAMPLES = 2000
 
 
@@ -27,7 +30,9 @@ class Statistic:
     defined : int
         How many pairs that is.
     low, high : float or None
-        95 % interval of the mean, bootstrapped over scenes; None for a single scene.
+        From `scene_interval`; None for a single scene.
+    scenes : int
+        How many scenes the pairs are of.
     """
 
     mean: float | None
@@ -35,6 +40,7 @@ class Statistic:
     defined: int
     low: float | None = None
     high: float | None = None
+    scenes: int = 0
 
 
 @dataclass(frozen=True)
@@ -134,6 +140,51 @@ def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:
     )
 
 
+def interval_name(scenes: int) -> str:
+    """Return what `scene_interval` gives for so many scenes, as a column's heading.
+
+    Examples
+    --------
+    >>> interval_name(6), interval_name(3)
+    ('95 %', 'range of scene means')
+    """
+    return "95 %" if scenes >= SCENES_TO_TELL else "range of scene means"
+
+
+def scene_interval(
+    values: Sequence[float], scenes: Sequence[str], seed: int = 0
+) -> tuple[float, float] | None:
+    """Return the 95 % interval of the mean or, of fewer than six scenes, their means' range.
+
+    Parameters
+    ----------
+    values : sequence of float
+        One a pair.
+    scenes : sequence of str
+        The scene of each.
+    seed : int
+        Of the resampling.
+
+    Returns
+    -------
+    tuple of float, or None
+        None where there is only one scene.
+
+    Examples
+    --------
+    >>> scene_interval([1.0, 2.0, 3.0, 5.0], ["a", "a", "b", "b"])
+    (1.5, 4.0)
+    """
+    names = sorted(set(scenes))
+    if len(names) >= SCENES_TO_TELL:
+        return bootstrap_interval(values, scenes, seed)
+    if len(names) < 2:
+        return None
+    by_scene = [[v for v, s in zip(values, scenes, strict=True) if s == name] for name in names]
+    means = [float(np.mean(of_scene)) for of_scene in by_scene]
+    return min(means), max(means)
+
+
 def bootstrap_interval(
     values: Sequence[float], scenes: Sequence[str], seed: int = 0
 ) -> tuple[float, float] | None:
@@ -197,9 +248,10 @@ def _group(
         std = float(np.std(numbers, ddof=1)) if len(numbers) > 1 else None
         interval = None
         if seed is not None:
-            interval = bootstrap_interval(numbers, [scene for scene, _ in defined], seed)
+            interval = scene_interval(numbers, [scene for scene, _ in defined], seed)
         low, high = interval or (None, None)
-        return Statistic(float(np.mean(numbers)), std, len(numbers), low, high)
+        scenes = len({scene for scene, _ in defined})
+        return Statistic(float(np.mean(numbers)), std, len(numbers), low, high, scenes)
 
     metrics = {
         metric: statistic([getattr(pair.scores[protocol], metric) for pair in evaluated])

@@ -15,6 +15,8 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from dfdbench.latex_text import latex_label, latex_text
+
 
 class Format(StrEnum):
     """How tables are printed."""
@@ -44,7 +46,8 @@ class Table:
 
     `align` has a letter a column, ``l`` or ``r``; `rules` are the rows after which a line is
     drawn. `records` are the same rows as data, numbers in full, for CSV and JSON; where there
-    are none, those show the text.
+    are none, those show the text. `parts` are the columns that stand together where a page is too
+    narrow for all of them.
     """
 
     title: str
@@ -54,6 +57,7 @@ class Table:
     notes: tuple[str, ...] = ()
     rules: frozenset[int] = field(default_factory=frozenset)
     records: tuple[Mapping[str, object], ...] = ()
+    parts: tuple[tuple[int, ...], ...] = ()
 
 
 def render(tables: Sequence[Table], format: Format, width: int | None = None) -> str:
@@ -162,54 +166,57 @@ def as_csv(columns: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
 def as_latex(table: Table) -> str:
     r"""Return the table for a paper: LaTeX with booktabs, whatever text it holds.
 
+    Where the table has `parts`, they stand one below the other. What is wider than the text is
+    scaled down to it.
+
     Examples
     --------
-    >>> print(as_latex(Table("T", ("a_b", "NRMSE ↓"), (("50 %", "0.1"),), "lr")))
-    % \usepackage{booktabs}
+    >>> print(as_latex(Table("T", ("a_b", "NRMSE ↓"), (("50 %", "-0.1"),), "lr")))
+    % \usepackage{booktabs,graphicx}
     \begin{table}
-      \centering
-      \caption{T}
+      \centering\small\setlength{\tabcolsep}{4pt}
+      \caption{T}\label{tab:t}
+      \resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%
       \begin{tabular}{@{}lr@{}}
         \toprule
         a\_b & NRMSE $\downarrow$ \\
         \midrule
-        50 \% & 0.1 \\
+        50 \% & $-$0.1 \\
         \bottomrule
-      \end{tabular}
+      \end{tabular}}
     \end{table}
     <BLANKLINE>
     """
-
-    def line(cells: Sequence[str]) -> str:
-        return "    " + " & ".join(map(_latex_text, cells)) + r" \\"
-
     lines = [
-        r"% \usepackage{booktabs}", r"\begin{table}", r"  \centering",
-        rf"  \caption{{{_latex_text(table.title)}}}",
-        rf"  \begin{{tabular}}{{@{{}}{table.align}@{{}}}}", r"    \toprule",
-        line(table.columns), r"    \midrule",
+        r"% \usepackage{booktabs,graphicx}", r"\begin{table}",
+        r"  \centering\small\setlength{\tabcolsep}{4pt}",
+        rf"  \caption{{{latex_text(table.title)}}}\label{{{latex_label(table.title)}}}",
     ]  # fmt: skip
+    for number, part in enumerate(table.parts or (tuple(range(len(table.columns))),)):
+        lines += [r"  \par\medskip"] * (number > 0) + _tabular(table, part)
+    if table.notes:
+        notes = " ".join(latex_text(_sentence(note)) for note in table.notes)
+        lines.append(rf"  \par\smallskip{{\raggedright\footnotesize {notes}\par}}")
+    return "\n".join([*lines, r"\end{table}"]) + "\n"
+
+
+def _tabular(table: Table, part: Sequence[int]) -> list[str]:
+    def line(cells: Sequence[str]) -> str:
+        return "    " + " & ".join(latex_text(cells[column]) for column in part) + r" \\"
+
+    align = "".join(table.align[column] for column in part)
+    lines = [r"  \resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"]
+    lines += [rf"  \begin{{tabular}}{{@{{}}{align}@{{}}}}", r"    \toprule"]
+    lines += [line(table.columns), r"    \midrule"]
     for number, row in enumerate(table.rows):
         lines.append(line(row))
         if number in table.rules and number < len(table.rows) - 1:
             lines.append(r"    \midrule")
-    lines += [r"    \bottomrule", r"  \end{tabular}"]
-    for note in table.notes:
-        lines += [r"  \par\smallskip\footnotesize " + _latex_text(note)]
-    return "\n".join([*lines, r"\end{table}"]) + "\n"
+    return [*lines, r"    \bottomrule", r"  \end{tabular}}"]
 
 
-_LATEX = {
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#",
-    "%": r"\%", "_": r"\_", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}",
-    "<": r"$<$", ">": r"$>$", "|": r"$|$", "[": "{[}", "]": "{]}", '"': "''",
-    "↓": r"$\downarrow$", "↑": r"$\uparrow$", "–": "--", "−": "$-$", "×": r"$\times$",
-    "\n": " ",
-}  # fmt: skip
-
-
-def _latex_text(text: str) -> str:
-    return "".join(_LATEX.get(mark, mark) for mark in text)
+def _sentence(note: str) -> str:
+    return note if note.endswith((".", ";")) else f"{note}."
 
 
 def percent(share: float) -> str:

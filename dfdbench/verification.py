@@ -14,11 +14,21 @@ from pydantic import Field, ValidationError
 
 from dfdbench.environment import describe_environment
 from dfdbench.errors import Problem, ResultError
+from dfdbench.evaluate import without_folder
 from dfdbench.files import write_whole
 from dfdbench.manifest import Pair
+from dfdbench.methods import registered_methods
 from dfdbench.pair_evaluation import PairEvaluator, load_for
 from dfdbench.protocol import METRICS
-from dfdbench.result import Environment, Finite, Model, PairResult, Result, Sha256
+from dfdbench.result import (
+    Environment,
+    Finite,
+    MethodRecord,
+    Model,
+    PairResult,
+    Result,
+    Sha256,
+)
 from dfdbench.store import Store
 from dfdbench.submission import TIME_FORMAT
 
@@ -77,7 +87,8 @@ def verify(
     Raises
     ------
     ResultError
-        Where the data are others, or a pair gives another depth map and another score.
+        Where the data or the method are others than the result says, or a pair gives another
+        depth map and another score.
     """
     if store.fingerprint != result.dataset.fingerprint:
         raise ResultError(
@@ -87,6 +98,8 @@ def verify(
                 f"dfdbench build {result.dataset.short}, or name the store: --dataset PATH",
             )
         )  # fmt: skip
+    if problems := entry_problems(result.method, path):
+        raise ResultError(problems)
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
     if not evaluated:
         raise ResultError(Problem("no pair was evaluated: nothing to verify", str(path)))
@@ -119,6 +132,23 @@ def verify(
         same_source=method.source_sha256 == record.source_sha256,
         environment=describe_environment(),
     )
+
+
+def entry_problems(method: MethodRecord, path: Path) -> list[Problem]:
+    """Return what is wrong where a result's method is not found by its name.
+
+    The name is what runs, the entry what a reader takes for its origin: they must be one. A
+    name that is not registered here is another package's, of which nothing is known.
+    """
+    entry = method.name if ":" in method.name else registered_methods().get(method.name)
+    if entry is None or without_folder(entry) == method.entry:
+        return []
+    return [
+        Problem(
+            "the method's name leads to another entry", f"{path}: method.entry",
+            without_folder(entry), method.entry, "submit the run again with this version",
+        )
+    ]  # fmt: skip
 
 
 def save_verification(verification: Verification, path: Path) -> Path:

@@ -25,6 +25,7 @@ def built(demo_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:  # noqa: F811
     run = ("run", "--dataset", "demo", "--method")
     assert dfdbench("leaderboard").status == 2
+    Path("leaderboard/results").mkdir(parents=True)
     submitted = dfdbench(*run, "constant", "--submit")
     assert submitted.status == 0
     assert submitted.err.count("submission") == 3
@@ -52,9 +53,28 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:  # noqa: F81
     compared = dfdbench("compare", "window=5", "window=9/result.json", "--format", "json")
     assert compared.status == 0, compared.err
     assert json.loads(compared.out)[0]["rows"][0]["pairs"] == "all"
-    panels = cv2.imread("results/compare.png")
+    place = "results/compare-demo-1-Market-local-window=5-vs-local-window=9.png"
+    assert f"panels       {place}" in compared.err
+    panels = cv2.imread(place)
     assert panels is not None
     assert panels.shape[1] == 1800
+    both = ("compare", "window=5", "window=9")
+    assert "panels       window=5/compare.png" in dfdbench(*both, "--out", "window=5").err
+    assert Path("window=5/compare.png").exists()
+    sheet = dfdbench(*both, "--format", "csv", "--out", "a.png").out.splitlines()
+    assert sheet[0] == "metric,pairs,difference,low,high,wins,losses,ties,verdict"
+    assert not any(line.startswith(",") for line in sheet)
+    twice = dfdbench("report", "window=5", "window=5/result.json", "--out", "twice")
+    assert "given twice, shown once: window=5/result.json" in twice.err
+    for arguments, told in (
+        (("report", "window=5", "--out", "mymodule.py"), "cannot write the answer"),
+        (("report", "window=5", "--out", "mymodule.py/x"), "cannot write the answer"),
+        ((*both, "--out", "mymodule.py/a.png"), "cannot write the answer"),
+        ((*both, "--out", "mymodule.py"), "not a picture's name"),
+        (("compare", "window=5", "window=5/result.json"), "A and B are the same run"),
+    ):
+        outcome = dfdbench(*arguments)
+        assert (outcome.status, told in outcome.err) == (2, True), outcome.err
     page = dfdbench("report", "window=5", "window=9", "--out", "page")
     assert page.out.strip() == "page/report.html"
     assert Path("page/report.html").stat().st_size > 100_000
@@ -65,10 +85,12 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:  # noqa: F81
 
 @pytest.mark.usefixtures("built")
 def test_mistakes_are_told(dfdbench: Command) -> None:  # noqa: F811
+    Path("leaderboard/results").mkdir(parents=True)
     dfdbench("run", "--dataset", "demo", "--method", "constant", "--submit", "--no-predictions")
     result = "leaderboard/results/demo-1-test/thesis/constant.json"
     other = "leaderboard/results/demo-1-test/valid/constant.json"
-    bare = dfdbench("compare", result, result)
+    Path("copy.json").write_bytes(Path(result).read_bytes())
+    bare = dfdbench("compare", result, "copy.json")
     assert (bare.status, "no panels: no depth maps lie beside" in bare.err) == (0, True)
     for arguments, told in (
         (("compare", result, other), "unknown protocol of constant's result"),
@@ -76,7 +98,39 @@ def test_mistakes_are_told(dfdbench: Command) -> None:  # noqa: F811
         (("report", result, "--out", "page", "--protocol", "valid"), "unknown protocol of"),
         (("leaderboard", "verify", "nowhere.json"), "cannot read the result"),
         (("leaderboard", "--folder", "nowhere"), "no leaderboard"),
+        (("leaderboard", "--check", "--format", "csv"), "--check prints no rankings"),
     ):
         outcome = dfdbench(*arguments)
         assert (outcome.status, told in outcome.err) == (2, True), outcome.err
         assert "Traceback" not in outcome.err
+
+
+FAILS_AT_TIMES = """
+def predict(infocus, defocus):
+    assert infocus.mean() < defocus.mean()
+    return infocus[..., 0]
+"""
+
+
+@pytest.mark.usefixtures("built")
+def test_a_run_with_failed_pairs_is_submitted_without_rank(dfdbench: Command) -> None:  # noqa: F811
+    Path("leaderboard/results").mkdir(parents=True)
+    Path("fails.py").write_text(FAILS_AT_TIMES)
+    ran = dfdbench(
+        "run", "--dataset", "demo", "--method", "fails.py:predict", "--submit", "--no-predictions"
+    )
+    assert ran.status == 1
+    assert "pairs failed" in ran.err
+    assert "without a rank" in ran.err
+    listed = json.loads(dfdbench("leaderboard", "--format", "json").out)
+    assert [board["rows"][0]["rank"] for board in listed] == [None] * 3
+
+
+@pytest.mark.usefixtures("built")
+def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -> None:  # noqa: F811
+    run = ("run", "--dataset", "demo", "--method", "constant", "--submit")
+    for arguments, told in ((run, "no leaderboard here"), ((*run, "--limit", "2"), "--limit")):
+        outcome = dfdbench(*arguments)
+        assert (outcome.status, told in outcome.err) == (2, True), outcome.err
+    assert not Path("leaderboard").exists()
+    assert not Path("results").exists()

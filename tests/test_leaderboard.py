@@ -1,3 +1,4 @@
+import os
 import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -5,12 +6,13 @@ from typing import Any
 
 import pytest
 
+from dfdbench.board_folder import file_stems
 from dfdbench.board_tables import lighting_table, ranking_table, runs_table
 from dfdbench.errors import ResultError
-from dfdbench.leaderboard import Board, boards, collect
+from dfdbench.leaderboard import Board, Entry, boards, collect
 from dfdbench.manifest import Pair
 from dfdbench.submission import submit
-from tests.results import limited, make_demo_result
+from tests.results import limited, make_demo_result, make_result
 
 WHEN = datetime(2026, 1, 2, tzinfo=UTC)
 
@@ -42,6 +44,36 @@ def test_the_ranking_is_by_nrmse_with_an_interval_and_the_row_above(tmp_path: Pa
     score = first.entry.score("thesis", "nrmse")
     assert score is not None
     assert first.interval[0] < score < first.interval[1]
+
+
+@pytest.mark.parametrize("scenes", ["abc", "abcdef"])
+def test_few_scenes_are_no_95_per_cent(tmp_path: Path, scenes: str) -> None:
+    (tmp_path / "r.json").touch()
+    values = {(scene, 1, 1, 0): 0.1 * (1 + n) for n, scene in enumerate(scenes)}
+    (board,) = boards([Entry(make_result(values), tmp_path / "r.json", None)])
+    table = ranking_table(board, tmp_path)
+    name = "95 %" if len(scenes) > 5 else "range of scene means"
+    assert table.columns[3] == name
+    assert table.records[0]["interval"] == name
+    assert ("too few for a 95 % interval" in table.notes[0]) == (len(scenes) < 6)
+    assert (table.rows[0][3] == "0.1000 to 0.3000") == (len(scenes) < 6)
+
+
+def test_runs_that_give_way_are_named_by_their_folders(tmp_path: Path) -> None:
+    paths = [tmp_path / place / "result.json" for place in ("old", "new", "a/run", "b/run")]
+    for path in paths:
+        path.parent.mkdir(parents=True)
+        path.write_text("")
+    for first, second, told in (
+        (paths[0], paths[1], "old gives way to the newer new"),
+        (paths[2], paths[3], "a/run gives way to the newer b/run"),
+    ):
+        entries = [
+            Entry(make_result({("a", 1, 1, 0): 0.1}), path, None) for path in (first, second)
+        ]
+        os.utime(first, (0, 0))
+        (board,) = boards(entries)
+        assert told in ranking_table(board, tmp_path).notes[-1]
 
 
 def test_ties_go_to_nmae_and_full_ties_share_a_rank(tmp_path: Path) -> None:
@@ -85,12 +117,12 @@ def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
 
 def test_the_newer_of_two_results_of_a_method_wins_and_that_is_said(tmp_path: Path) -> None:
     old = add(tmp_path, "mine", 0.1)
-    old = old.rename(old.with_stem("kept"))
+    kept = old.rename(old.with_stem(file_stems("mine", "2" * 64)[1]))
     newer = make_demo_result(lambda pair: 0.2, "mine")
     submit(newer, tmp_path, WHEN + timedelta(seconds=1))
     board = only_board(tmp_path)
     assert [s.entry.path.name for s in board.standings] == ["mine.json"]
-    assert "kept.json gives way to the newer mine.json" in " ".join(
+    assert f"{kept.name} gives way to the newer mine.json" in " ".join(
         ranking_table(board, tmp_path).notes
     )
 
@@ -105,6 +137,23 @@ def test_every_wrong_file_is_told_at_once(tmp_path: Path) -> None:
     told = str(raised.value)
     for part in ("another version", "a.json", "b.json", "finite", "without its result"):
         assert part in told, part
+
+
+def test_a_methods_name_and_entry_are_one(tmp_path: Path) -> None:
+    def named(name: str, entry: str) -> None:
+        result = make_demo_result(lambda pair: 0.1, name)
+        method = result.method.model_copy(update={"entry": entry})
+        submit(result.model_copy(update={"method": method}), tmp_path, WHEN)
+
+    named("/home/me/mine.py:predict", "mine.py:predict")
+    named("another-package's", "theirs:predict")
+    named("constant", "dfdbench.methods.baselines:Constant")
+    assert len(collect(tmp_path)) == 3
+    named("mymodule:predict", "os:system")
+    named("local", "dfdbench.methods.baselines:Constant")
+    with pytest.raises(ResultError, match="leads to another entry") as raised:
+        collect(tmp_path)
+    assert len(raised.value.problems) == 2
 
 
 def test_no_folder_is_told() -> None:

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.board_folder import README, RESULTS
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard import collect
-from dfdbench.leaderboard_readme import README, check_readme, write_readme
+from dfdbench.leaderboard_readme import check_readme, write_readme
 from dfdbench.submission import submit
 from tests.results import make_demo_result
 
@@ -41,7 +42,24 @@ def test_what_was_written_is_up_to_date_until_something_changes(tmp_path: Path) 
         check_readme(tmp_path)
 
 
+def test_somebody_elses_readme_is_left_as_it_is(tmp_path: Path) -> None:
+    submit(make_demo_result(lambda pair: 0.1), tmp_path)
+    readme = tmp_path / README
+    readme.write_text("# My project\n")
+    for refused in (write_readme, check_readme):
+        with pytest.raises(ResultError, match="left as it is"):
+            refused(tmp_path)
+    assert readme.read_text() == "# My project\n"
+
+
+def test_a_folder_that_is_no_leaderboard_becomes_none(tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match="no leaderboard here"):
+        write_readme(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
 def test_without_results_it_says_so(tmp_path: Path) -> None:
+    (tmp_path / RESULTS).mkdir()
     assert "No results yet" in write_readme(tmp_path).read_text("utf-8")
 
 

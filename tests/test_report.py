@@ -28,6 +28,10 @@ def test_a_run_has_scores_extremes_and_times() -> None:
     ]  # fmt: skip
     assert "pairs" not in scores.columns
     assert scores.rows[-1][2] == "0.0850"
+    assert "range of the means of 2 scenes, too few for an interval" in scores.notes[0]
+    many = {(scene, 1, 1, 0): 0.1 for scene in "abcdef"}
+    notes = run_tables(make_result(many), "thesis")[0].notes
+    assert "95 % interval of the overall mean, bootstrapped over 6 scenes" in notes[0]
     assert [row[0] for row in extremes.rows] == ["top"] * 5 + ["bottom"] * 5
     assert extremes.rows[0][1:5] == ("a", "1", "1", "0")
     assert extremes.rows[-1][1:5] == ("b", "5", "2", "1")

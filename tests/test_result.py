@@ -40,7 +40,7 @@ def edit_average(content: dict[str, Any]) -> None:
 
 
 def edit_score(content: dict[str, Any]) -> None:
-    content["pairs"][0]["scores"]["thesis"]["nrmse"] = 0.01
+    content["pairs"][0]["scores"]["thesis"]["nrmse"] = 0.15
 
 
 def fail_pair(content: dict[str, Any]) -> None:
@@ -95,6 +95,59 @@ def test_what_is_no_result_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "r.json").write_text(text)
     with pytest.raises(ResultError):
         load_result(tmp_path / "r.json")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("nrmse", -9), ("nmae", -0.1), ("ssim", 1.7), ("ssim", -1.1), ("nmae", 5)]
+)
+def test_an_impossible_score_is_refused(tmp_path: Path, name: str, value: float) -> None:
+    path = tmp_path / "r.json"
+    save_result(make_result(VALUES), path)
+    content = json.loads(path.read_text())
+    scores = [pair["scores"]["thesis"] for pair in content["pairs"]]
+    scores[0][name] = value
+    defined = [each[name] for each in scores if each[name] is not None]
+    content["averages"]["thesis"][name] = sum(defined) / len(defined)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultError, match=rf"wrong value(.|\n)*\.{name}|NMAE is larger than NRMSE"):
+        load_result(path)
+
+
+@pytest.mark.parametrize(
+    ("tamper", "told"),
+    [
+        (lambda content: content["pairs"][0].update(seconds=-1), "seconds"),
+        (
+            lambda content: content.update(
+                submission={"submitted": "9999-99-99T99:99:99Z", "seal": "0" * 64}
+            ),
+            "submitted",
+        ),
+    ],
+)
+def test_an_impossible_time_is_refused(
+    tmp_path: Path, tamper: Callable[[dict[str, Any]], None], told: str
+) -> None:
+    path = tmp_path / "r.json"
+    save_result(make_result(VALUES), path)
+    content = json.loads(path.read_text())
+    tamper(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultError, match=f"wrong value(.|\n)*{told}"):
+        load_result(path)
+
+
+@pytest.mark.parametrize("text", [None, "", "{"])
+def test_where_there_is_no_result_it_says_what_to_do(tmp_path: Path, text: str | None) -> None:
+    path = tmp_path / "r.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ResultError) as raised:
+        load_result(path)
+    (problem,) = raised.value.problems
+    assert problem.expected
+    assert "dfdbench run" in problem.fix
+    assert "Errno" not in str(problem)
 
 
 def test_not_a_number_is_no_score(tmp_path: Path) -> None:

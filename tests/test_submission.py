@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
+from dfdbench.board_folder import FINGERPRINTS, file_stems
 from dfdbench.errors import ResultError
 from dfdbench.result import seal_of
-from dfdbench.submission import FINGERPRINTS, load_submission, method_label, submit
-from tests.results import make_demo_result, make_result
+from dfdbench.submission import load_submission, method_label, submit
+from tests.results import limited, make_demo_result, make_result
 
 WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 
@@ -34,6 +35,22 @@ def test_a_submission_is_a_sealed_file_a_protocol(tmp_path: Path) -> None:
 
 def test_a_later_run_of_the_same_method_takes_its_place(tmp_path: Path) -> None:
     assert write(tmp_path) == write(tmp_path)
+
+
+def test_a_partial_run_takes_no_complete_ones_place(tmp_path: Path) -> None:
+    whole = make_demo_result(lambda pair: 0.1, protocols=("thesis", "valid"))
+    partial = limited(whole, 2)
+    first = submit(partial, tmp_path, WHEN)
+    assert submit(partial, tmp_path, WHEN) == first
+    # Complete under one protocol is enough: nothing at all is written.
+    kept = submit(make_demo_result(lambda pair: 0.1, protocols=("valid",)), tmp_path, WHEN)
+    before = [path.read_bytes() for path in (*first, *kept)]
+    with pytest.raises(ResultError, match="partial run") as raised:
+        submit(partial, tmp_path)
+    assert "2 pairs" in str(raised.value)
+    assert [path.read_bytes() for path in (*first, *kept)] == before
+    submit(whole, tmp_path, WHEN)
+    assert all(load_submission(path, tmp_path).complete for path in first)
 
 
 def test_names_that_make_one_file_name_do_not_replace_each_other(tmp_path: Path) -> None:
@@ -103,7 +120,7 @@ def unknown_data(content: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("tamper", "told"),
     [
-        (drop_pair, "1 pairs of the split are missing"),
+        (drop_pair, r"1 pair missing from the split(.|\n)*Kitchen/view1/illumination1/exposure0"),
         (move_pair, "coordinates are not those of its name"),
         (other_fingerprint, "fingerprint of other data than demo-1"),
         (other_manifest, "hash of another manifest"),
@@ -143,6 +160,38 @@ def test_another_layout_of_the_same_content_keeps_the_seal(tmp_path: Path) -> No
     path = write(tmp_path)
     path.write_text(json.dumps(json.loads(path.read_text()), sort_keys=True))
     load_submission(path, tmp_path)
+
+
+def test_an_edited_file_is_told_neither_the_seal_nor_only_half(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    content = json.loads(path.read_text())
+    dropped = content["pairs"].pop()["id"]
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultError, match="edited after it was sealed") as raised:
+        load_submission(path, tmp_path)
+    assert seal_of(content) not in str(raised.value)
+    assert dropped in str(raised.value)
+
+
+def test_a_file_bears_its_methods_name(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    longer = file_stems("mine", "2" * 64)[1]
+    for stem in ("foo", "copy", "mine-12345678"):
+        with pytest.raises(ResultError, match="name is not its method's"):
+            load_submission(path.rename(path.with_stem(stem)), tmp_path)
+        path.with_stem(stem).rename(path)
+    load_submission(path.rename(path.with_stem(longer)), tmp_path)
+
+
+def test_a_file_without_protocols_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    content = json.loads(path.read_text())
+    content |= {"protocols": [], "averages": {}}
+    content["pairs"] = [{**pair, "scores": {}} for pair in content["pairs"]]
+    content["submission"]["seal"] = seal_of(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultError, match="wrong folder"):
+        load_submission(path, tmp_path)
 
 
 def test_a_plain_result_and_a_wrong_folder_are_refused(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dfdbench.result import PairResult, PairScores
-from dfdbench.summary import bootstrap_interval, ranked, summarise
+from dfdbench.summary import bootstrap_interval, ranked, scene_interval, summarise
 from tests.results import make_result
 
 # Table 5.3 of the thesis, exposure 0: mean and std of the NRMSE of 6 pairs an illumination.
@@ -107,3 +107,18 @@ def test_scenes_are_drawn_not_pairs() -> None:
     interval = bootstrap_interval([0.0] * 50 + [1.0] * 50, ["a"] * 50 + ["b"] * 50)
     assert interval == (0.0, 1.0)
     assert not math.isnan(interval[0])
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 9])
+def test_few_scenes_give_the_range_of_their_means_and_six_an_interval(count: int) -> None:
+    scenes = [f"s{number}" for number in range(count) for _ in range(2)]
+    values = [float(number) for number in range(2 * count)]
+    means = [2 * number + 0.5 for number in range(count)]
+    if count < 6:
+        assert scene_interval(values, scenes) == (means[0], means[-1])
+    else:
+        interval = scene_interval(values, scenes)
+        assert interval == bootstrap_interval(values, scenes)
+        assert interval is not None
+        assert means[0] < interval[0] < interval[1] < means[-1]
+    assert scene_interval([1.0, 2.0], ["a", "a"]) is None

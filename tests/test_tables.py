@@ -2,6 +2,7 @@ import csv
 import io
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -43,6 +44,14 @@ def test_latex_is_escaped_and_ruled() -> None:
     assert r"\{a\} & \# \\" in text
     assert r"\$\_\textasciicircum{}\textasciitilde{} & $<$$|$$>$ \\" in text
     assert as_latex(TABLE).count(r"\midrule") == 2
+
+
+def test_latex_has_a_label_notes_to_the_left_and_parts_one_below_the_other() -> None:
+    text = as_latex(replace(TABLE, parts=((0,), (0, 1))))
+    assert r"\caption{T \& co}\label{tab:t-co}" in text
+    assert r"{\raggedright\footnotesize a note, 50 \%.\par}" in text
+    assert re.findall(r"\\begin\{tabular\}\{@\{\}(.*?)@", text) == ["l", "lr"]
+    assert text.count(r"\toprule") == text.count(r"\end{tabular}}") == 2
 
 
 def test_a_row_that_begins_with_a_bracket_is_no_argument_of_the_line_break() -> None:

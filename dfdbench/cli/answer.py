@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 
@@ -30,6 +31,26 @@ def show(table: Table, format: AnswerFormat) -> None:
         print_table(table)
 
 
+@contextmanager
+def writing(place: Path) -> Iterator[None]:
+    """Tell as a user's mistake where the block cannot write to a place.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot: a file in the way, no permission, no room.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ResultError(
+            Problem(
+                "cannot write the answer", str(place), got=error.strerror or str(error),
+                fix="choose another place with --out",
+            )
+        ) from error  # fmt: skip
+
+
 def keep(folder: Path, files: Mapping[str, str | Figure]) -> None:
     """Write texts and figures into a folder and say where they are.
 
@@ -38,18 +59,11 @@ def keep(folder: Path, files: Mapping[str, str | Figure]) -> None:
     ResultError
         Where the folder cannot be written.
     """
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
             if isinstance(content, Figure):
                 content.savefig(folder / name, dpi=100)
             else:
                 write_whole(folder / name, content)
-    except OSError as error:
-        raise ResultError(
-            Problem(
-                "cannot write the answer", str(folder), got=error.strerror or str(error),
-                fix="choose another place with --out DIR",
-            )
-        ) from error  # fmt: skip
     say(f"written to   {folder}")

@@ -7,14 +7,15 @@ from typing import Annotated
 
 import typer
 
+from dfdbench.board_folder import LEADERBOARD
 from dfdbench.board_tables import ranking_table
 from dfdbench.cli.screen import print_table, progress, say
-from dfdbench.errors import ResultError
+from dfdbench.errors import InputError, Problem, ResultError
 from dfdbench.leaderboard import boards, collect
 from dfdbench.leaderboard_readme import check_readme, write_readme
 from dfdbench.result import load_result
 from dfdbench.store import open_store
-from dfdbench.submission import LEADERBOARD, data_set_problems
+from dfdbench.submission import data_set_problems
 from dfdbench.tables import Format, render
 from dfdbench.verification import SUFFIX, save_verification, verify
 
@@ -28,19 +29,25 @@ def leaderboard(
     check: Annotated[
         bool, typer.Option("--check", help="Change nothing; fail where a file is wrong or stale.")
     ] = False,
-    format: Annotated[Format, typer.Option(help="How the rankings are printed.")] = Format.table,
+    format: Annotated[
+        Format | None, typer.Option(help="How the rankings are printed; default: table.")
+    ] = None,
     folder: Folder = LEADERBOARD,
 ) -> None:
     """Rank the results of the leaderboard, print the rankings and write its README."""
     if context.invoked_subcommand:
         return
+    if check and format:
+        raise InputError(
+            Problem("--check prints no rankings", f"--format {format}", fix="leave out one of them")
+        )
     if check:
         print(f"{folder}: {check_readme(folder)} results valid, README up to date")
         return
     found = boards(collect(folder))
     path = write_readme(folder)
     tables = [ranking_table(board, folder) for board in found]
-    if format is Format.table:
+    if format is None or format is Format.table:
         for table in tables:
             print_table(table)
     else:

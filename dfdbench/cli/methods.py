@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from dfdbench.blur import RECIPES
+from dfdbench.board_folder import LEADERBOARD, require_leaderboard
 from dfdbench.check import check_method
 from dfdbench.cli.options import Cache, Scheduler, pool_of_processes
 from dfdbench.cli.screen import print_table, progress, say
@@ -21,9 +22,9 @@ from dfdbench.pair_evaluation import load_for
 from dfdbench.protocol import find_protocol
 from dfdbench.report import run_as_csv, run_as_json, run_tables
 from dfdbench.report_scenes import scene_tables
+from dfdbench.result import Result
 from dfdbench.run_folder import RESULT
 from dfdbench.store import open_store
-from dfdbench.submission import LEADERBOARD
 from dfdbench.submission import submit as submit_result
 from dfdbench.summary import scene_labels
 from dfdbench.tables import Format, Table, render
@@ -66,6 +67,8 @@ def run(
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run goes on."""
     shown = find_protocol(protocol)
+    if submit:
+        _refuse_what_cannot_be_submitted(limit)
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
     loaded = load_for(data, method, _parameters(param), seed)
@@ -97,12 +100,12 @@ def run(
     say(f"result       {folder / RESULT}")
     if not no_predictions:
         say(f"figures      {folder / 'figures'}")
-    if submit:
-        for path in submit_result(done.result, LEADERBOARD):
-            say(f"submission   {path}")
     failed = sum(pair.status == "failed" for pair in done.result.pairs)
     if failed:
         say(f"{failed} pairs failed; the same command tries them again")
+    if submit:
+        _submit(done.result)
+    if failed:
         raise typer.Exit(1)
 
 
@@ -131,6 +134,25 @@ def check_method_command(
     print(f"{failed} of {len(trials)} trials failed" if failed else "fit for a run")
     if failed:
         raise typer.Exit(1)
+
+
+def _refuse_what_cannot_be_submitted(limit: int | None) -> None:
+    # Before the run: it may take hours.
+    if limit:
+        raise InputError(
+            Problem(
+                "a limited run cannot be submitted", f"--limit {limit} --submit", "every pair of "
+                "the split", fix="leave out --limit; pairs that were run already are taken over",
+            )
+        )  # fmt: skip
+    require_leaderboard(LEADERBOARD)
+
+
+def _submit(result: Result) -> None:
+    for path in submit_result(result, LEADERBOARD):
+        say(f"submission   {path}")
+    if not result.complete:
+        say("not every pair was evaluated: the leaderboard lists this run without a rank")
 
 
 def _parameters(given: list[str] | None) -> dict[str, Any]:

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from dfdbench.change_tables import change_tables, most_changed
+from dfdbench.board_folder import file_stems
+from dfdbench.change_tables import change_tables, changes_to_show
+from dfdbench.cli.answer import writing
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.comparison_figures import change_figure
+from dfdbench.errors import InputError, Problem
 from dfdbench.page.html import write_html
 from dfdbench.page.markdown import write_markdown
 from dfdbench.protocol import find_protocol
-from dfdbench.runs import open_run
+from dfdbench.result import Result
+from dfdbench.run_folder import RESULT
+from dfdbench.runs import SavedRun, open_run
+from dfdbench.submission import method_label
 from dfdbench.tables import Format, render
 
 _PANELS = 4
+_PICTURES = (".png", ".pdf", ".svg")
 Dataset = Annotated[
     str | None, typer.Option(help="A store's path; default: the data set that a result names.")
 ]
@@ -41,12 +49,15 @@ def report(
 ) -> None:
     """Write a page about runs: tables, plots, and their pairs, worst first."""
     shown = find_protocol(protocol).name
-    runs = [open_run(path, dataset) for path in results]
-    if format is PageFormat.html:
-        with progress("drawing pairs") as step:
-            path = write_html(runs, shown, out, step)
-    else:
-        path = write_markdown(runs, shown, out)
+    runs = [open_run(path, dataset) for path in _each_once(results)]
+    with writing(out):
+        # Before the drawing, which takes a while.
+        out.mkdir(parents=True, exist_ok=True)
+        if format is PageFormat.html:
+            with progress("drawing pairs") as step:
+                path = write_html(runs, shown, out, step)
+        else:
+            path = write_markdown(runs, shown, out)
     for run in runs:
         if run.without:
             say(f"no pictures of {run.label}: {run.without}")
@@ -60,27 +71,70 @@ def compare(
     most: Annotated[int, typer.Option(min=1, help="How many changed pairs are listed.")] = 10,
     format: Annotated[Format, typer.Option(help="How the tables are printed.")] = Format.table,
     out: Annotated[
-        Path | None, typer.Option(help="Where the panels of changed pairs go, a PNG file.")
+        Path | None,
+        typer.Option(help="Panels of changed pairs: a PNG, PDF or SVG file, or a folder."),
     ] = None,
     dataset: Dataset = None,
 ) -> None:
     """Compare two runs pair by pair: differences, wins, losses, what changed most."""
     shown = find_protocol(protocol).name
     runs = open_run(first, dataset), open_run(second, dataset)
+    if runs[0].path.resolve() == runs[1].path.resolve():
+        raise InputError(Problem("A and B are the same run", str(runs[0].path), "two runs"))
     results = runs[0].result, runs[1].result
+    picture = _picture(out, *results)
     tables = change_tables(*results, shown, most)
     if format is Format.table:
         for table in tables:
             print_table(table)
     else:
-        print(render(tables, format), end="")
-    found = most_changed(*results, shown, _PANELS)
+        # A sheet holds one kind of row.
+        print(render(tables[:1] if format is Format.csv else tables, format), end="")
+    _draw_changes(runs, shown, min(most, _PANELS), picture)
+
+
+def _draw_changes(
+    runs: tuple[SavedRun, SavedRun], protocol: str, count: int, picture: Path
+) -> None:
+    found = changes_to_show(runs[0].result, runs[1].result, protocol, count)
     figure = change_figure(*runs, found, "nrmse")
     if figure is None:
         reasons = dict.fromkeys(run.without for run in runs if run.without)
-        say(f"no panels: {'; '.join(reasons) or 'no depth maps of these pairs'}")
+        nothing = "no depth maps of these pairs" if found else "no pair changed"
+        say(f"no panels: {'; '.join(reasons) or nothing}")
         return
-    path = out or Path("results") / "compare.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
-    say(f"panels       {path}")
+    before = " (in place of an earlier one)" if picture.exists() else ""
+    with writing(picture):
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(picture, dpi=120)
+    say(f"panels       {picture}{before}")
+
+
+def _picture(out: Path | None, first: Result, second: Result) -> Path:
+    if out is None:
+        a, b = (
+            file_stems(method_label(result.method), result.dataset.fingerprint)[0]
+            for result in (first, second)
+        )
+        dataset = first.dataset
+        return Path("results") / f"compare-{dataset.name}-{dataset.split}-{a}-vs-{b}.png"
+    if out.is_dir() or not out.suffix:
+        return out / "compare.png"
+    if out.suffix.lower() not in _PICTURES:
+        raise InputError(
+            Problem(
+                "not a picture's name", "--out", f"a folder, or {', '.join(_PICTURES)}", out.name
+            )
+        )
+    return out
+
+
+def _each_once(paths: Sequence[Path]) -> list[Path]:
+    found: dict[Path, Path] = {}
+    for path in paths:
+        file = (path / RESULT if path.is_dir() else path).resolve()
+        if file in found:
+            say(f"given twice, shown once: {path}")
+        else:
+            found[file] = path
+    return list(found.values())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,8 +16,9 @@ from dfdbench.cli.options import Cache
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.errors import InputError, Problem
 from dfdbench.extras import needed
+from dfdbench.files import write_whole
 from dfdbench.store import open_store
-from dfdbench.tables import Table
+from dfdbench.tables import Format, Table, render
 
 if TYPE_CHECKING:
     from dfdbench.methods.weights import Card
@@ -87,9 +89,7 @@ def train(
     folder = out or Path("training") / f"{store.path.stem}-{trained}" / name
     _prepare(folder, resume, fresh, TrainingFolder(folder).started)
     with progress(f"training {method.value}", "--resume goes on from the last checkpoint") as bar:
-        outcome = train_task(
-            task, folder, limit, device, lambda step, steps, loss: bar(step, steps)
-        )
+        outcome = train_task(task, folder, limit, device, _stepping(bar))
     log = TrainingFolder(folder)
     title = f"{method.value}, {task.trained_on}, seed {seed}"
     save_figure(training_figure(log.log(), title), folder / "training.png")
@@ -99,6 +99,77 @@ def train(
     say(f"weights      {outcome.weights}, and their card {outcome.weights.with_suffix('.md')}")
     say(f"next         dfdbench run --method {method.value} --dataset {dataset} "
         f"--param weights={outcome.weights}")  # fmt: skip
+
+
+def experiment(
+    name: Annotated[str, typer.Argument(help="repeatability, cross-validation, noise, ...")],
+    method: Annotated[Network, typer.Option(help="What is trained.")] = Network.dfd_net,
+    dataset: Annotated[
+        str, typer.Option(help="A data set's name or a store's path.")
+    ] = "middlebury",
+    config: Configuration = "published",
+    changes: Changes = None,
+    values: Annotated[
+        str | None, typer.Option(metavar="A,B,...", help="In place of the thesis's values.")
+    ] = None,
+    repeats: Annotated[
+        int | None, typer.Option(min=1, help="Trainings of each value; default: the thesis's.")
+    ] = None,
+    max_time: MaxTime = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; default: training/DATASET-experiments/NAME.")
+    ] = None,
+    format: Annotated[Format, typer.Option(help="How the table is printed.")] = Format.table,
+    device: Device = "auto",
+    threads: Threads = None,
+    cache: Cache = None,
+) -> None:
+    """Train for each value and seed of an experiment of the thesis; a stopped one goes on."""
+    limit = seconds_of(max_time)
+    with needed():
+        from dfdbench.figures_training import experiment_figure
+        from dfdbench.training.experiments import find_experiment, run_trial, score_table, trials
+    use_threads(threads)
+    asked = find_experiment(name)
+    store = open_store(dataset, cache=cache)
+    folder = out or Path("training") / f"{store.path.stem}-experiments" / f"{name}-{method.value}"
+    planned = trials(
+        asked, method.value, store, config, changes_of(changes), folder,
+        [_value(text) for text in values.split(",")] if values else None, repeats,
+    )  # fmt: skip
+    cards = []
+    for number, trial in enumerate(planned, 1):
+        label = f"{number} of {len(planned)}: {trial.folder.name}"
+        with progress(label) as bar:
+            card = run_trial(trial, limit, device, _stepping(bar))
+        cards.append((trial.value, card))
+        table = score_table(asked, cards)
+        keep_table(folder, table)
+    save_figure(experiment_figure(asked.title, cards), folder / "scores.png")
+    print_table(table) if format is Format.table else print(render([table], format), end="")
+    say(f"table        {folder / 'scores.md'}, scores.csv")
+
+
+def keep_table(folder: Path, table: Table) -> None:
+    """Write a table as Markdown and CSV."""
+    for format, suffix in ((Format.markdown, "md"), (Format.csv, "csv")):
+        write_whole(folder / f"scores.{suffix}", render([table], format))
+
+
+def _stepping(
+    bar: Callable[[int, int | None], None],
+) -> Callable[[int, int | None, float], None]:
+    def step(done: int, steps: int | None, loss: float) -> None:
+        bar(done, steps)
+
+    return step
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        return text
 
 
 def use_threads(threads: int | None) -> None:
@@ -165,10 +236,7 @@ def changes_of(given: list[str] | None) -> dict[str, Any]:
         if not name or not equals:
             problems.append(Problem("not a choice", "--set", "NAME=VALUE", text))
             continue
-        try:
-            changes[name] = json.loads(value)
-        except json.JSONDecodeError:
-            changes[name] = value
+        changes[name] = _value(value)
     if problems:
         raise InputError(problems)
     return changes

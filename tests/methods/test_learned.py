@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="needs the extra nets")
-import safetensors.torch  # noqa: E402
+pytest.importorskip("torch", reason="needs the extra nets")
+import safetensors.torch
+import torch
 
-from dfdbench.errors import MethodError  # noqa: E402
-from dfdbench.evaluate import run_method  # noqa: E402
-from dfdbench.methods import load  # noqa: E402
-from dfdbench.methods.weights import (  # noqa: E402
+from dfdbench.errors import MethodError
+from dfdbench.evaluate import run_method
+from dfdbench.methods import load
+from dfdbench.methods.weights import (
     Card,
     build_network,
     find_weights,
@@ -22,9 +23,9 @@ from dfdbench.methods.weights import (  # noqa: E402
     save_weights,
     shipped_weights,
 )
-from dfdbench.pair_evaluation import load_for  # noqa: E402
-from dfdbench.store import Store  # noqa: E402
-from tests.methods.test_networks import SMALL  # noqa: E402
+from dfdbench.pair_evaluation import load_for
+from dfdbench.store import Store
+from tests.methods.test_networks import SMALL
 
 
 def card(**changes: Any) -> Card:

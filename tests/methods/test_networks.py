@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-torch = pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.errors import InputError  # noqa: E402
-from dfdbench.methods.filter_numbers import FILTERS, LAYERS, narrowed  # noqa: E402
-from dfdbench.methods.networks import (  # noqa: E402
+pytest.importorskip("torch", reason="needs the extra nets")
+import torch
+
+from dfdbench.errors import InputError
+from dfdbench.methods.filter_numbers import FILTERS, LAYERS, narrowed
+from dfdbench.methods.networks import (
     PUBLISHED_MEANS,
     DfDNet,
     UNet,
@@ -24,7 +28,7 @@ PUBLISHED = [
 SMALL = (4, 3, 4, 6, 5, 6, 8, 7, 8, 6, 6, 5, 6, 4, 4, 3, 4, 256)
 
 
-def convolutions(network: torch.nn.Module) -> list[torch.nn.Module]:
+def convolutions(network: torch.nn.Module) -> list[Any]:
     kinds = (torch.nn.Conv2d, torch.nn.ConvTranspose2d)
     return [module for module in network.modules() if isinstance(module, kinds)]
 
@@ -127,6 +131,7 @@ def test_folding_changes_no_answer_and_leaves_one_normalization() -> None:
 
 def test_filters_from_differences_do_not_see_brightness() -> None:
     convolution = DfDNet(SMALL).first
+    assert isinstance(convolution, torch.nn.Conv2d)
     start_from_differences(convolution)
     flat = torch.rand(1, 3, 1, 1).expand(1, 3, 9, 9)
     answer = convolution(torch.cat([flat, flat], 1))[:, :, 1:-1, 1:-1]

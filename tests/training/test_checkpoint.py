@@ -4,9 +4,11 @@ from pathlib import Path
 
 import pytest
 
-torch = pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.errors import InputError  # noqa: E402
-from dfdbench.training.checkpoint import Log, TrainingFolder  # noqa: E402
+pytest.importorskip("torch", reason="needs the extra nets")
+import torch
+
+from dfdbench.errors import InputError
+from dfdbench.training.checkpoint import Log, TrainingFolder
 
 IDENTITY = {"method": "dfd-net", "configuration": {"crop": 32, "noise": 0.0}}
 

@@ -3,11 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.blur import BlurRecipe, synthesize  # noqa: E402
-from dfdbench.errors import InputError  # noqa: E402
-from dfdbench.store import Store  # noqa: E402
-from dfdbench.training.crops import (  # noqa: E402
+pytest.importorskip("torch", reason="needs the extra nets")
+import torch
+
+from dfdbench.blur import BlurRecipe, synthesize
+from dfdbench.errors import InputError
+from dfdbench.store import Store
+from dfdbench.training.crops import (
     IGNORED,
     Cropper,
     Redraw,

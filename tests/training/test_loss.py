@@ -2,9 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-torch = pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.training.crops import IGNORED  # noqa: E402
-from dfdbench.training.loss import LevelLoss  # noqa: E402
+pytest.importorskip("torch", reason="needs the extra nets")
+import torch
+
+from dfdbench.training.crops import IGNORED
+from dfdbench.training.loss import LevelLoss
 
 CPU = torch.device("cpu")
 

@@ -8,19 +8,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-torch = pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.build import build_store  # noqa: E402
-from dfdbench.errors import InputError, StoreError, UnknownNameError  # noqa: E402
-from dfdbench.evaluate import run_method  # noqa: E402
-from dfdbench.manifest import Manifest  # noqa: E402
-from dfdbench.methods.weights import load_weights  # noqa: E402
-from dfdbench.pair_evaluation import load_for  # noqa: E402
-from dfdbench.sources import open_source  # noqa: E402
-from dfdbench.store import Store  # noqa: E402
-from dfdbench.training.configuration import TrainingConfiguration  # noqa: E402
-from dfdbench.training.trainer import Task, task_of, train  # noqa: E402
-from tests.conftest import write_png  # noqa: E402
-from tests.methods.test_networks import SMALL  # noqa: E402
+pytest.importorskip("torch", reason="needs the extra nets")
+import torch
+
+from dfdbench.build import build_store
+from dfdbench.errors import InputError, StoreError, UnknownNameError
+from dfdbench.evaluate import run_method
+from dfdbench.manifest import Manifest
+from dfdbench.methods.weights import load_weights
+from dfdbench.pair_evaluation import load_for
+from dfdbench.sources import open_source
+from dfdbench.store import Store
+from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.trainer import Task, task_of, train
+from tests.conftest import write_png
+from tests.methods.test_networks import SMALL
 
 QUICK = {
     "filters": list(SMALL), "crop": 16, "crops_per_step": 1, "steps": 12, "evaluate_every": 5,

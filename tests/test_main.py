@@ -1,0 +1,31 @@
+"""The start of the command line, before anything of it is loaded."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+STOPPED_WHILE_LOADING = """
+import sys
+from importlib.abc import MetaPathFinder
+
+class CtrlC(MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == "dfdbench.cli":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, CtrlC())
+from dfdbench.__main__ import main
+main()
+"""
+
+
+def test_ctrl_c_while_it_loads_is_told_in_a_line() -> None:
+    command = (sys.executable, "-c", STOPPED_WHILE_LOADING)
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (130, "stopped\n")
+
+
+def test_the_command_starts_there() -> None:
+    text = (Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8")
+    assert tomllib.loads(text)["project"]["scripts"]["dfdbench"] == "dfdbench.__main__:main"
