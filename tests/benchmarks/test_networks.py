@@ -1,0 +1,85 @@
+"""Inference and training of the networks, as ratios to the plain eager float32 forward."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the extra nets")
+import torch
+
+from dfdbench.methods.filter_numbers import FILTERS
+from dfdbench.methods.inference import Predictor, find_device
+from dfdbench.methods.networks import DfDNet
+
+SHAPE = (370, 463)
+CROPS = 32
+DEVICE = find_device("auto")
+
+
+@pytest.fixture
+def threads(request: pytest.FixtureRequest) -> Iterator[int]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(request.param)
+    yield request.param
+    torch.set_num_threads(before)
+
+
+def images() -> tuple[Any, Any]:
+    random = np.random.default_rng(0)
+    return tuple(random.integers(0, 256, (*SHAPE, 3)).astype(np.uint8) for _ in range(2))  # type: ignore[return-value]
+
+
+def plain(network: DfDNet) -> Any:
+    """Eager float32 on images padded alike: no folding, no channels-last."""
+    network = network.eval().to(DEVICE)
+
+    def forward(infocus: Any, defocus: Any) -> Any:
+        both = np.pad(np.concatenate([infocus, defocus], 2), ((0, 2), (0, 1), (0, 0)), "reflect")
+        pixels = torch.from_numpy(both.transpose(2, 0, 1).copy()).float()[None].to(DEVICE)
+        with torch.no_grad():
+            return network(pixels)[0].argmax(0).cpu().numpy()
+
+    return forward
+
+
+@pytest.mark.parametrize("threads", [1, 2], indirect=True, ids=["1-thread", "2-threads"])
+@pytest.mark.parametrize("name", ["original", "F-02-02"])
+@pytest.mark.parametrize("way", ["plain", "float32", "bf16"])
+def test_a_pair_of_the_third_size(benchmark: Any, threads: int, name: str, way: str) -> None:
+    network = DfDNet(FILTERS[name])
+    predict = plain(network) if way == "plain" else Predictor(network.eval(), DEVICE, way)  # type: ignore[arg-type]
+    benchmark.group = f"DfD-Net {name}, {SHAPE[0]} x {SHAPE[1]}, {threads} threads, {DEVICE.type}"
+    infocus, defocus = images()
+    benchmark.pedantic(predict, (infocus, defocus), rounds=3, warmup_rounds=1)
+
+
+@pytest.mark.parametrize("name", ["original", "F-02-02"])
+@pytest.mark.parametrize("way", ["plain forward", "float32", "bf16"])
+def test_a_step_of_training(benchmark: Any, name: str, way: str) -> None:
+    network = DfDNet(FILTERS[name]).to(DEVICE)
+    optimizer = torch.optim.Adam(network.parameters(), 1e-4)
+    pixels = torch.rand(CROPS, 6, 32, 32, device=DEVICE) * 255
+    levels = torch.randint(0, 256, (CROPS, 32, 32), device=DEVICE)
+    if way != "plain forward":
+        network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        pixels = pixels.to(memory_format=torch.channels_last)
+
+    def forward() -> float:
+        with torch.no_grad():
+            return float(network(pixels).sum())
+
+    def step() -> float:
+        with torch.autocast(DEVICE.type, torch.bfloat16, enabled=way == "bf16"):
+            logits = network(pixels)
+        loss = torch.nn.functional.cross_entropy(logits.float(), levels)
+        optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        return float(loss.detach())
+
+    benchmark.group = f"DfD-Net {name}, {CROPS} patches of 32 x 32, {DEVICE.type}"
+    benchmark.pedantic(forward if way == "plain forward" else step, rounds=3, warmup_rounds=1)

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.store import Store
+from tests.test_cli import Command, dfdbench  # noqa: F401
+
+QUICK = [
+    "--set", "narrow=64", "--set", "crop=16", "--set", "crops_per_step=1", "--set", "steps=4",
+    "--set", "evaluate_every=2", "--set", "evaluate_pairs=1", "--device", "cpu", "--threads", "1",
+]  # fmt: skip
+
+
+def test_train_then_run(dfdbench: Command, tiny_store: Store) -> None:
+    store = ["--dataset", str(tiny_store.path)]
+    done = dfdbench("train", "dfd-net", *store, *QUICK)
+    assert done.status == 0, done.err
+    folder = Path("training/tiny-train/dfd-net-published")
+    assert {path.name for path in folder.iterdir()} == {
+        "checkpoint.pt", "depth_levels.csv", "depth_levels.png", "losses.csv", "scores.csv",
+        "training.png", "weights.md", "weights.safetensors",
+    }  # fmt: skip
+    assert "ended by its number of steps" in done.out
+    assert "NMAE on test, 7 pairs" in done.out
+    weights = f"weights={folder / 'weights.safetensors'}"
+    run = dfdbench("run", "--method", "dfd-net", "--param", weights, *store)
+    assert run.status == 0, run.err
+
+
+def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Store) -> None:
+    train = ["train", "dfd-net", "--dataset", str(tiny_store.path), *QUICK]
+    early = dfdbench(*train, "--resume")
+    assert early.status == 2
+    assert "no checkpoint to go on from" in early.err
+    assert dfdbench(*train, "--max-time", "0s").status == 0
+    again = dfdbench(*train)
+    assert again.status == 2
+    assert "--resume goes on, --fresh starts anew" in again.err
+    resumed = dfdbench(*train, "--resume")
+    assert resumed.status == 0, resumed.err
+    assert "4, ended by its number of steps" in resumed.out
+    assert dfdbench(*train, "--resume", "--fresh").status == 2
+    assert dfdbench(*train, "--fresh").status == 0
+    Path("other").mkdir()
+    Path("other/precious.txt").write_text("keep")
+    taken = dfdbench(*train, "--out", "other", "--fresh")
+    assert taken.status == 2
+    assert Path("other/precious.txt").read_text() == "keep"
+
+
+def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) -> None:
+    store = ["--dataset", str(tiny_store.path)]
+    for arguments, message in (
+        (["--max-time", "30"], "as 90s, 30m, 1h30m"),
+        (["--max-time", "soon"], "as 90s, 30m, 1h30m"),
+        (["--set", "noise"], "NAME=VALUE"),
+        (["--set", "nois=1"], "unknown choice"),
+        (["--config", "no.toml"], "published"),
+        (["--fold", "K9"], "K1"),
+        (["--split", "trian"], "train"),
+        (["--device", "tpu"], "cpu"),
+        (["--set", "crop=64"], "at most 24"),
+    ):
+        done = dfdbench("train", "dfd-net", *store, *arguments)
+        assert done.status == 2, arguments
+        assert message in done.err, arguments
+        assert "Traceback" not in done.err
+    assert not Path("training").exists()
+    wrong = dfdbench("experiment", "nose", *store)
+    assert wrong.status == 2
+    assert "did you mean noise" in wrong.err
+
+
+def test_an_experiment_goes_on_and_writes_its_table(
+    dfdbench: Command,
+    tiny_store: Store,
+) -> None:
+    command = ["experiment", "cross-validation", "--dataset", str(tiny_store.path), *QUICK]
+    done = dfdbench(*command)
+    assert done.status == 0, done.err
+    folder = Path("training/tiny-experiments/cross-validation-dfd-net")
+    table = (folder / "scores.md").read_text()
+    assert "K1" in table
+    assert "K2" in table
+    before = (folder / "K1-seed0/weights.safetensors").stat().st_mtime_ns
+    again = dfdbench(*command, "--format", "csv")
+    assert again.out == (folder / "scores.csv").read_text()
+    assert (folder / "K1-seed0/weights.safetensors").stat().st_mtime_ns == before
+    assert (folder / "scores.png").stat().st_size > 5000

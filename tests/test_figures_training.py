@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.lines import Line2D
+
+pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.figures_training import (
+    experiment_figure,
+    levels_figure,
+    training_figure,
+)
+from dfdbench.training.checkpoint import Log
+from tests.methods.test_learned import card
+
+
+def heights(line: Line2D) -> list[float]:
+    return [float(value) for value in np.asarray(line.get_ydata(), float)]
+
+
+def test_losses_rates_and_scores_are_drawn_by_step() -> None:
+    losses = [
+        {"step": str(step), "learning_rate": "0.1", "loss": str(5 / step)} for step in range(1, 900)
+    ]
+    scores = [
+        {"step": str(step), "train_nmae": "0.1", "test_nmae": "0.2", "test_ssim": ""}
+        for step in (300, 600)
+    ]
+    axes = training_figure(Log(losses, scores), "title").axes
+    loss = heights(axes[0].lines[0])
+    assert len(loss) == 449
+    assert loss[0] == pytest.approx((5 + 2.5) / 2)
+    nmae = {line.get_label(): heights(line) for line in axes[3].lines}
+    assert nmae == {"train pairs": [0.1, 0.1], "test pairs": [0.2, 0.2]}
+    assert all(heights(line) == [] for line in axes[4].lines)
+
+
+def test_a_training_without_scores_can_be_drawn() -> None:
+    training_figure(Log([{"step": "1", "learning_rate": "0.1", "loss": "2"}], []), "title")
+
+
+def test_levels_are_shares_of_their_pixels() -> None:
+    rows = [
+        {"level": str(level), "trained": "30" if level == 7 else "0", "present": "1"}
+        for level in range(256)
+    ]
+    present, trained = levels_figure(rows, "title").axes[0].patches
+    assert max(trained.get_data().values) == 100  # type: ignore[attr-defined]
+    assert max(present.get_data().values) == pytest.approx(100 / 256)  # type: ignore[attr-defined]
+
+
+def test_an_experiment_has_a_dot_a_training_and_their_mean() -> None:
+    cards = [
+        (value, card(seed=seed, scores={"nrmse": score, "nmae": score, "ssim": score}))
+        for value, seed, score in (("0", 0, 0.1), ("0", 1, 0.3), ("3", 0, 0.5))
+    ]
+    axis = experiment_figure("title", cards).axes[0]
+    drawn = [heights(line) for line in axis.lines]
+    assert drawn[0] == [0.1, 0.3]
+    assert drawn[1] == pytest.approx([0.2, 0.2])
+    assert [label.get_text() for label in axis.get_xticklabels()] == ["0", "3"]

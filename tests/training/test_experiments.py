@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.errors import InputError, UnknownNameError
+from dfdbench.manifest import Manifest
+from dfdbench.store import Store
+from dfdbench.training.experiments import (
+    experiments,
+    find_experiment,
+    folds_of,
+    run_trial,
+    score_table,
+    trials,
+)
+from tests.methods.test_learned import card
+from tests.methods.test_networks import SMALL
+
+QUICK: dict[str, Any] = {"filters": list(SMALL), "crop": 16, "crops_per_step": 1, "steps": 2}
+
+
+def test_the_thesis_experiments_are_there() -> None:
+    known = experiments()
+    assert set(known) == {
+        "repeatability", "cross-validation", "patch-size", "noise", "sampling-size", "expansion",
+    }  # fmt: skip
+    assert known["repeatability"].repeats == 30
+    assert known["noise"].repeats == known["sampling-size"].repeats == 10
+    with pytest.raises(UnknownNameError, match="did you mean noise"):
+        find_experiment("nois")
+
+
+def test_folds_are_the_manifests_or_single_scenes(tiny_manifest: Manifest) -> None:
+    assert folds_of(tiny_manifest) == ("K1", "K2")
+    without = tiny_manifest.model_copy(update={"folds": []})
+    assert folds_of(without) == ("One", "Two", "Three")
+
+
+def test_each_value_and_seed_is_a_training(tiny_store: Store, tmp_path: Path) -> None:
+    found = trials(
+        find_experiment("noise"), "dfd-net", tiny_store, "published", QUICK, tmp_path,
+        values=(0, 2), repeats=3,
+    )  # fmt: skip
+    assert [trial.folder.name for trial in found] == [
+        "0-seed0", "0-seed1", "0-seed2", "2-seed0", "2-seed1", "2-seed2",
+    ]  # fmt: skip
+    assert [trial.task.configuration.noise for trial in found] == [0, 0, 0, 2, 2, 2]
+    folds = trials(
+        find_experiment("cross-validation"), "dfd-net", tiny_store, "published", QUICK, tmp_path
+    )
+    assert [trial.task.trained_on for trial in folds] == [
+        "tiny-1, all but K1",
+        "tiny-1, all but K2",
+    ]
+
+
+def test_wrong_values_are_told_before_anything_is_trained(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    def planned(name: str, **more: Any) -> None:
+        changes = QUICK | more.pop("changes", {})
+        experiment = find_experiment(name)
+        trials(experiment, "dfd-net", tiny_store, "published", changes, tmp_path, **more)
+
+    with pytest.raises(InputError, match="noise"):
+        planned("noise", values=(1, -3))
+    with pytest.raises(InputError, match="varies the seed alone"):
+        planned("repeatability", values=(1,))
+    with pytest.raises(InputError, match="varies crop itself"):
+        planned("patch-size")
+    with pytest.raises(UnknownNameError, match="K1, K2"):
+        planned("cross-validation", values=("K9",))
+
+
+def test_a_training_that_has_ended_is_taken_over(tiny_store: Store, tmp_path: Path) -> None:
+    def one(**changes: Any) -> Any:
+        experiment = find_experiment("repeatability")
+        found = trials(
+            experiment, "dfd-net", tiny_store, "published", QUICK | changes, tmp_path, repeats=1
+        )
+        return found[0]
+
+    steps: list[int] = []
+    first = run_trial(one(), None, "cpu", lambda step, total, loss: steps.append(step))
+    again = run_trial(one(), None, "cpu", lambda step, total, loss: steps.append(step))
+    assert steps == [1, 2]
+    assert again == first
+    with pytest.raises(InputError, match="another training"):
+        run_trial(one(noise=1), None, "cpu")
+
+
+def test_time_that_was_too_short_is_given_more(tiny_store: Store, tmp_path: Path) -> None:
+    experiment = find_experiment("repeatability")
+    found = trials(experiment, "dfd-net", tiny_store, "published", QUICK, tmp_path, repeats=1)[0]
+    assert run_trial(found, 0.0, "cpu").steps == 1
+    assert run_trial(found, 0.0, "cpu").steps == 1
+    assert run_trial(found, None, "cpu").steps == 2
+
+
+def test_the_table_has_the_statistics_of_table_5_6() -> None:
+    scores = [{"nrmse": value, "nmae": value / 2, "ssim": 1 - value} for value in (0.1, 0.2, 0.3)]
+    cards = [("", card(seed=seed, scores=found)) for seed, found in enumerate(scores)]
+    table = score_table(find_experiment("repeatability"), cards)
+    rows = {str(record["statistic"]): record for record in table.records}
+    assert list(rows) == ["minimum", "mean", "maximum", "std deviation"]
+    assert rows["mean"]["nrmse"] == pytest.approx(0.2)
+    assert rows["minimum"]["ssim"] == pytest.approx(0.7)
+    assert rows["std deviation"]["nmae"] == pytest.approx(0.05)  # of a sample, as in the thesis
+    single = score_table(find_experiment("cross-validation"), [("K1", cards[0][1])])
+    assert [row[0] for row in single.rows] == ["K1"]
+    assert single.rows[0][3:] == ("0.1000", "0.0500", "0.9000")
