@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.store import Store
-from tests.test_cli import Command, dfdbench  # noqa: F401
+from tests.test_cli import Command
 
 QUICK = [
     "--set", "narrow=64", "--set", "crop=16", "--set", "crops_per_step=1", "--set", "steps=4",
