@@ -57,6 +57,9 @@ def train(
     ] = None,
     config: Configuration = "published",
     changes: Changes = None,
+    weights: Annotated[
+        Path | None, typer.Option(help="Begin with these weights in place of random ones.")
+    ] = None,
     max_time: MaxTime = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")
@@ -83,7 +86,9 @@ def train(
     use_threads(threads)
     store = open_store(dataset, cache=cache)
     configuration = read_configuration(config, changes_of(changes))
-    task = task_of(method.value, store, configuration, split, fold, seed)
+    if weights and not weights.is_file():
+        raise InputError(Problem("no such weights", str(weights)))
+    task = task_of(method.value, store, configuration, split, fold, seed, weights)
     name = f"{method.value}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     trained = f"all-but-{fold}" if fold else split
     folder = out or Path("training") / f"{store.path.stem}-{trained}" / name

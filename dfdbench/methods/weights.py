@@ -25,7 +25,8 @@ class Card(BaseModel):
     """Where weights come from: the model card, kept in the file itself.
 
     `architecture` are the network's constructor arguments, `scores` the means over `scored_on`
-    under the protocol ``thesis``; `seconds` is the time spent training.
+    under the protocol ``thesis``; `seconds` is the time spent training; `started_from` tells of
+    the weights that training began with, where it did not begin anew.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -35,6 +36,7 @@ class Card(BaseModel):
     architecture: dict[str, Any]
     parameters: Annotated[int, Field(ge=1)]
     trained_on: str
+    started_from: str = ""
     dataset: str
     fingerprint: str
     recipe: str
@@ -191,6 +193,7 @@ def card_as_markdown(card: Card) -> str:
         "architecture": _as_text(card.architecture),
         "parameters": f"{card.parameters:,}",
         "trained on": card.trained_on,
+        "started from": card.started_from or "random weights",
         "data set": f"{card.dataset}, fingerprint {card.fingerprint}",
         "recipe": card.recipe or "none: captured defocus",
         "seed": str(card.seed),

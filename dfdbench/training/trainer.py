@@ -24,7 +24,9 @@ from dfdbench.methods.weights import (
     Card,
     build_network,
     count_parameters,
+    load_weights,
     save_weights,
+    weights_sha256,
 )
 from dfdbench.store import Store
 from dfdbench.training.checkpoint import WEIGHTS, Log, TrainingFolder
@@ -58,6 +60,8 @@ class Task:
         Every other choice.
     seed : int
         Of weights, patches and noise.
+    start : Path, optional
+        Weights to begin with, in place of random ones.
     """
 
     method: str
@@ -68,6 +72,7 @@ class Task:
     tested_on: str
     configuration: TrainingConfiguration
     seed: int
+    start: Path | None = None
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -78,6 +83,7 @@ class Task:
             "fingerprint": self.store.fingerprint,
             "trained_on": self.trained_on,
             "seed": self.seed,
+            "start": weights_sha256(self.start) if self.start else None,
             "configuration": self.configuration.model_dump(),
         }
 
@@ -89,6 +95,7 @@ def task_of(
     split: str = "train",
     fold: str | None = None,
     seed: int = 0,
+    start: Path | None = None,
 ) -> Task:
     """Return a training of a split, or of all scenes but a fold or a single scene.
 
@@ -121,7 +128,7 @@ def task_of(
             )
         )  # fmt: skip
     test = store.pairs(tested) if tested else ()
-    return Task(method, store, train, test, trained_on, tested, configuration, seed)
+    return Task(method, store, train, test, trained_on, tested, configuration, seed, start)
 
 
 @dataclass(frozen=True)
@@ -201,9 +208,7 @@ class _Session:
         self._folder = folder
         self._device = device
         self._architecture = architecture
-        network = _fresh(task.method, architecture, task.seed)
-        if choices.initial_filters == "differences":
-            start_from_differences(network.first)  # type: ignore[arg-type]
+        network, self._started_from = _beginning(task, architecture)
         self._network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._optimizer = torch.optim.Adam(
             _parameter_groups(self._network, choices.weight_decay), choices.learning_rate,
@@ -315,6 +320,7 @@ class _Session:
             architecture=self._architecture,
             parameters=count_parameters(self._network),
             trained_on=task.trained_on,
+            started_from=self._started_from,
             dataset=task.store.manifest.stem,
             fingerprint=task.store.fingerprint,
             recipe=task.store.recipe_name,
@@ -337,11 +343,30 @@ class _Session:
         return Outcome(path, card)
 
 
-def _fresh(method: str, architecture: dict[str, Any], seed: int) -> nn.Module:
-    # PyTorch's own initial values; its global generator is left as it was.
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        return build_network(method, architecture)
+def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str]:
+    if task.start is None:
+        # PyTorch's own initial values; its global generator is left as it was.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(task.seed)
+            network = build_network(task.method, architecture)
+        if task.configuration.initial_filters == "differences":
+            start_from_differences(network.first)  # type: ignore[arg-type]
+        return network, ""
+    network, card = load_weights(task.start, task.method)
+    problems = [
+        Problem("the weights are of another network", f"{task.start}: {name}",
+                str(value), str(card.architecture.get(name)))
+        for name, value in architecture.items()
+        if name != "channel_means" and card.architecture.get(name) != value
+    ]  # fmt: skip
+    if problems:
+        raise InputError(problems)
+    architecture["channel_means"] = card.architecture["channel_means"]
+    earlier = f"; that from {card.started_from}" if card.started_from else ""
+    digest = weights_sha256(task.start)
+    minutes = f"{card.seconds / 60:.1f} minutes"
+    said = f"{card.trained_on}, {card.steps:,} steps in {minutes}, SHA-256 {digest[:16]}{earlier}"
+    return network, said
 
 
 def _redraw(task: Task, images: TrainingImages) -> Redraw | None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +115,21 @@ def test_folds_and_splits_say_what_they_trained_on(tiny_store: Store) -> None:
     assert (split.trained_on, split.tested_on) == ("tiny-1, split test", "train")
     with pytest.raises(UnknownNameError):
         task_of("dfd-net", tiny_store, choices, split="trian")
+
+
+def test_training_goes_on_from_weights_and_says_so(tiny_store: Store, tmp_path: Path) -> None:
+    first = train(task(tiny_store), tmp_path / "first", device="cpu")
+    more = replace(task(tiny_store, learning_rate=1e-9, steps=1), start=first.weights)
+    second = train(more, tmp_path / "second", device="cpu")
+    assert second.card.started_from.startswith("tiny-1, split train, 12 steps")
+    assert float(losses(tmp_path / "second")[0]) < float(losses(tmp_path / "first")[0])
+    third = train(replace(more, start=second.weights), tmp_path / "third", device="cpu")
+    assert "; that from tiny-1, split train, 12 steps" in third.card.started_from
+    with pytest.raises(InputError, match="start"):
+        train(replace(more, start=second.weights), tmp_path / "second", device="cpu")
+    wider = replace(task(tiny_store, narrow=2), start=first.weights)
+    with pytest.raises(InputError, match="another network"):
+        train(wider, tmp_path / "wider", device="cpu")
 
 
 def test_what_cannot_be_trained(tiny_store: Store, tmp_path: Path) -> None:
