@@ -5,10 +5,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMPS := .make
-DEMO_METHODS := constant local graph-cuts
 # A method a word, with commas for the blanks before its parameters.
+DEMO_METHODS := constant local graph-cuts u-net,--param,weights=demo dfd-net,--param,weights=demo
 BOARD_METHODS := constant local graph-cuts graph-cuts,--param,recipe=text \
-  graph-cuts,--param,color_space=rgb graph-cuts-rounded
+  graph-cuts,--param,color_space=rgb graph-cuts-rounded \
+  u-net,--param,weights=demo dfd-net,--param,weights=demo
 
 .PHONY: help demo test benchmark leaderboard clean
 .DEFAULT_GOAL := help
@@ -20,8 +21,8 @@ demo: $(STAMPS)/installed ## Build the demo set, run the baselines, print tables
 	@echo "== building the demo set"
 	@$(BIN)/dfdbench build demo
 	@for method in $(DEMO_METHODS); do \
-	  echo; echo "== dfdbench run --method $$method --dataset demo"; \
-	  $(BIN)/dfdbench run --method $$method --dataset demo || exit 1; \
+	  echo; echo "== dfdbench run --dataset demo --method $$(echo $$method | tr ',' ' ')"; \
+	  $(BIN)/dfdbench run --dataset demo --method $$(echo $$method | tr ',' ' ') || exit 1; \
 	done
 	@echo; echo "All of it lies here:"
 	@find results/demo-1-test -name '*.png' -o -name result.json | sort | sed 's/^/  /'
@@ -57,7 +58,7 @@ $(BIN)/python:
 
 $(STAMPS)/installed: $(BIN)/python pyproject.toml constraints.txt
 	@echo "== installing dfdbench and what it needs (versions: constraints.txt)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[nets]'
 	@mkdir -p $(STAMPS) && touch $@
 
 $(STAMPS)/tested-with: $(STAMPS)/installed
