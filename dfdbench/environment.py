@@ -30,7 +30,7 @@ def describe_environment() -> Environment:
         platform=f"{platform.system()} {platform.machine()}",
         cpu=_processor(),
         cpu_count=os.cpu_count() or 1,
-        threads={"opencv": cv2.getNumThreads(), "numba": numba.get_num_threads()},
+        threads={"opencv": cv2.getNumThreads(), "numba": numba.get_num_threads(), **_torch()},
         gpu=_gpu(),
         git=_commit(),
         versions={name: found for name in (*_PACKAGES, "torch") if (found := _version(name))},
@@ -51,6 +51,11 @@ def _processor() -> str:
         return platform.processor() or platform.machine()
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.machine()
+
+
+def _torch() -> dict[str, int]:
+    torch = sys.modules.get("torch")
+    return {"torch": torch.get_num_threads()} if torch else {}
 
 
 def _gpu() -> str | None:

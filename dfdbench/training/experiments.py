@@ -222,10 +222,9 @@ def score_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Ta
                 for metric in METRICS
                 if all(metric in card.scores for card in group)
             }
-            first = value if statistic == "mean" or len(group) > 1 else ""
             rows.append(
                 (
-                    first, str(len(group)), "score" if len(group) == 1 else statistic,
+                    value or "all seeds", str(len(group)), "score" if len(group) == 1 else statistic,
                     *(f"{scores[metric]:.4f}" if metric in scores else "–" for metric in METRICS),
                 )
             )  # fmt: skip
