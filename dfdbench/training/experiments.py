@@ -224,7 +224,8 @@ def score_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Ta
             }
             rows.append(
                 (
-                    value or "all seeds", str(len(group)), "score" if len(group) == 1 else statistic,
+                    value or "all seeds", str(len(group)),
+                    "score" if len(group) == 1 else statistic,
                     *(f"{scores[metric]:.4f}" if metric in scores else "–" for metric in METRICS),
                 )
             )  # fmt: skip
