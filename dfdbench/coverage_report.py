@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from dfdbench.coverage import Criterion, Verdict
@@ -33,12 +34,21 @@ def coverage_table(record: CoverageRecord) -> Table:
 
 def verdict_line(record: CoverageRecord) -> str:
     """Return the comparison's outcome in one line."""
+    if record.leaks:
+        return f"LEAK: {leak_text(record)}: the test says nothing of new scenes"
     found = (
         f"{percent(record.uncovered_share)} of the test's known pixels lie on levels missing or "
         f"scarce by criterion {record.criterion}"
     )
     allowed = f" ({percent(record.allowed_share)} allowed)" if record.allowed_share else ""
     return f"{'covered' if record.covered else 'NOT covered'}: {found}{allowed}"
+
+
+def leak_text(record: CoverageRecord) -> str:
+    """Return how much the two sides share, e.g. ``training holds 2 scenes of the test``."""
+    counts = Counter(leak.kind for leak in record.leaks)
+    found = [f"{count} {kind}{'s' * (count != 1)}" for kind, count in counts.items()]
+    return f"training holds {' and '.join(found)} of the test"
 
 
 def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:

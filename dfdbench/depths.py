@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dfdbench.coverage import DepthHistogram, depth_histogram
-from dfdbench.errors import InputError, Problem, StoreError
+from dfdbench.errors import InputError, Problem, StoreError, unknown_name
 from dfdbench.manifest import Manifest
 from dfdbench.store import Store
 
@@ -19,10 +19,8 @@ class Side:
 
     Parameters
     ----------
-    dataset : str
-        The manifest's name and version.
-    fingerprint : str
-        Of the store that the depth maps come from.
+    store : Store
+        What the depth maps come from.
     name : str
         Of the split: ``"train"``, ``"K03"``, ``"all but K03"``.
     scenes : dict of str to DepthHistogram
@@ -33,12 +31,16 @@ class Side:
         True where levels were turned round (Eq. 7.1) to be compared with training.
     """
 
-    dataset: str
-    fingerprint: str
+    store: Store
     name: str
     scenes: dict[str, DepthHistogram]
     absent: tuple[str, ...]
     inverted: bool = False
+
+    @property
+    def dataset(self) -> str:
+        """The manifest's name and version."""
+        return self.store.manifest.stem
 
     @property
     def histogram(self) -> DepthHistogram:
@@ -108,7 +110,7 @@ def side_of(
             )
         )  # fmt: skip
     absent = tuple(scene for scene in scenes if scene not in histograms)
-    return Side(store.manifest.stem, store.fingerprint, name, chosen, absent, inverted)
+    return Side(store, name, chosen, absent, inverted)
 
 
 def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
@@ -122,6 +124,23 @@ def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
     """
     tested = set(manifest.scenes_of(fold))
     return tuple(scene for scene in manifest.scene_names if scene not in tested)
+
+
+def all_but(store: Store, histograms: dict[str, DepthHistogram], fold: str) -> Side:
+    """Return the training side that leaves out a fold, or a single scene.
+
+    Raises
+    ------
+    UnknownNameError
+        Where there is no such fold or scene.
+    StoreError
+        Where the store holds none of the other scenes.
+    """
+    manifest = store.manifest
+    known = (*(item.name for item in manifest.folds), *manifest.scene_names)
+    if fold not in known:
+        raise unknown_name(f"fold or scene of {manifest.stem}", fold, known)
+    return side_of(store, histograms, f"all but {fold}", training_of(manifest, fold))
 
 
 def sides_of(
@@ -149,6 +168,8 @@ def sides_of(
     ------
     InputError
         Where a fold is asked for beside a split.
+    UnknownNameError
+        Where there is no such split, fold or scene.
     StoreError
         Where a store holds none of the scenes.
     """
@@ -163,7 +184,7 @@ def sides_of(
     manifest = store.manifest
     if fold is not None:
         return (
-            side_of(store, histograms, f"all but {fold}", training_of(manifest, fold)),
+            all_but(store, histograms, fold),
             side_of(store, histograms, fold, manifest.scenes_of(fold)),
         )
     tester, found = (store, histograms) if other is None else (other, scene_histograms(other))

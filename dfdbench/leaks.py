@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from dfdbench.depths import Side
 from dfdbench.errors import DfdbenchError, Problem
 from dfdbench.manifest import Manifest
 from dfdbench.store import Store
@@ -59,7 +60,7 @@ class Leak:
         """Return the leak as a problem that a user can mend."""
         return Problem(
             f"leak: the same {self.kind} in training and test", f"{self.train} and {self.test}",
-            got=self.detail, fix="put both into the same split",
+            got=self.detail, fix="put both into the same split, or train without the one",
         )  # fmt: skip
 
 
@@ -171,6 +172,15 @@ def find_leaks(
     shared = {leak.test for leak in leaks if leak.kind is LeakKind.scene}
     rest = {scene: images for scene, images in test_hashes.items() if scene not in shared}
     return leaks + image_leaks(train_hashes, rest)
+
+
+def leaks_between(train: Side, test: Side) -> tuple[Leak, ...]:
+    """Return everything that the two sides of a comparison share."""
+    found = find_leaks(
+        train.store.manifest, scene_hashes(train.store, train.scenes),
+        test.store.manifest, scene_hashes(test.store, test.scenes),
+    )  # fmt: skip
+    return tuple(found)
 
 
 def scenes_alike(manifest: Manifest, hashes: Mapping[str, Hashes]) -> list[tuple[str, ...]]:

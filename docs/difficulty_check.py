@@ -38,11 +38,9 @@ def main(dataset: str, folder: Path) -> None:
     step, error = np.concatenate(steps), np.concatenate(errors)
     for value in (*STEPS, UNSEEN):
         chosen = step == value
-        if not chosen.any():
-            continue
-        print(
-            f"{'none' if value == UNSEEN else value:>4}  {100 * chosen.mean():5.1f} %  {error[chosen].mean():.2f}"
-        )
+        if chosen.any():
+            name = "none" if value == UNSEEN else str(value)
+            print(f"{name:>4}  {100 * chosen.mean():5.1f} %  {error[chosen].mean():.2f}")
 
 
 if __name__ == "__main__":

@@ -65,6 +65,8 @@ def test_splits_folds_and_scenes_part_the_data_set(tiny_store: Store) -> None:
         sides_of(tiny_store, test="all", fold="K1")
     with pytest.raises(UnknownNameError):
         sides_of(tiny_store, fold="K9")
+    with pytest.raises(UnknownNameError, match="fold or scene"):
+        sides_of(tiny_store, fold="all")
 
 
 def test_scenes_that_are_not_built_are_named(tiny_folder: Path, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.cli.answer import AnswerFormat, keep, show
+from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.screen import progress
 from dfdbench.coverage_figures import difficulty_figure
 from dfdbench.difficulty import ROUNDING, Difficulty, smallest_step
@@ -45,10 +45,6 @@ def difficulty(
             step(number, len(pairs))
     rows = difficulty_rows(manifest, found)
     content = difficulty_as_json(manifest, store.fingerprint, noise, rows)
-    if format is AnswerFormat.json:
-        print(content, end="")
-    else:
-        show(difficulty_table(manifest, rows, noise), format)
     folder = out or Path("results") / f"{store.path.stem}-difficulty" / split
     order = sorted(found, key=lambda pair: found[pair].share_above(COARSE))
     # The easiest pair, the middle one and the hardest.
@@ -57,7 +53,8 @@ def difficulty(
         f"easiest, median and hardest pair of {manifest.stem}, {split}",
         [(pair.id, store.read(pair).infocus, found[pair]) for pair in chosen],
     )
-    keep(folder, {"difficulty.json": content, "difficulty.png": figure})
+    answer = Answer(content, (difficulty_table(manifest, rows, noise),))
+    give(answer, format, folder, {"difficulty.json": content, "difficulty.png": figure})
 
 
 def _difficulty_of(store: Store, pair: Pair, noise: float) -> Difficulty:

@@ -34,10 +34,16 @@ def say(text: str) -> None:
     print(text, file=sys.stderr)
 
 
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        # Rich would end the program with status 1, which has a meaning of its own here.
+        raise BrokenPipeError
+
+
 def print_table(table: Table) -> None:
     """Print a table to standard output."""
     # Piped or captured there is no terminal to fit: lines are as long as they need be.
-    console = Console() if sys.stdout.isatty() else Console(width=200)
+    console = _Console() if sys.stdout.isatty() else _Console(width=200)
     console.print(as_rich(table))
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from dfdbench.cli.answer import AnswerFormat, keep, show
+from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
 from dfdbench.coverage import Criterion, DensityBound
 from dfdbench.depths import scene_histograms
@@ -84,15 +84,10 @@ def _propose_tests(
         f"{len(ranking.candidates):,} ({settings})"
     )
     content = ranking_as_json(manifest, ranking, published)
-    if format is AnswerFormat.json:
-        print(content, end="")
-    else:
-        show(ranking_table(manifest, ranking, published, scenes.criterion), format)
     fragment = split_fragment(manifest, best, train, why)
-    keep(
-        out or Path("results") / f"{store.path.stem}-splits" / f"test-{size}",
-        {"split.toml": fragment, "split.json": content},
-    )
+    folder = out or Path("results") / f"{store.path.stem}-splits" / f"test-{size}"
+    answer = Answer(content, (ranking_table(manifest, ranking, published, scenes.criterion),))
+    give(answer, format, folder, {"split.toml": fragment, "split.json": content})
 
 
 def _propose_folds(
@@ -114,14 +109,10 @@ def _propose_folds(
     published = Folds(tuple(scenes.judge([test for test in tests if test])))
     why = f"dfdbench split {manifest.short} --folds {number} ({settings})"
     content = folds_as_json(manifest, proposals, hopeless, published)
-    if format is AnswerFormat.json:
-        print(content, end="")
-    else:
-        show(folds_table(manifest, proposals, hopeless, published), format)
-    keep(
-        out or Path("results") / f"{store.path.stem}-splits" / f"folds-{number}",
-        {"folds.toml": folds_fragment(best, why), "folds.json": content},
-    )
+    folder = out or Path("results") / f"{store.path.stem}-splits" / f"folds-{number}"
+    answer = Answer(content, (folds_table(manifest, proposals, hopeless, published),))
+    files = {"folds.toml": folds_fragment(best, why), "folds.json": content}
+    give(answer, format, folder, files)
 
 
 def _scenes(store: Store, criterion: Criterion, bound: DensityBound, allow: float) -> Scenes:
