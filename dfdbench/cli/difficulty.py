@@ -10,7 +10,7 @@ import typer
 from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.screen import progress
 from dfdbench.coverage_figures import difficulty_figure
-from dfdbench.difficulty import ROUNDING, Difficulty, smallest_step
+from dfdbench.difficulty import Difficulty, smallest_step
 from dfdbench.difficulty_report import COARSE, difficulty_as_json, difficulty_rows, difficulty_table
 from dfdbench.errors import InputError, Problem
 from dfdbench.manifest import Pair
@@ -21,8 +21,8 @@ def difficulty(
     dataset: Annotated[str, typer.Argument(help="A data set's name or a store's path.")],
     split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
     noise: Annotated[
-        float, typer.Option(min=0, help="Grey levels a change must exceed; default: rounding.")
-    ] = ROUNDING,
+        int, typer.Option(min=0, help="Whole grey levels that a change must exceed.")
+    ] = 0,
     out: Annotated[
         Path | None, typer.Option(help="Folder; default: results/DATASET-difficulty/SPLIT.")
     ] = None,
@@ -39,7 +39,7 @@ def difficulty(
         what = "no synthetic blur: captured images" if store.recipe is None else "no pair of split"
         raise InputError(Problem(f"{what} {split}", str(store.path)))
     found: dict[Pair, Difficulty] = {}
-    with progress("looking at pairs") as step:
+    with progress("looking at pairs", resumes=False) as step:
         for number, pair in enumerate(pairs, 1):
             found[pair] = _difficulty_of(store, pair, noise)
             step(number, len(pairs))
@@ -57,7 +57,7 @@ def difficulty(
     give(answer, format, folder, {"difficulty.json": content, "difficulty.png": figure})
 
 
-def _difficulty_of(store: Store, pair: Pair, noise: float) -> Difficulty:
+def _difficulty_of(store: Store, pair: Pair, noise: int) -> Difficulty:
     images, recipe = store.read(pair), store.recipe
     assert recipe is not None
     depth = images.depth

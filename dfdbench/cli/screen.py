@@ -60,12 +60,12 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[int, int], None]]:
+def progress(what: str, resumes: bool = True) -> Iterator[Callable[[int, int], None]]:
     """Show a bar while the block runs; the block calls what it is given with (done, total).
 
-    Ctrl-C ends the command with status 130 and says that it goes on from there.
+    Ctrl-C ends the command with status 130 and says whether it goes on from there.
     """
-    with _bar(what) as (bar, task):
+    with _bar(what, resumes=resumes) as (bar, task):
 
         def step(done: int, total: int) -> None:
             bar.update(task, completed=done, total=total)
@@ -85,7 +85,9 @@ def download_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
 
 
 @contextmanager
-def _bar(what: str, *between: ProgressColumn) -> Iterator[tuple[Progress, TaskID]]:
+def _bar(
+    what: str, *between: ProgressColumn, resumes: bool = True
+) -> Iterator[tuple[Progress, TaskID]]:
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *between,
         TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
@@ -98,5 +100,6 @@ def _bar(what: str, *between: ProgressColumn) -> Iterator[tuple[Progress, TaskID
             yield bar, bar.add_task(Text(what).plain, total=None, received="0 bytes")
         except KeyboardInterrupt:
             bar.stop()
-            say("stopped; the same command goes on from here")
+            after = "the same command goes on from here" if resumes else "nothing was written"
+            say(f"stopped; {after}")
             raise typer.Exit(_INTERRUPTED) from None
