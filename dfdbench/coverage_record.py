@@ -15,6 +15,7 @@ from dfdbench.coverage import (
     DensityBound,
     DepthHistogram,
     Verdict,
+    check_allowance,
     range_text,
     runs,
 )
@@ -145,7 +146,13 @@ def compare(
         Share of the test's known pixels that may lie on uncovered levels.
     leaks : tuple of Leak
         What was found on both sides.
+
+    Raises
+    ------
+    InputError
+        For an allowed share that is none.
     """
+    check_allowance(allowed_share)
     bound = bound or DensityBound()
     coverage = Coverage(train.histogram, test.histogram, bound)
     masks = {chosen: coverage.uncovered(chosen) for chosen in Criterion}

@@ -6,9 +6,11 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dfdbench.coverage import DepthHistogram, depth_histogram
+from dfdbench.coverage import DepthHistogram, Mask, depth_histogram
 from dfdbench.errors import InputError, Problem, StoreError, unknown_name
+from dfdbench.fingerprint import array_digest
 from dfdbench.manifest import Manifest
 from dfdbench.store import Store
 
@@ -59,6 +61,11 @@ def scene_histograms(store: Store) -> dict[str, DepthHistogram]:
     -------
     dict of str to DepthHistogram
         By scene, in the manifest's order; levels as stored.
+
+    Raises
+    ------
+    StoreError
+        Where a depth map is damaged: not readable, or not what was built.
     """
     axes = store.manifest.depth.axes
     uses = Counter(
@@ -66,8 +73,7 @@ def scene_histograms(store: Store) -> dict[str, DepthHistogram]:
     )
     histograms = {}
     for scene in store.scenes:
-        arrays = store.scene(scene)
-        depth, valid = arrays["depth"].values, arrays["valid"].values
+        depth, valid = depth_maps(store, scene)
         extent = depth.shape[: len(axes)]
         histograms[scene] = DepthHistogram.total(
             depth_histogram(depth[place], valid[place], pairs)
@@ -76,6 +82,32 @@ def scene_histograms(store: Store) -> dict[str, DepthHistogram]:
             and (pairs := uses[scene, _values(store.manifest, place)])
         )  # fmt: skip
     return histograms
+
+
+def depth_maps(store: Store, scene: str) -> tuple[NDArray[np.uint8], Mask]:
+    """Return a scene's depth maps and where they are known, shapes (depth axes, y, x).
+
+    Raises
+    ------
+    StoreError
+        Where they are damaged: not readable, or not what was built.
+    """
+    # Parts of an array that are lost read as zeros: only the digest tells them from depths.
+    with store.reading(f"{scene}/depth or valid"):
+        arrays = store.scene(scene)
+        found = {name: np.asarray(arrays[name].values) for name in ("depth", "valid")}
+    recorded = arrays.attrs.get("array_digests", {})
+    for name, values in found.items():
+        digest = array_digest(name, tuple(map(str, arrays[name].dims)), values)
+        if digest != recorded.get(name):
+            raise StoreError(
+                Problem(
+                    "the store is damaged: an array holds other values than were built",
+                    f"{store.path}, {scene}/{name}", str(recorded.get(name)), digest,
+                    f"dfdbench verify {store.path} tells all that is damaged",
+                )
+            )  # fmt: skip
+    return found["depth"], found["valid"]
 
 
 def _values(manifest: Manifest, place: tuple[int, ...]) -> tuple[int, ...]:

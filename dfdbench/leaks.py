@@ -88,24 +88,29 @@ def scene_hashes(store: Store, scenes: Iterable[str]) -> dict[str, Hashes]:
 
     The lightings of a view show one picture; the last that the store holds stands for all.
     """
+    hashes: dict[str, Hashes] = {}
+    for scene in scenes:
+        with store.reading(f"{scene}/infocus or available"):
+            hashes[scene] = _hashes_of(store, scene)
+    return hashes
+
+
+def _hashes_of(store: Store, scene: str) -> Hashes:
     manifest = store.manifest
     views = len(manifest.depth.axes)
     # Depth axes need not be the first of the pair's axes.
     others = [axis for axis in manifest.axes if axis not in manifest.depth.axes]
     order = [*manifest.depth.axes, *others]
-    hashes: dict[str, Hashes] = {}
-    for scene in scenes:
-        arrays = store.scene(scene)
-        last = {
-            tuple(place[:views]): place
-            for place in map(tuple, np.argwhere(arrays["available"].transpose(*order).values))
-        }
-        infocus = arrays["infocus"].transpose(*order, "y", "x", "channel")
-        hashes[scene] = {
-            _image_name(manifest, scene, view): image_hash(infocus[place].values)
-            for view, place in last.items()
-        }
-    return hashes
+    arrays = store.scene(scene)
+    last = {
+        tuple(place[:views]): place
+        for place in map(tuple, np.argwhere(arrays["available"].transpose(*order).values))
+    }
+    infocus = arrays["infocus"].transpose(*order, "y", "x", "channel")
+    return {
+        _image_name(manifest, scene, view): image_hash(infocus[place].values)
+        for view, place in last.items()
+    }
 
 
 def _image_name(manifest: Manifest, scene: str, view: tuple[int, ...]) -> str:

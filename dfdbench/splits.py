@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.coverage import Criterion, DensityBound, as_ranges, uncovered
+from dfdbench.coverage import Criterion, DensityBound, as_ranges, check_allowance, uncovered
 from dfdbench.errors import InputError, Problem
 
 #: Up to this many choices are all looked at; of more, so many are drawn at random.
@@ -126,6 +126,9 @@ class Scenes:
     criterion: Criterion = Criterion.either
     bound: DensityBound = field(default_factory=DensityBound)
     allowed: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_allowance(self.allowed)
 
     def judge(self, tests: Sequence[Group]) -> list[Candidate]:
         """Return a candidate for each test set."""

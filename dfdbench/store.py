@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,7 +96,7 @@ class Store:
             )  # fmt: skip
         self.manifest = parse_manifest(self.attributes["manifest"].encode(), self.path.name)
         self._arrays: dict[str, zarr.Array[Any]] = {}
-        groups = set(self._root.group_keys())
+        groups = set(_group_names(self.path, self._root))
         #: The scenes that were built, in the manifest's order.
         self.scenes = tuple(name for name in self.manifest.scene_names if name in groups)
 
@@ -184,13 +185,25 @@ class Store:
         return self._arrays[key]
 
     def _part(self, scene: str, name: str, index: tuple[int, ...], region: Region) -> NDArray[Any]:
-        try:
+        with self.reading(f"{scene}/{name}"):
             selection: Any = (*index, *region)
             return np.asarray(self._array(scene, name)[selection])
+
+    @contextmanager
+    def reading(self, what: str) -> Iterator[None]:
+        """Tell what goes wrong in the block, which reads arrays of the store, as damage.
+
+        Raises
+        ------
+        StoreError
+            Where an array is absent or cannot be decoded.
+        """
+        try:
+            yield
         except (OSError, ValueError, RuntimeError, KeyError) as error:
             raise StoreError(
                 Problem(
-                    "an array of the store cannot be read", f"{self.path}, {scene}/{name}",
+                    "an array of the store cannot be read", f"{self.path}, {what}",
                     got=str(error), fix=f"dfdbench verify {self.path} tells what is damaged",
                 )
             ) from error  # fmt: skip
@@ -250,6 +263,15 @@ def _open_scene(location: UPath, name: str) -> xarray.Dataset:
         zarr_store(location), group=name, consolidated=False, chunks=None
     )
     return scene
+
+
+def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
+    try:
+        return tuple(root.group_keys())
+    except (OSError, ValueError, KeyError) as error:
+        raise StoreError(
+            Problem("cannot read the store", str(location), got=str(error), fix="build it again")
+        ) from error
 
 
 def _not_ours(location: UPath) -> StoreError:

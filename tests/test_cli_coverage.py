@@ -1,6 +1,7 @@
 """The verbs coverage, split and difficulty, end to end."""
 
 import json
+import shutil
 import sys
 import tomllib
 from collections.abc import Callable
@@ -282,6 +283,20 @@ def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: st
 
 
 @pytest.mark.parametrize(
+    "verb", [["coverage"], ["coverage", "--each", "scene"], ["split", "--folds", "2"],
+             ["difficulty", "--split", "all"]],
+)  # fmt: skip
+def test_a_damaged_store_is_an_error_and_no_verdict(
+    dfdbench: Command, uneven: str, verb: list[str]
+) -> None:
+    shutil.rmtree(Path(uneven) / "Two/depth/c")
+    outcome = dfdbench(verb[0], uneven, *verb[1:])
+    assert outcome.status == 2
+    assert "Two/depth" in outcome.err
+    assert not Path("results").exists()
+
+
+@pytest.mark.parametrize(
     ("arguments", "told"),
     [
         (["coverage"], "no data set is named"),
@@ -291,6 +306,10 @@ def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: st
         (["coverage", "STORE", "--fold", "train"], "unknown fold or scene"),
         (["coverage", "STORE", "--each", "fold", "--test", "Two"], "--each takes no split"),
         (["coverage", "STORE", "--result", "none.json"], "cannot read the result"),
+        (["coverage", "STORE", "--density-factor", "inf"], "wrong density factor"),
+        (["coverage", "STORE", "--allow", "nan"], "wrong allowed share"),
+        (["split", "STORE", "--folds", "2", "--density-factor", "nan"], "wrong density factor"),
+        (["split", "STORE", "--folds", "2", "--allow", "nan"], "wrong allowed share"),
         (["split", "STORE"], "ask for one thing"),
         (["split", "STORE", "--test-scenes", "3"], "no such split"),
         (["split", "STORE", "--folds", "9"], "no such folds"),

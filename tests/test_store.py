@@ -145,3 +145,9 @@ def test_a_full_disk_is_told_and_nothing_is_lost(
     assert report.scenes_kept == tuple(written)
     assert report.fingerprint == tiny_store.fingerprint
     remove(as_location(other))
+
+
+def test_a_scene_whose_record_is_damaged_is_told(tiny_store: Store) -> None:
+    (Path(str(tiny_store.path)) / "Two/zarr.json").write_text("{")
+    with pytest.raises(StoreError, match="cannot read the store"):
+        Store(tiny_store.path)

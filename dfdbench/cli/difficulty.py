@@ -10,6 +10,7 @@ import typer
 from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.screen import progress
 from dfdbench.coverage_figures import difficulty_figure
+from dfdbench.depths import depth_maps
 from dfdbench.difficulty import Difficulty, smallest_step
 from dfdbench.difficulty_report import COARSE, difficulty_as_json, difficulty_rows, difficulty_table
 from dfdbench.errors import InputError, Problem
@@ -38,6 +39,8 @@ def difficulty(
     if store.recipe is None or not pairs:
         what = "no synthetic blur: captured images" if store.recipe is None else "no pair of split"
         raise InputError(Problem(f"{what} {split}", str(store.path)))
+    for scene in dict.fromkeys(pair.scene for pair in pairs):
+        depth_maps(store, scene)
     found: dict[Pair, Difficulty] = {}
     with progress("looking at pairs", resumes=False) as step:
         for number, pair in enumerate(pairs, 1):
