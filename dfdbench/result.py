@@ -176,7 +176,12 @@ def load_result(path: Path) -> Result:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ResultError(Problem("cannot read the result", str(path), got=str(error))) from error
+        raise ResultError(
+            Problem(
+                "cannot read the result", str(path), got=str(error),
+                fix="name the result.json that dfdbench run wrote",
+            )
+        ) from error  # fmt: skip
     found = content.get("schema_version") if isinstance(content, dict) else None
     if found != SCHEMA_VERSION:
         raise ResultError(

@@ -19,7 +19,7 @@ from zarr.errors import GroupNotFoundError
 from dfdbench.blur import BlurRecipe, find_recipe
 from dfdbench.cache import STORES, cache_folder
 from dfdbench.catalog import find_manifest
-from dfdbench.errors import DfdbenchError, Problem, StoreError, unknown_name
+from dfdbench.errors import DfdbenchError, Problem, StoreError, UnknownNameError, unknown_name
 from dfdbench.location import Place, as_location, exists, is_local, zarr_store
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.manifest_reader import parse_manifest
@@ -245,10 +245,10 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
         place = name
     if place is not None:
         return Store(place)
-    manifest = find_manifest(name)
+    manifest = _manifest_of(name)
     default = default_store(manifest, cache)
     if not default.exists():
-        other = "" if manifest.short == "demo" else ", or use the small one: --dataset demo"
+        other = "" if manifest.short == "demo" else ", or name the small one, demo, instead"
         raise StoreError(
             Problem(
                 f"data set {manifest.short} is not built", str(default),
@@ -256,6 +256,21 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
             )
         )  # fmt: skip
     return Store(default)
+
+
+def _manifest_of(name: str) -> Manifest:
+    try:
+        return find_manifest(name)
+    except UnknownNameError:
+        if not Path(name).exists():
+            raise
+        kind = "folder" if Path(name).is_dir() else "file"
+        raise StoreError(
+            Problem(
+                f"a {kind}, and not a data set", name, "a data set's name, or a store's path",
+                fix="`dfdbench list` shows the names; stores end in .zarr",
+            )
+        ) from None  # fmt: skip
 
 
 def _open_scene(location: UPath, name: str) -> xarray.Dataset:

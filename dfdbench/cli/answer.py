@@ -12,7 +12,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from dfdbench.cli.screen import print_table, say
-from dfdbench.errors import Problem, ResultError
+from dfdbench.errors import InputError, Problem, ResultError
 from dfdbench.files import write_whole
 from dfdbench.tables import Table, as_markdown
 
@@ -42,6 +42,21 @@ class Answer:
     content: str
     tables: tuple[Table, ...]
     verdict: str = ""
+
+
+def folder_or(out: str | None, default: Path) -> Path:
+    """Return the folder that ``--out`` names, else the default.
+
+    Raises
+    ------
+    InputError
+        Where it names none.
+    """
+    if out is None:
+        return default
+    if not out.strip():
+        raise InputError(Problem("--out names no folder", "--out", fix=f"leave it out: {default}"))
+    return Path(out)
 
 
 def give(

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 from matplotlib.figure import Figure
 
-from dfdbench.cli.answer import Answer, AnswerFormat, give
+from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.coverage import Criterion, DensityBound
 from dfdbench.coverage_errors import (
     conclusion,
@@ -80,7 +80,7 @@ def coverage(
     density_factor: FactorOption = DensityBound.factor,
     density_floor: FloorOption = DensityBound.floor,
     out: Annotated[
-        Path | None, typer.Option(help="Folder; default: results/DATASET-coverage/TEST.")
+        str | None, typer.Option(help="Folder; default: results/DATASET-coverage/TEST.")
     ] = None,
     format: Annotated[
         AnswerFormat, typer.Option(help="How the answer is printed.")
@@ -103,7 +103,7 @@ def coverage(
         other = open_store(test_dataset) if test_dataset else None
         both = sides_of(store, train, test, fold, other)
         record = rule.compare(*both, leaks_between(*both))
-        _answer_coverage(record, out or _folder(store, record), format)
+        _answer_coverage(record, folder_or(out, _folder(store, record)), format)
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def _answer_coverage(record: CoverageRecord, folder: Path, format: AnswerFormat)
 
 
 def _answer_each(
-    store: Store, each: Each, rule: Rule, out: Path | None, format: AnswerFormat
+    store: Store, each: Each, rule: Rule, out: str | None, format: AnswerFormat
 ) -> None:
     manifest, histograms = store.manifest, scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
@@ -185,7 +185,7 @@ def _answer_each(
     bad = sum(not record.covered for record in records.values())
     verdict = f"{bad} of {len(records)} are NOT covered by criterion {rule.criterion}"
     content = each_as_json(records, each)
-    folder = out or Path("results") / f"{store.path.stem}-coverage" / f"each-{each}"
+    folder = folder_or(out, Path("results") / f"{store.path.stem}-coverage" / f"each-{each}")
     answer = Answer(content, (each_table(records, each),), verdict)
     give(answer, format, folder, {"coverage.json": content})
     _end(*records.values())
@@ -197,7 +197,7 @@ def _answer_errors(
     folder: Path,
     sides: RunSides,
     rule: Rule,
-    out: Path | None,
+    out: str | None,
     format: AnswerFormat,
 ) -> None:
     record = rule.compare(sides.train, sides.test, leaks_between(sides.train, sides.test))
@@ -216,7 +216,7 @@ def _answer_errors(
         "errors.png": level_error_figure(join, title),
         "masks.png": mask_figure(store, run, folder, join),
     }
-    give(answer, format, out or folder / "coverage", files)
+    give(answer, format, folder_or(out, folder / "coverage"), files)
     _end(record)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.cli.answer import Answer, AnswerFormat, give
+from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.cli.screen import progress
 from dfdbench.coverage_figures import difficulty_figure
 from dfdbench.depths import depth_maps
@@ -25,7 +25,7 @@ def difficulty(
         int, typer.Option(min=0, help="Whole grey levels that a change must exceed.")
     ] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="Folder; default: results/DATASET-difficulty/SPLIT.")
+        str | None, typer.Option(help="Folder; default: results/DATASET-difficulty/SPLIT.")
     ] = None,
     format: Annotated[
         AnswerFormat, typer.Option(help="How the answer is printed.")
@@ -33,6 +33,7 @@ def difficulty(
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
     store = open_store(dataset)
+    folder = folder_or(out, Path("results") / f"{store.path.stem}-difficulty" / split)
     manifest = store.manifest
     manifest.scenes_of(split)
     pairs = store.pairs(split)
@@ -48,7 +49,6 @@ def difficulty(
             step(number, len(pairs))
     rows = difficulty_rows(manifest, found)
     content = difficulty_as_json(manifest, store.fingerprint, noise, rows)
-    folder = out or Path("results") / f"{store.path.stem}-difficulty" / split
     order = sorted(found, key=lambda pair: found[pair].share_above(COARSE))
     # The easiest pair, the middle one and the hardest.
     chosen = dict.fromkeys((order[0], order[len(order) // 2], order[-1]))
