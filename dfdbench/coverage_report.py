@@ -24,10 +24,7 @@ def coverage_table(record: CoverageRecord) -> Table:
         )
         for item in record.ranges
     )  # fmt: skip
-    columns = (
-        "levels", "verdict", "criterion", "of the test", "test pixels", "training pixels",
-        "test pixels come from",
-    )  # fmt: skip
+    columns = ("levels", "verdict", "criterion", "share", "in test", "in training", "scenes")
     title = f"depths of {_name(record.test)} that {_name(record.train)} lacks"
     return Table(title, columns, rows, "lllrrrl", tuple(_notes(record)))
 
@@ -64,7 +61,7 @@ def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
     )  # fmt: skip
     columns = (
         kind, "test scenes" if kind == "fold" else "pairs", "thesis", "levels", "density",
-        "levels", "missing levels",
+        "levels", "missing",
     )  # fmt: skip
     first = next(iter(records.values()))
     notes = [
@@ -92,6 +89,8 @@ def each_as_json(records: Mapping[str, CoverageRecord], kind: str) -> str:
 def _notes(record: CoverageRecord) -> list[str]:
     shares, as_crops = record.shares, record.expanded_shares
     notes = [
+        "share: of the known test pixels; in test, in training: pixels, each depth map once for "
+        "each of its pairs; scenes: of the test, with their parts of the range's pixels",
         f"missing: in the test, never in training: {percent(shares['missing'])} of "
         f"{record.test.known_pixels:,} known test pixels; {record.test.unknown_pixels:,} are "
         "unknown and left out",
