@@ -24,6 +24,7 @@ from dfdbench.store import Store
 # Okabe and Ito's colours, which the colour-blind can tell apart.
 _TRAIN, _TEST, _MISSING, _SCARCE = "#0072B2", "#D55E00", "#CC79A7", "#E69F00"
 _OF_VERDICT = {Verdict.missing: _MISSING, Verdict.scarce: _SCARCE, Verdict.covered: "#009E73"}
+_UNKNOWN = "#56B4E9"
 _LABELLED = 12
 _SHADE = 0.6
 _ALL_COVERED = "largest errors; training covers every level"
@@ -125,14 +126,14 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
         for axis in axes:
             axis.set_xticks([])
             axis.set_yticks([])
-            axis.set_facecolor("#56B4E9")
+            axis.set_facecolor(_UNKNOWN)
     for axis, head in zip(grid[0], heads, strict=True):
         axis.set_title(head, fontsize=10)
     figure.legend(
         handles=[
             Patch(color=_SCARCE, label="scarce"),
             Patch(color=_MISSING, label="missing"),
-            Patch(color="#56B4E9", label="depth unknown"),
+            Patch(color=_UNKNOWN, label="depth unknown"),
         ],
         loc="outside lower center", ncols=3,
     )  # fmt: skip
@@ -149,7 +150,8 @@ def difficulty_figure(
     title : str
         Above the figure.
     panels : sequence of (str, ndarray of uint8 of shape (y, x, 3), Difficulty)
-        A pair's name, its in-focus image and what `smallest_step` found, a row each.
+        A pair's name, its in-focus image and what `smallest_step` found, a row each. Pixels of
+        unknown depth are light blue.
     """
     figure = Figure(figsize=(9, 2.6 * len(panels) + 0.8), layout="constrained")
     grid = figure.subplots(len(panels), 2, squeeze=False)
@@ -165,7 +167,7 @@ def difficulty_figure(
         for axis in axes:
             axis.set_xticks([])
             axis.set_yticks([])
-            axis.set_facecolor("0.75")
+            axis.set_facecolor(_UNKNOWN)
     return figure
 
 

@@ -1,5 +1,6 @@
 """The scripts that the documentation names run."""
 
+import re
 import runpy
 from pathlib import Path
 
@@ -31,3 +32,20 @@ def test_difficulty_check_prints_every_step_that_was_found(
     assert second.startswith("share above step 32 ")
     shares = [float(line.split()[1]) for line in steps]
     assert sum(shares) == pytest.approx(100, abs=0.5)
+
+
+def test_coverage_from_python_is_as_shown(
+    demo_store: Store,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "stores").mkdir()
+    (tmp_path / "stores/demo-1.zarr").symlink_to(str(demo_store.path))
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path))
+    text = (DOCS / "coverage.md").read_text("utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
+    exec(block, {})
+    first, second = capsys.readouterr().out.splitlines()
+    assert first == "True 0.0 []"
+    assert 0.9 < float(second) <= 1
