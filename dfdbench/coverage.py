@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -62,8 +63,9 @@ class DensityBound:
 
     def __post_init__(self) -> None:
         problems = []
-        if not self.factor >= 1:
-            problems.append(Problem("wrong density factor", "factor", ">= 1", str(self.factor)))
+        if not 1 <= self.factor < math.inf:
+            expected = "a number from 1 up"
+            problems.append(Problem("wrong density factor", "factor", expected, str(self.factor)))
         if not 0 <= self.floor <= 1:
             problems.append(Problem("wrong density floor", "floor", "0 to 1", str(self.floor)))
         if problems:
@@ -260,6 +262,18 @@ def uncovered(
     if criterion is Criterion.density:
         return np.asarray(by_density)
     return np.asarray(by_count | by_density)
+
+
+def check_allowance(share: float) -> None:
+    """Refuse an allowed share of the test's pixels that is none.
+
+    Raises
+    ------
+    InputError
+        Where it is not 0 to 1.
+    """
+    if not 0 <= share <= 1:
+        raise InputError(Problem("wrong allowed share", "allow", "0 to 1", str(share)))
 
 
 def runs(keys: Sequence[object]) -> list[tuple[int, int]]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from dfdbench.coverage import Mask, Verdict
 from dfdbench.coverage_record import CoverageRecord
+from dfdbench.coverage_report import leak_text
 from dfdbench.errors import Problem, ResultError
 from dfdbench.fingerprint import array_digest
 from dfdbench.level_errors import LevelErrors, level_errors
@@ -20,6 +21,7 @@ from dfdbench.result import PairResult, Result
 from dfdbench.run_folder import read_prediction
 from dfdbench.store import Store
 from dfdbench.tables import Table, percent
+from dfdbench.trained_on import Training
 
 SCHEMA_VERSION = 1
 #: Below this share of the error, uncovered levels are not what is wrong.
@@ -122,8 +124,8 @@ def pair_of(record: PairResult) -> Pair:
     return Pair(record.scene, tuple(record.coordinates.items()))
 
 
-def error_table(join: ErrorJoin, title: str, trained: bool) -> Table:
-    """Return mean errors by verdict, then by scene on covered and on other levels."""
+def error_table(join: ErrorJoin, title: str, meaning: str) -> Table:
+    """Return mean errors by verdict, and below what `conclusion` says of them."""
     whole = np.ones(256, bool)
     total = join.total
     kinds: Mapping[str, Mask] = {
@@ -139,7 +141,7 @@ def error_table(join: ErrorJoin, title: str, trained: bool) -> Table:
     ]  # fmt: skip
     return Table(
         title, ("levels", "pixels", "of all", "mean absolute error", "root mean square"),
-        tuple(rows), "lrrrr", (conclusion(join, trained),), frozenset({len(rows) - 2}),
+        tuple(rows), "lrrrr", (meaning,), frozenset({len(rows) - 2}),
     )  # fmt: skip
 
 
@@ -161,19 +163,30 @@ def scene_table(join: ErrorJoin) -> Table:
     return Table("mean absolute error by scene, in levels", columns, tuple(rows), "lrrrrr", (note,))
 
 
-def conclusion(join: ErrorJoin, trained: bool) -> str:
+def conclusion(join: ErrorJoin, record: CoverageRecord, training: Training) -> str:
     """Return in one sentence whether the errors lie where training lacks levels.
 
     Parameters
     ----------
     join : ErrorJoin
         The errors by level.
-    trained : bool
-        Whether the method says what it was trained on: one that was never trained cannot fail
-        for lack of training, so that its errors show what else is hard about those levels.
+    record : CoverageRecord
+        The verdicts, and what training and test share.
+    training : Training
+        Whether the verdicts are about the method's own training. A method that was never trained
+        cannot fail for lack of it, so that its errors show what else is hard about those levels.
     """
+    if record.leaks:
+        return f"{leak_text(record)}: these errors say nothing of scenes that are new"
+    return _of_levels(join, training)
+
+
+def _of_levels(join: ErrorJoin, training: Training) -> str:
     total, levels = join.total, join.uncovered
     share = total.share(levels)
+    unknown = "what the method was trained on is not known: its trained_on names no scenes"
+    if not share and training is Training.unknown:
+        return f"every pixel lies on a level of the scenes compared with, but {unknown}"
     if not share:
         return "every pixel lies on a covered level: what is wrong is not coverage"
     excess = total.excess(levels)
@@ -183,14 +196,18 @@ def conclusion(join: ErrorJoin, trained: bool) -> str:
         f"{percent(share)} of the pixels lie on uncovered levels; if they did as well as the "
         f"others, the mean error would fall by {percent(max(excess, 0.0))}"
     )
+    if training is Training.unknown:
+        return f"{facts}; {unknown}"
     if excess < _SMALL:
         return f"{facts}: most of the error has another cause than coverage"
-    if not trained:
+    if training is Training.none:
         return f"{facts}; the method names no training, so these levels are hard for other reasons"
     return f"{facts}: the errors gather where training lacks levels"
 
 
-def errors_as_json(join: ErrorJoin, result: Result, record: CoverageRecord) -> str:
+def errors_as_json(
+    join: ErrorJoin, result: Result, record: CoverageRecord, training: Training
+) -> str:
     """Return the errors by verdict and by level as JSON."""
     total = join.total
     by_verdict = {
@@ -210,11 +227,13 @@ def errors_as_json(join: ErrorJoin, result: Result, record: CoverageRecord) -> s
         "fingerprint": result.dataset.fingerprint,
         "split": result.dataset.split,
         "trained_on": result.method.trained_on,
+        "training": training,
         "compared_with": f"{record.train.dataset}, {record.train.split}",
+        "leaks": [leak.model_dump() for leak in record.leaks],
         "verdicts": by_verdict,
         "uncovered_share": total.share(join.uncovered),
         "excess": _or_null(total.excess(join.uncovered)),
-        "conclusion": conclusion(join, result.method.trained_on is not None),
+        "conclusion": conclusion(join, record, training),
         "levels": {
             "pixels": total.pixels.tolist(),
             "mean_absolute_error": [_or_null(total.mean(mask)) for mask in single],

@@ -10,12 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
-from dfdbench.coverage import LEVELS, Mask, Verdict, runs
+from dfdbench.coverage import LEVELS, Verdict, runs
 from dfdbench.coverage_errors import ErrorJoin, pair_of
 from dfdbench.coverage_record import CoverageRecord, SideRecord
-from dfdbench.difficulty import STEPS, UNSEEN, Difficulty
+from dfdbench.difficulty import STEPS, Difficulty
 from dfdbench.result import PairResult, Result
 from dfdbench.run_folder import read_prediction
 from dfdbench.store import Store
@@ -23,7 +24,10 @@ from dfdbench.store import Store
 # Okabe and Ito's colours, which the colour-blind can tell apart.
 _TRAIN, _TEST, _MISSING, _SCARCE = "#0072B2", "#D55E00", "#CC79A7", "#E69F00"
 _OF_VERDICT = {Verdict.missing: _MISSING, Verdict.scarce: _SCARCE, Verdict.covered: "#009E73"}
+_UNKNOWN = "#56B4E9"
 _LABELLED = 12
+_SHADE = 0.6
+_ALL_COVERED = "largest errors; training covers every level"
 _PANELS = 3
 _ERROR_LIMIT = 50.0
 
@@ -34,14 +38,15 @@ def coverage_figure(record: CoverageRecord) -> Figure:
     top, middle, bottom = figure.subplots(3, 1, sharex=True)
     figure.suptitle(f"depths of {_name(record.test)}, held against {_name(record.train)}")
     for axis in (top, middle):
-        _steps(axis, record.train.counts, f"training: {record.train.split}", _TRAIN, fill=True)
-        _steps(axis, record.test.counts, f"test: {record.test.split}", _TEST)
+        _steps(axis, record.train.counts, f"training ({record.train.split})", _TRAIN, fill=True)
+        _steps(axis, record.test.counts, f"test ({record.test.split})", _TEST)
         axis.set_ylabel("pixels of all pairs")
         for item in record.ranges:
             axis.axvspan(
-                item.first - 0.5, item.last + 0.5, color=_OF_VERDICT[item.verdict], alpha=0.35,
+                item.first - 0.5, item.last + 0.5, color=_OF_VERDICT[item.verdict], alpha=_SHADE,
                 linewidth=0, zorder=0,
             )  # fmt: skip
+    top.yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     middle.set_yscale("log")
     middle.set_ylabel("pixels of all pairs, log scale")
     _label_ranges(middle, record)
@@ -50,7 +55,7 @@ def coverage_figure(record: CoverageRecord) -> Figure:
     _steps(bottom, record.test.counts, "test, as is", _TEST, share=True)
     bottom.set(ylabel="known pixels (%)", xlabel="depth level", xlim=(-1, LEVELS))
     handles = [
-        Patch(color=_OF_VERDICT[verdict], alpha=0.35, label=f"{verdict}: {text}")
+        Patch(color=_OF_VERDICT[verdict], alpha=_SHADE, label=f"{verdict}: {text}")
         for verdict in (Verdict.missing, Verdict.scarce)
         if (text := record.ranges_of(verdict)) and len(text) < 90
     ]
@@ -92,7 +97,8 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
     rows = _shown(result, join)
     figure = Figure(figsize=(15, 2.7 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 5, squeeze=False)
-    figure.suptitle(f"{result.method.name} on {result.dataset.name}: where training lacks levels")
+    shown = "where training lacks levels" if join.total.share(join.uncovered) else _ALL_COVERED
+    figure.suptitle(f"{result.method.name} on {result.dataset.name}: {shown}")
     heads = ("ground truth", "prediction", "uncovered levels", "|error|", "error under the mask")
     colours = ListedColormap(["white", _SCARCE, _MISSING])
     for record, axes in zip(rows, grid, strict=True):
@@ -105,7 +111,7 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
         known = np.ma.masked_where(~valid, error)
         levels = {"cmap": "viridis", "vmin": 0, "vmax": 255, "interpolation": "nearest"}
         errors = {"cmap": "gray", "vmin": 0, "vmax": _ERROR_LIMIT, "interpolation": "nearest"}
-        shown = axes[0].imshow(np.ma.masked_where(~valid, depth), **levels)
+        scale_of_depth = axes[0].imshow(np.ma.masked_where(~valid, depth), **levels)
         axes[1].imshow(prediction, **levels)
         axes[2].imshow(kind, cmap=colours, vmin=0, vmax=2, interpolation="nearest")
         scale = axes[3].imshow(known, **errors)
@@ -115,19 +121,19 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
             alpha=0.5, interpolation="nearest",
         )  # fmt: skip
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
-        figure.colorbar(shown, ax=axes[1], label="depth level", fraction=0.05)
+        figure.colorbar(scale_of_depth, ax=axes[1], label="depth level", fraction=0.05)
         figure.colorbar(scale, ax=axes[4], label="levels", fraction=0.05, extend="max")
         for axis in axes:
             axis.set_xticks([])
             axis.set_yticks([])
-            axis.set_facecolor("#56B4E9")
+            axis.set_facecolor(_UNKNOWN)
     for axis, head in zip(grid[0], heads, strict=True):
         axis.set_title(head, fontsize=10)
     figure.legend(
         handles=[
             Patch(color=_SCARCE, label="scarce"),
             Patch(color=_MISSING, label="missing"),
-            Patch(color="#56B4E9", label="depth unknown"),
+            Patch(color=_UNKNOWN, label="depth unknown"),
         ],
         loc="outside lower center", ncols=3,
     )  # fmt: skip
@@ -144,7 +150,8 @@ def difficulty_figure(
     title : str
         Above the figure.
     panels : sequence of (str, ndarray of uint8 of shape (y, x, 3), Difficulty)
-        A pair's name, its in-focus image and what `smallest_step` found, a row each.
+        A pair's name, its in-focus image and what `smallest_step` found, a row each. Pixels of
+        unknown depth are light blue.
     """
     figure = Figure(figsize=(9, 2.6 * len(panels) + 0.8), layout="constrained")
     grid = figure.subplots(len(panels), 2, squeeze=False)
@@ -152,16 +159,15 @@ def difficulty_figure(
     for (name, image, found), axes in zip(panels, grid, strict=True):
         axes[0].imshow(image)
         step = np.ma.masked_where(~found.valid, np.log2(found.step))
+        axes[1].set_title("smallest step that is seen", fontsize=9)
         shown = axes[1].imshow(step, cmap="cividis", vmin=0, vmax=8, interpolation="nearest")
-        axes[0].set_ylabel(name.replace("/", "\n"), fontsize=8)
+        axes[0].set_title(name.replace("/", ", "), fontsize=9)
         bar = figure.colorbar(shown, ax=axes[1], label="levels", fraction=0.05)
-        bar.set_ticks(range(len(STEPS) + 1), labels=[*map(str, STEPS), f"none below {UNSEEN}"])
+        bar.set_ticks(range(len(STEPS) + 1), labels=[*map(str, STEPS), "none"])
         for axis in axes:
             axis.set_xticks([])
             axis.set_yticks([])
-            axis.set_facecolor("0.75")
-    grid[0][0].set_title("in-focus", fontsize=10)
-    grid[0][1].set_title("smallest step that is seen", fontsize=10)
+            axis.set_facecolor(_UNKNOWN)
     return figure
 
 
@@ -197,11 +203,15 @@ def _steps(
 
 
 def _label_ranges(axis: Axes, record: CoverageRecord) -> None:
-    # Of neighbouring ranges only the ends are named, the largest of them: more cannot be read.
-    marked: Mask = np.array(record.levels(Verdict.missing, Verdict.scarce))
+    # Neighbouring levels of one verdict share a label; of many only the largest can be read.
+    marked = [
+        verdict if verdict in (Verdict.missing, Verdict.scarce) else None
+        for verdict in record.verdicts
+    ]
     counts = np.asarray(record.test.counts)
-    spans = runs([mark or None for mark in marked.tolist()])
-    largest = sorted(spans, key=lambda span: -counts[span[0] : span[1] + 1].sum())[:_LABELLED]
+    largest = sorted(runs(marked), key=lambda span: -counts[span[0] : span[1] + 1].sum())[
+        :_LABELLED
+    ]
     for first, last in largest:
         axis.annotate(
             str(first) if first == last else f"{first}-{last}", ((first + last) / 2, 1.0),

@@ -15,6 +15,7 @@ from dfdbench.coverage import (
     DensityBound,
     DepthHistogram,
     Verdict,
+    check_allowance,
     range_text,
     runs,
 )
@@ -85,7 +86,8 @@ class CoverageRecord(Model):
 
     `shares` are shares of the test's known pixels by verdict and by criterion,
     `expanded_shares` the uncovered ones if both sides are seen as random crops. `covered` says
-    whether the share that `criterion` finds is at most `allowed_share`.
+    whether the share that `criterion` finds is at most `allowed_share`; where there are leaks it
+    never is true.
     """
 
     format: Literal["dfdbench coverage"] = "dfdbench coverage"
@@ -144,7 +146,13 @@ def compare(
         Share of the test's known pixels that may lie on uncovered levels.
     leaks : tuple of Leak
         What was found on both sides.
+
+    Raises
+    ------
+    InputError
+        For an allowed share that is none.
     """
+    check_allowance(allowed_share)
     bound = bound or DensityBound()
     coverage = Coverage(train.histogram, test.histogram, bound)
     masks = {chosen: coverage.uncovered(chosen) for chosen in Criterion}
@@ -155,7 +163,7 @@ def compare(
         "covered": coverage.share(~masks[Criterion.either]),
     }
     return CoverageRecord(
-        covered=shares[criterion] <= allowed_share,
+        covered=shares[criterion] <= allowed_share and not leaks,
         criterion=criterion,
         allowed_share=allowed_share,
         density_factor=bound.factor,
@@ -177,7 +185,7 @@ def compare(
 def _side_record(side: Side, histogram: DepthHistogram) -> SideRecord:
     return SideRecord(
         dataset=side.dataset,
-        fingerprint=side.fingerprint,
+        fingerprint=side.store.fingerprint,
         split=side.name,
         scenes=list(side.scenes),
         absent_scenes=list(side.absent),

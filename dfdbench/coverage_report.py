@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from dfdbench.coverage import Criterion, Verdict
@@ -23,22 +24,28 @@ def coverage_table(record: CoverageRecord) -> Table:
         )
         for item in record.ranges
     )  # fmt: skip
-    columns = (
-        "levels", "verdict", "criterion", "of the test", "test pixels", "training pixels",
-        "test pixels come from",
-    )  # fmt: skip
+    columns = ("levels", "verdict", "criterion", "share", "in test", "in training", "scenes")
     title = f"depths of {_name(record.test)} that {_name(record.train)} lacks"
     return Table(title, columns, rows, "lllrrrl", tuple(_notes(record)))
 
 
 def verdict_line(record: CoverageRecord) -> str:
     """Return the comparison's outcome in one line."""
+    if record.leaks:
+        return f"LEAK: {leak_text(record)}: the test says nothing of new scenes"
     found = (
         f"{percent(record.uncovered_share)} of the test's known pixels lie on levels missing or "
         f"scarce by criterion {record.criterion}"
     )
     allowed = f" ({percent(record.allowed_share)} allowed)" if record.allowed_share else ""
     return f"{'covered' if record.covered else 'NOT covered'}: {found}{allowed}"
+
+
+def leak_text(record: CoverageRecord) -> str:
+    """Return how much the two sides share, e.g. ``training holds 2 scenes of the test``."""
+    counts = Counter(leak.kind for leak in record.leaks)
+    found = [f"{count} {kind}{'s' * (count != 1)}" for kind, count in counts.items()]
+    return f"training holds {' and '.join(found)} of the test"
 
 
 def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
@@ -54,7 +61,7 @@ def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
     )  # fmt: skip
     columns = (
         kind, "test scenes" if kind == "fold" else "pairs", "thesis", "levels", "density",
-        "levels", "missing levels",
+        "levels", "missing",
     )  # fmt: skip
     first = next(iter(records.values()))
     notes = [
@@ -82,6 +89,8 @@ def each_as_json(records: Mapping[str, CoverageRecord], kind: str) -> str:
 def _notes(record: CoverageRecord) -> list[str]:
     shares, as_crops = record.shares, record.expanded_shares
     notes = [
+        "share: of the known test pixels; in test, in training: pixels, each depth map once for "
+        "each of its pairs; scenes: of the test, with their parts of the range's pixels",
         f"missing: in the test, never in training: {percent(shares['missing'])} of "
         f"{record.test.known_pixels:,} known test pixels; {record.test.unknown_pixels:,} are "
         "unknown and left out",

@@ -6,9 +6,11 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dfdbench.coverage import DepthHistogram, depth_histogram
-from dfdbench.errors import InputError, Problem, StoreError
+from dfdbench.coverage import DepthHistogram, Mask, depth_histogram
+from dfdbench.errors import InputError, Problem, StoreError, unknown_name
+from dfdbench.fingerprint import array_digest
 from dfdbench.manifest import Manifest
 from dfdbench.store import Store
 
@@ -19,10 +21,8 @@ class Side:
 
     Parameters
     ----------
-    dataset : str
-        The manifest's name and version.
-    fingerprint : str
-        Of the store that the depth maps come from.
+    store : Store
+        What the depth maps come from.
     name : str
         Of the split: ``"train"``, ``"K03"``, ``"all but K03"``.
     scenes : dict of str to DepthHistogram
@@ -33,12 +33,16 @@ class Side:
         True where levels were turned round (Eq. 7.1) to be compared with training.
     """
 
-    dataset: str
-    fingerprint: str
+    store: Store
     name: str
     scenes: dict[str, DepthHistogram]
     absent: tuple[str, ...]
     inverted: bool = False
+
+    @property
+    def dataset(self) -> str:
+        """The manifest's name and version."""
+        return self.store.manifest.stem
 
     @property
     def histogram(self) -> DepthHistogram:
@@ -57,6 +61,11 @@ def scene_histograms(store: Store) -> dict[str, DepthHistogram]:
     -------
     dict of str to DepthHistogram
         By scene, in the manifest's order; levels as stored.
+
+    Raises
+    ------
+    StoreError
+        Where a depth map is damaged: not readable, or not what was built.
     """
     axes = store.manifest.depth.axes
     uses = Counter(
@@ -64,8 +73,7 @@ def scene_histograms(store: Store) -> dict[str, DepthHistogram]:
     )
     histograms = {}
     for scene in store.scenes:
-        arrays = store.scene(scene)
-        depth, valid = arrays["depth"].values, arrays["valid"].values
+        depth, valid = depth_maps(store, scene)
         extent = depth.shape[: len(axes)]
         histograms[scene] = DepthHistogram.total(
             depth_histogram(depth[place], valid[place], pairs)
@@ -74,6 +82,32 @@ def scene_histograms(store: Store) -> dict[str, DepthHistogram]:
             and (pairs := uses[scene, _values(store.manifest, place)])
         )  # fmt: skip
     return histograms
+
+
+def depth_maps(store: Store, scene: str) -> tuple[NDArray[np.uint8], Mask]:
+    """Return a scene's depth maps and where they are known, shapes (depth axes, y, x).
+
+    Raises
+    ------
+    StoreError
+        Where they are damaged: not readable, or not what was built.
+    """
+    # Parts of an array that are lost read as zeros: only the digest tells them from depths.
+    with store.reading(f"{scene}/depth or valid"):
+        arrays = store.scene(scene)
+        found = {name: np.asarray(arrays[name].values) for name in ("depth", "valid")}
+    recorded = arrays.attrs.get("array_digests", {})
+    for name, values in found.items():
+        digest = array_digest(name, tuple(map(str, arrays[name].dims)), values)
+        if digest != recorded.get(name):
+            raise StoreError(
+                Problem(
+                    "the store is damaged: an array holds other values than were built",
+                    f"{store.path}, {scene}/{name}", str(recorded.get(name)), digest,
+                    f"dfdbench verify {store.path} tells all that is damaged",
+                )
+            )  # fmt: skip
+    return found["depth"], found["valid"]
 
 
 def _values(manifest: Manifest, place: tuple[int, ...]) -> tuple[int, ...]:
@@ -108,7 +142,7 @@ def side_of(
             )
         )  # fmt: skip
     absent = tuple(scene for scene in scenes if scene not in histograms)
-    return Side(store.manifest.stem, store.fingerprint, name, chosen, absent, inverted)
+    return Side(store, name, chosen, absent, inverted)
 
 
 def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
@@ -122,6 +156,23 @@ def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
     """
     tested = set(manifest.scenes_of(fold))
     return tuple(scene for scene in manifest.scene_names if scene not in tested)
+
+
+def all_but(store: Store, histograms: dict[str, DepthHistogram], fold: str) -> Side:
+    """Return the training side that leaves out a fold, or a single scene.
+
+    Raises
+    ------
+    UnknownNameError
+        Where there is no such fold or scene.
+    StoreError
+        Where the store holds none of the other scenes.
+    """
+    manifest = store.manifest
+    known = (*(item.name for item in manifest.folds), *manifest.scene_names)
+    if fold not in known:
+        raise unknown_name(f"fold or scene of {manifest.stem}", fold, known)
+    return side_of(store, histograms, f"all but {fold}", training_of(manifest, fold))
 
 
 def sides_of(
@@ -149,6 +200,8 @@ def sides_of(
     ------
     InputError
         Where a fold is asked for beside a split.
+    UnknownNameError
+        Where there is no such split, fold or scene.
     StoreError
         Where a store holds none of the scenes.
     """
@@ -163,7 +216,7 @@ def sides_of(
     manifest = store.manifest
     if fold is not None:
         return (
-            side_of(store, histograms, f"all but {fold}", training_of(manifest, fold)),
+            all_but(store, histograms, fold),
             side_of(store, histograms, fold, manifest.scenes_of(fold)),
         )
     tester, found = (store, histograms) if other is None else (other, scene_histograms(other))

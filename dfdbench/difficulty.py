@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,12 @@ from dfdbench.errors import InputError, Problem
 STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
 #: Given where no step tried is seen.
 UNSEEN = 256
-#: The greatest error of rounding to whole grey levels.
-ROUNDING = 0.5
+#: What it means that a step is seen; in every text the same words.
+SEEN = (
+    "a step is seen where the defocus pixel, as stored in whole grey levels, differs in some "
+    "channel by more than {noise} grey levels at the level that much nearer and at the level that "
+    "much farther"
+)
 
 
 @dataclass(frozen=True)
@@ -25,8 +30,7 @@ class Difficulty:
     Parameters
     ----------
     step : ndarray of int64, shape (y, x)
-        The smallest of `STEPS` that changes the defocus pixel by more than the noise, up and
-        down; `UNSEEN` where none does.
+        The smallest of `STEPS` that is seen, nearer and farther; `UNSEEN` where none is.
     valid : ndarray of bool, shape (y, x)
         True where the depth is known; only these count.
     """
@@ -41,10 +45,15 @@ class Difficulty:
         """
         return float((self.step[self.valid] > step).mean()) if self.valid.any() else float("nan")
 
-    @property
-    def median(self) -> float:
-        """The median step over the known pixels."""
-        return float(np.median(self.step[self.valid])) if self.valid.any() else float("nan")
+
+def median_step(parts: Sequence[Difficulty]) -> int | None:
+    """Return the median step over the known pixels of some pairs.
+
+    It is one of `STEPS`, or `UNSEEN` where for most pixels no step is seen; None without a known
+    pixel.
+    """
+    steps = np.concatenate([part.step[part.valid] for part in parts])
+    return int(np.percentile(steps, 50, method="inverted_cdf")) if steps.size else None
 
 
 def smallest_step(
@@ -52,12 +61,14 @@ def smallest_step(
     depth: NDArray[np.uint8],
     valid: NDArray[np.bool_],
     recipe: BlurRecipe,
-    noise: float = ROUNDING,
+    noise: int = 0,
 ) -> Difficulty:
     """Find the smallest level step that each pixel's blur shows.
 
-    The in-focus image is blurred at each pixel's own level and at levels a step above and
-    below. A step is seen where, on either side, some channel changes by more than the noise.
+    The in-focus image is blurred at each pixel's own level and at levels a step nearer and
+    farther. A step is seen where the defocus pixel, as stored in whole grey levels, differs in
+    some channel by more than the noise at the level that much nearer and at the level that much
+    farther. At the ends of the scale only one of the two exists and decides.
 
     Parameters
     ----------
@@ -69,19 +80,21 @@ def smallest_step(
         True where the depth is known.
     recipe : BlurRecipe
         How the defocus image was made.
-    noise : float
-        Grey levels that a change must exceed; by default the greatest error of rounding.
+    noise : int
+        Grey levels that a difference must exceed, beside the rounding that is in the stored
+        pixels: by default none, so that any difference counts.
 
     Raises
     ------
     InputError
-        For images that do not fit, or noise that is no number from 0 up.
+        For images that do not fit, or noise that is no whole number from 0 up.
 
     Notes
     -----
     In a synthetic pair each defocus pixel is made from the in-focus image and its own depth
     alone (Eq. 3.1 to 3.4). So what is not seen here is in no pixel of the pair: a method can
-    only guess it from the depth around.
+    only guess it from the depth around. Both sides must differ, for a level that looks like one
+    of its neighbours cannot be told from it.
 
     Examples
     --------
@@ -91,8 +104,10 @@ def smallest_step(
     >>> smallest_step(flat, depth, depth > 0, RECIPES["published"]).share_above(1)
     1.0
     """
-    if not noise >= 0:
-        raise InputError(Problem("wrong noise", "noise", "grey levels, 0 or more", str(noise)))
+    if not (isinstance(noise, int | np.integer) and noise >= 0):
+        raise InputError(
+            Problem("wrong noise", "noise", "whole grey levels, 0 or more", str(noise))
+        )
     here = synthesize(infocus, depth, recipe).astype(np.int16)
     found = np.full(depth.shape, UNSEEN, np.int64)
     for step in STEPS:

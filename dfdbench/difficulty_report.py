@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 
-from dfdbench.difficulty import STEPS, Difficulty
+from dfdbench.difficulty import SEEN, STEPS, UNSEEN, Difficulty, median_step
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.tables import Table, percent
 
@@ -30,19 +30,16 @@ def difficulty_rows(
             **dict(zip(lighting, values, strict=True)),
             "neighbours": _mean([d.share_above(STEPS[0]) for d in group]),
             "coarse": _mean([d.share_above(COARSE) for d in group]),
-            "median_step": _mean([d.median for d in group]),
+            "median_step": median_step(group),
         }
         for (scene, values), group in groups.items()
     ]
 
 
-def difficulty_table(manifest: Manifest, rows: list[dict[str, object]], noise: float) -> Table:
+def difficulty_table(manifest: Manifest, rows: list[dict[str, object]], noise: int) -> Table:
     """Return the rows as a table."""
     lighting = [axis for axis in manifest.axes if axis not in manifest.depth.axes]
-    columns = (
-        "scene", *lighting, "cannot tell neighbouring levels", f"nor {COARSE} levels apart",
-        "median step",
-    )  # fmt: skip
+    columns = ("scene", *lighting, "1 apart", f"{COARSE} apart", "median step")
     cells = tuple(
         (
             str(row["scene"]), *(str(row[axis]) for axis in lighting),
@@ -50,16 +47,20 @@ def difficulty_table(manifest: Manifest, rows: list[dict[str, object]], noise: f
         )
         for row in rows
     )  # fmt: skip
-    note = (
-        f"a step counts as seen where it changes the defocus pixel by more than {noise:g} grey "
-        "levels in some channel; steps tried: " + ", ".join(map(str, STEPS))
+    notes = (
+        f"1 apart, {COARSE} apart: share of the pixels whose blur cannot tell levels that far "
+        "from each other",
+        SEEN.format(noise=noise),
+        "steps tried: " + ", ".join(map(str, STEPS)),
     )
     align = "l" + "r" * (len(columns) - 1)
-    return Table(f"what blur shows of depth in {manifest.stem}", columns, cells, align, (note,))
+    return Table(
+        f"what blur does not show of depth in {manifest.stem}", columns, cells, align, notes
+    )
 
 
 def difficulty_as_json(
-    manifest: Manifest, fingerprint: str, noise: float, rows: list[dict[str, object]]
+    manifest: Manifest, fingerprint: str, noise: int, rows: list[dict[str, object]]
 ) -> str:
     """Return the rows as JSON."""
     content = {
@@ -70,10 +71,7 @@ def difficulty_as_json(
         "noise": noise,
         "steps": list(STEPS),
         "coarse_step": COARSE,
-        "rows": [
-            {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in row.items()}
-            for row in rows
-        ],
+        "rows": [{key: _as_json(value) for key, value in row.items()} for row in rows],
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
@@ -89,5 +87,9 @@ def _percent(value: object) -> str:
 
 
 def _step(value: object) -> str:
-    assert isinstance(value, float)
-    return "–" if math.isnan(value) else f"{value:g}"
+    return "–" if value is None else "none" if value == UNSEEN else str(value)
+
+
+def _as_json(value: object) -> object:
+    unseen = value == UNSEEN or (isinstance(value, float) and math.isnan(value))
+    return None if unseen else value

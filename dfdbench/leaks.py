@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from dfdbench.depths import Side
 from dfdbench.errors import DfdbenchError, Problem
 from dfdbench.manifest import Manifest
 from dfdbench.store import Store
@@ -59,7 +60,7 @@ class Leak:
         """Return the leak as a problem that a user can mend."""
         return Problem(
             f"leak: the same {self.kind} in training and test", f"{self.train} and {self.test}",
-            got=self.detail, fix="put both into the same split",
+            got=self.detail, fix="put both into the same split, or train without the one",
         )  # fmt: skip
 
 
@@ -87,24 +88,29 @@ def scene_hashes(store: Store, scenes: Iterable[str]) -> dict[str, Hashes]:
 
     The lightings of a view show one picture; the last that the store holds stands for all.
     """
+    hashes: dict[str, Hashes] = {}
+    for scene in scenes:
+        with store.reading(f"{scene}/infocus or available"):
+            hashes[scene] = _hashes_of(store, scene)
+    return hashes
+
+
+def _hashes_of(store: Store, scene: str) -> Hashes:
     manifest = store.manifest
     views = len(manifest.depth.axes)
     # Depth axes need not be the first of the pair's axes.
     others = [axis for axis in manifest.axes if axis not in manifest.depth.axes]
     order = [*manifest.depth.axes, *others]
-    hashes: dict[str, Hashes] = {}
-    for scene in scenes:
-        arrays = store.scene(scene)
-        last = {
-            tuple(place[:views]): place
-            for place in map(tuple, np.argwhere(arrays["available"].transpose(*order).values))
-        }
-        infocus = arrays["infocus"].transpose(*order, "y", "x", "channel")
-        hashes[scene] = {
-            _image_name(manifest, scene, view): image_hash(infocus[place].values)
-            for view, place in last.items()
-        }
-    return hashes
+    arrays = store.scene(scene)
+    last = {
+        tuple(place[:views]): place
+        for place in map(tuple, np.argwhere(arrays["available"].transpose(*order).values))
+    }
+    infocus = arrays["infocus"].transpose(*order, "y", "x", "channel")
+    return {
+        _image_name(manifest, scene, view): image_hash(infocus[place].values)
+        for view, place in last.items()
+    }
 
 
 def _image_name(manifest: Manifest, scene: str, view: tuple[int, ...]) -> str:
@@ -171,6 +177,15 @@ def find_leaks(
     shared = {leak.test for leak in leaks if leak.kind is LeakKind.scene}
     rest = {scene: images for scene, images in test_hashes.items() if scene not in shared}
     return leaks + image_leaks(train_hashes, rest)
+
+
+def leaks_between(train: Side, test: Side) -> tuple[Leak, ...]:
+    """Return everything that the two sides of a comparison share."""
+    found = find_leaks(
+        train.store.manifest, scene_hashes(train.store, train.scenes),
+        test.store.manifest, scene_hashes(test.store, test.scenes),
+    )  # fmt: skip
+    return tuple(found)
 
 
 def scenes_alike(manifest: Manifest, hashes: Mapping[str, Hashes]) -> list[tuple[str, ...]]:

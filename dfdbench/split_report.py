@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 from dfdbench.manifest import Manifest
-from dfdbench.splits import Candidate, Folds, Hopeless, Ranking
+from dfdbench.splits import Candidate, Folds, Hopeless, Ranking, Scenes
 from dfdbench.tables import Table, percent
 
 SCHEMA_VERSION = 1
@@ -108,12 +108,51 @@ def folds_fragment(folds: Folds, why: str) -> str:
     return "\n".join(lines)
 
 
-def ranking_as_json(manifest: Manifest, ranking: Ranking, published: Sequence[str]) -> str:
+@dataclass(frozen=True)
+class Settings:
+    """What a proposal depends on, as its files keep it.
+
+    Parameters
+    ----------
+    fingerprint : str
+        Of the store.
+    scenes : Scenes
+        What was chosen from, and by which criterion.
+    seed : int
+        Of the draws.
+    """
+
+    fingerprint: str
+    scenes: Scenes
+    seed: int
+
+    def absent(self, manifest: Manifest) -> list[str]:
+        """Return the manifest's scenes that could not be chosen."""
+        return [name for name in manifest.scene_names if name not in self.scenes.names]
+
+    def as_dict(self, manifest: Manifest) -> dict[str, object]:
+        """Return all of it for JSON."""
+        return {
+            "fingerprint": self.fingerprint,
+            "criterion": self.scenes.criterion,
+            "allowed_share": self.scenes.allowed,
+            "density_factor": self.scenes.bound.factor,
+            "density_floor": self.scenes.bound.floor,
+            "seed": self.seed,
+            "absent_scenes": self.absent(manifest),
+            "kept_together": [list(group) for group in self.scenes.groups if len(group) > 1],
+        }
+
+
+def ranking_as_json(
+    manifest: Manifest, settings: Settings, ranking: Ranking, published: Sequence[str]
+) -> str:
     """Return a ranking's best as JSON."""
     content = {
         "format": "dfdbench split",
         "schema_version": SCHEMA_VERSION,
         "dataset": manifest.stem,
+        **settings.as_dict(manifest),
         "choices": len(ranking.candidates),
         "exhaustive": ranking.exhaustive,
         "covered": ranking.covered,
@@ -124,7 +163,11 @@ def ranking_as_json(manifest: Manifest, ranking: Ranking, published: Sequence[st
 
 
 def folds_as_json(
-    manifest: Manifest, proposals: Sequence[Folds], hopeless: Sequence[Hopeless], published: Folds
+    manifest: Manifest,
+    settings: Settings,
+    proposals: Sequence[Folds],
+    hopeless: Sequence[Hopeless],
+    published: Folds,
 ) -> str:
     """Return proposed folds as JSON, the best first, and the published ones."""
 
@@ -135,6 +178,7 @@ def folds_as_json(
         "format": "dfdbench split, folds",
         "schema_version": SCHEMA_VERSION,
         "dataset": manifest.stem,
+        **settings.as_dict(manifest),
         "published": described(published) if published.folds else None,
         "proposals": [described(folds) for folds in proposals[:SHOWN]],
         "cannot_be_covered": [asdict(item) for item in hopeless],

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.coverage import Criterion, DensityBound, as_ranges, uncovered
+from dfdbench.coverage import Criterion, DensityBound, as_ranges, check_allowance, uncovered
 from dfdbench.errors import InputError, Problem
 
 #: Up to this many choices are all looked at; of more, so many are drawn at random.
@@ -127,6 +127,9 @@ class Scenes:
     bound: DensityBound = field(default_factory=DensityBound)
     allowed: float = 0.0
 
+    def __post_init__(self) -> None:
+        check_allowance(self.allowed)
+
     def judge(self, tests: Sequence[Group]) -> list[Candidate]:
         """Return a candidate for each test set."""
         place = {name: number for number, name in enumerate(self.names)}
@@ -187,15 +190,9 @@ def rank_tests(scenes: Scenes, size: int, seed: int = 0, also: Group = ()) -> Ra
     [('A',), ('B',), ('C',)]
     """
     sizes = [len(group) for group in scenes.groups]
-    possible = _choices(sizes, size) if 0 < size < len(scenes.names) else 0
-    if not possible:
-        raise InputError(
-            Problem(
-                "no such split", "test scenes", f"1 to {len(scenes.names) - 1}, a sum of whole "
-                "groups: scenes of one texture or with near-duplicate images stay together",
-                f"{size}; groups of {', '.join(map(str, sorted(set(sizes))))} scenes",
-            )
-        )  # fmt: skip
+    if not 0 < size < len(scenes.names) or not _choices(sizes, size):
+        raise _no_such_size(scenes, sizes, size)
+    possible = _choices(sizes, size)
     exhaustive = possible <= EXHAUSTIVE_LIMIT
     found = _all_tests(scenes, size) if exhaustive else _drawn_tests(scenes, size, seed)
     tests = list(dict.fromkeys(found))
@@ -203,6 +200,17 @@ def rank_tests(scenes: Scenes, size: int, seed: int = 0, also: Group = ()) -> Ra
         tests.append(also)
     ranked = sorted(scenes.judge(tests), key=lambda candidate: candidate.order)
     return Ranking(tuple(ranked), exhaustive)
+
+
+def _no_such_size(scenes: Scenes, sizes: Sequence[int], size: int) -> InputError:
+    right = [n for n in range(1, len(scenes.names)) if _choices(sizes, n)]
+    together = [f"{' and '.join(group)} stay together" for group in scenes.groups if len(group) > 1]
+    if not right:
+        return InputError(Problem("no split parts these scenes", got="; ".join(together)))
+    whole = right == list(range(1, right[-1] + 1)) and len(right) > 2
+    numbers = f"1 to {right[-1]}" if whole else " or ".join(map(str, right))
+    expected = "; ".join([f"--test-scenes {numbers}", *together])
+    return InputError(Problem("no such split", "", expected, f"--test-scenes {size}"))
 
 
 def _choices(sizes: Sequence[int], size: int) -> int:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from zarr.errors import GroupNotFoundError
 from dfdbench.blur import BlurRecipe, find_recipe
 from dfdbench.cache import STORES, cache_folder
 from dfdbench.catalog import find_manifest
-from dfdbench.errors import DfdbenchError, Problem, StoreError, unknown_name
+from dfdbench.errors import DfdbenchError, Problem, StoreError, UnknownNameError, unknown_name
 from dfdbench.location import Place, as_location, exists, is_local, zarr_store
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.manifest_reader import parse_manifest
@@ -95,7 +96,7 @@ class Store:
             )  # fmt: skip
         self.manifest = parse_manifest(self.attributes["manifest"].encode(), self.path.name)
         self._arrays: dict[str, zarr.Array[Any]] = {}
-        groups = set(self._root.group_keys())
+        groups = set(_group_names(self.path, self._root))
         #: The scenes that were built, in the manifest's order.
         self.scenes = tuple(name for name in self.manifest.scene_names if name in groups)
 
@@ -184,13 +185,25 @@ class Store:
         return self._arrays[key]
 
     def _part(self, scene: str, name: str, index: tuple[int, ...], region: Region) -> NDArray[Any]:
-        try:
+        with self.reading(f"{scene}/{name}"):
             selection: Any = (*index, *region)
             return np.asarray(self._array(scene, name)[selection])
+
+    @contextmanager
+    def reading(self, what: str) -> Iterator[None]:
+        """Tell what goes wrong in the block, which reads arrays of the store, as damage.
+
+        Raises
+        ------
+        StoreError
+            Where an array is absent or cannot be decoded.
+        """
+        try:
+            yield
         except (OSError, ValueError, RuntimeError, KeyError) as error:
             raise StoreError(
                 Problem(
-                    "an array of the store cannot be read", f"{self.path}, {scene}/{name}",
+                    "an array of the store cannot be read", f"{self.path}, {what}",
                     got=str(error), fix=f"dfdbench verify {self.path} tells what is damaged",
                 )
             ) from error  # fmt: skip
@@ -232,10 +245,10 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
         place = name
     if place is not None:
         return Store(place)
-    manifest = find_manifest(name)
+    manifest = _manifest_of(name)
     default = default_store(manifest, cache)
     if not default.exists():
-        other = "" if manifest.short == "demo" else ", or use the small one: --dataset demo"
+        other = "" if manifest.short == "demo" else ", or name the small one, demo, instead"
         raise StoreError(
             Problem(
                 f"data set {manifest.short} is not built", str(default),
@@ -245,11 +258,35 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
     return Store(default)
 
 
+def _manifest_of(name: str) -> Manifest:
+    try:
+        return find_manifest(name)
+    except UnknownNameError:
+        if not Path(name).exists():
+            raise
+        kind = "folder" if Path(name).is_dir() else "file"
+        raise StoreError(
+            Problem(
+                f"a {kind}, and not a data set", name, "a data set's name, or a store's path",
+                fix="`dfdbench list` shows the names; stores end in .zarr",
+            )
+        ) from None  # fmt: skip
+
+
 def _open_scene(location: UPath, name: str) -> xarray.Dataset:
     scene: xarray.Dataset = xarray.open_zarr(
         zarr_store(location), group=name, consolidated=False, chunks=None
     )
     return scene
+
+
+def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
+    try:
+        return tuple(root.group_keys())
+    except (OSError, ValueError, KeyError) as error:
+        raise StoreError(
+            Problem("cannot read the store", str(location), got=str(error), fix="build it again")
+        ) from error
 
 
 def _not_ours(location: UPath) -> StoreError:

@@ -219,6 +219,30 @@ def _sentence(note: str) -> str:
     return note if note.endswith((".", ";")) else f"{note}."
 
 
+def least_width(table: Table) -> int:
+    """Return the characters that a terminal must have for no word of the cells to be broken.
+
+    Examples
+    --------
+    >>> least_width(Table("T", ("scenes", "n"), (("Art and Books", "1 000"),), "lr"))
+    18
+    """
+    cells = list(zip(table.columns, *table.rows, strict=True))
+    whole = [max(map(len, column)) for column in cells]
+    left = [side != "r" for side in table.align]
+    words = [
+        max((len(word) for cell in column for word in cell.split()), default=0)
+        for column, wraps in zip(cells, left, strict=True)
+        if wraps
+    ]
+    # Columns that wrap are narrowed alike, the widest first, down to the longest word of any.
+    widest = max(words, default=0)
+    widths = [
+        min(width, widest) if wraps else width for width, wraps in zip(whole, left, strict=True)
+    ]
+    return sum(widths) + 3 * len(widths) + 1
+
+
 def percent(share: float) -> str:
     """Return a share as text; what is not nothing never reads 0.
 

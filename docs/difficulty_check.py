@@ -11,8 +11,8 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from dfdbench.difficulty import STEPS, UNSEEN, smallest_step
-from dfdbench.evaluate import RESULT, read_prediction
 from dfdbench.result import load_result
+from dfdbench.run_folder import RESULT, read_prediction
 from dfdbench.store import open_store
 
 
@@ -38,7 +38,9 @@ def main(dataset: str, folder: Path) -> None:
     step, error = np.concatenate(steps), np.concatenate(errors)
     for value in (*STEPS, UNSEEN):
         chosen = step == value
-        print(f"{value:>4}  {100 * chosen.mean():5.1f} %  {error[chosen].mean():.2f}")
+        if chosen.any():
+            name = "none" if value == UNSEEN else str(value)
+            print(f"{name:>4}  {100 * chosen.mean():5.1f} %  {error[chosen].mean():.2f}")
 
 
 if __name__ == "__main__":

@@ -90,7 +90,7 @@ def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -
         (["build", "middlebury", "--offline"], "--source DIR"),
         (["build", "realworld"], "dfdbench build realworld --source DIR"),
         (["build", "demo", "--recipe", "text"], "--store PATH"),
-        (["run", "--method", "mymodule:predict"], "--dataset demo"),
+        (["run", "--method", "mymodule:predict"], "the small one, demo"),
         (["run", "--method", "local", "--protocol", "thesys"], "did you mean thesis"),
         (["check-method", "nosuch:thing"], "no module named nosuch"),
         (["check-method", "lokal"], "did you mean local"),
@@ -111,7 +111,7 @@ def test_a_mistake_ends_with_a_message_and_status_2(
 def test_running_without_the_set_offers_the_two_commands_that_help(dfdbench: Command) -> None:
     told = dfdbench("run", "--method", "mymodule:predict").err
     assert "dfdbench build middlebury" in told
-    assert "--dataset demo" in told
+    assert "the small one, demo" in told
 
 
 def test_the_whole_way(
@@ -196,6 +196,15 @@ def test_a_closed_pipe_is_no_mistake() -> None:
     outcome = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
     assert outcome.stdout == "Aloe/view1/illumination1/exposure0\n".replace("Aloe", "Art")
     assert outcome.stderr == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_is_told() -> None:
+    command = f"{sys.executable} -m dfdbench list > /dev/full"
+    outcome = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    assert outcome.returncode == 2
+    assert outcome.stderr.startswith("error: cannot write\n")
+    assert "Traceback" not in outcome.stderr
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The verbs coverage, split and difficulty, end to end."""
 
 import json
+import shutil
 import sys
 import tomllib
 from collections.abc import Callable
@@ -32,6 +33,12 @@ class Learned:
 
 class Elsewhere(Learned):
     trained_on = "tiny-1, all but K2"
+
+class Apart(Learned):
+    trained_on = "tiny-1, all but Two"
+
+class Untrained(Learned):
+    trained_on = None
 
 class Silent(Learned):
     trained_on = "a lot of images"
@@ -133,6 +140,8 @@ def test_leaks_are_an_error(dfdbench: Command, uneven: str) -> None:
     assert "the same scene in training and test" in outcome.err
     kept = json.loads(Path("results/uneven-coverage/all-Two/coverage.json").read_text())
     assert [leak["kind"] for leak in kept["leaks"]] == ["scene"]
+    assert kept["covered"] is False
+    assert "LEAK: training holds 1 scene of the test" in outcome.out
 
 
 def test_another_data_set_is_turned_round_where_it_grows_the_other_way(
@@ -173,10 +182,43 @@ def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: s
     assert "gather where training lacks levels" in errors["conclusion"]
     for figure in ("coverage.png", "errors.png", "masks.png"):
         assert (path.parent / "coverage" / figure).stat().st_size > 5_000
-    # The same predictions held against a training set that has those levels.
-    other = dfdbench("coverage", uneven, "--result", str(path), "--train", "all")
+    # Another method on a split whose levels its training has.
+    dfdbench("run", "--method", "learned:Apart", "--dataset", uneven, "--split", "Two")
+    other = dfdbench("coverage", uneven, "--result", "results/uneven-Two/learned-Apart")
     assert "what is wrong is not coverage" in other.out
     assert other.status == 0
+
+
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [("local", ["--train", "all"]), ("local", ["--fold", "Three"]), ("learned:Elsewhere", [])],
+)
+def test_a_run_on_what_trained_its_method_is_a_leak(
+    dfdbench: Command, uneven: str, method: str, options: list[str]
+) -> None:
+    """Elsewhere says that all but K2 trained it, One and Two: it is tested on Two."""
+    dfdbench("run", "--method", method, "--dataset", uneven, "--split", "K1", "--out", "run")
+    outcome = dfdbench("coverage", uneven, "--result", "run/result.json", *options)
+    assert outcome.status == 2
+    assert "the same scene in training and test" in outcome.err
+    errors = json.loads(Path("run/coverage/errors.json").read_text())
+    assert {leak["kind"] for leak in errors["leaks"]} == {"scene"}
+    assert "say nothing of scenes that are new" in errors["conclusion"]
+    assert json.loads(Path("run/coverage/coverage.json").read_text())["covered"] is False
+    warnings = load_result(Path("run/result.json")).warnings
+    assert any("leak:" in warning for warning in warnings) == (method != "local")
+
+
+def test_training_is_what_the_user_or_the_method_names(dfdbench: Command, uneven: str) -> None:
+    def conclusion(method: str, *options: str) -> str:
+        dfdbench("run", "--method", method, "--dataset", uneven, "--split", "K2", "--out", method)
+        dfdbench("coverage", uneven, "--result", f"{method}/result.json", *options)
+        return str(json.loads(Path(method, "coverage/errors.json").read_text())["conclusion"])
+
+    assert "hard for other reasons" in conclusion("learned:Untrained")
+    assert "gather where training lacks" in conclusion("learned:Untrained", "--train", "Two")
+    assert "is not known" in conclusion("learned:Silent")
+    assert "gather where training lacks" in conclusion("learned:Silent", "--fold", "K2")
 
 
 def test_only_a_method_that_names_its_training_is_warned_of(dfdbench: Command, uneven: str) -> None:
@@ -186,8 +228,8 @@ def test_only_a_method_that_names_its_training_is_warned_of(dfdbench: Command, u
         return load_result(Path(f"results/uneven-{split}/{name}/result.json")).warnings
 
     assert warnings("constant") == []
-    assert warnings("learned:Elsewhere", "Two") == []
-    assert "36-38" in warnings("learned:Elsewhere")[0]
+    assert warnings("learned:Apart", "Two") == []
+    assert "36-38" in warnings("learned:Elsewhere")[-1]
     assert "trained_on is not" in warnings("learned:Silent")[0]
 
 
@@ -241,17 +283,45 @@ def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: st
 
 
 @pytest.mark.parametrize(
+    "verb", [["coverage"], ["coverage", "--each", "scene"], ["split", "--folds", "2"],
+             ["difficulty", "--split", "all"]],
+)  # fmt: skip
+def test_a_damaged_store_is_an_error_and_no_verdict(
+    dfdbench: Command, uneven: str, verb: list[str]
+) -> None:
+    shutil.rmtree(Path(uneven) / "Two/depth/c")
+    outcome = dfdbench(verb[0], uneven, *verb[1:])
+    assert outcome.status == 2
+    assert "Two/depth" in outcome.err
+    assert not Path("results").exists()
+
+
+@pytest.mark.parametrize(
     ("arguments", "told"),
     [
         (["coverage"], "no data set is named"),
         (["coverage", "STORE", "--fold", "K1", "--train", "Two"], "a fold says both"),
         (["coverage", "STORE", "--fold", "K7"], "did you mean K"),
+        (["coverage", "STORE", "--fold", "all"], "unknown fold or scene"),
+        (["coverage", "STORE", "--fold", "train"], "unknown fold or scene"),
         (["coverage", "STORE", "--each", "fold", "--test", "Two"], "--each takes no split"),
+        (["coverage", "STORE", "--each", "fold", "--fold", "K1"], "leave out --fold"),
         (["coverage", "STORE", "--result", "none.json"], "cannot read the result"),
+        (["coverage", "STORE", "--result", "learned.py"], "name the result.json"),
+        (["coverage", "STORE", "--out", ""], "--out names no folder"),
+        (["coverage", "STORE", "--out", "learned.py"], "another folder with --out"),
+        (["coverage", "STORE", "--out", "learned.py/in"], "another folder with --out"),
+        (["coverage", "learned.py"], "a file, and not a data set"),
+        (["coverage", "STORE", "--density-factor", "inf"], "wrong density factor"),
+        (["coverage", "STORE", "--allow", "nan"], "--allow"),
+        (["split", "STORE", "--folds", "2", "--density-factor", "nan"], "--density-factor"),
+        (["split", "STORE", "--folds", "2", "--allow", "nan"], "--allow"),
         (["split", "STORE"], "ask for one thing"),
-        (["split", "STORE", "--test-scenes", "3"], "no such split"),
+        (["split", "STORE", "--test-scenes", "3"], "--test-scenes 1 or 2"),
         (["split", "STORE", "--folds", "9"], "no such folds"),
         (["difficulty", "STORE", "--split", "tset"], "did you mean test"),
+        (["difficulty", "STORE", "--noise", "inf"], "--noise"),
+        (["difficulty", "STORE", "--noise", "0.5"], "--noise"),
     ],
 )
 def test_a_mistake_ends_with_a_message_and_status_2(
@@ -259,7 +329,8 @@ def test_a_mistake_ends_with_a_message_and_status_2(
 ) -> None:
     outcome = dfdbench(*(uneven if word == "STORE" else word for word in arguments))
     assert outcome.status == 2
-    assert outcome.err.startswith("error: ")
+    assert "error" in outcome.err.lower()
+    assert "Traceback" not in outcome.err
     assert told in outcome.err
 
 

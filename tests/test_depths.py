@@ -1,3 +1,5 @@
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +55,40 @@ def test_a_depth_map_that_is_not_there_is_not_taken_for_unknown_pixels(
     assert found.known + found.unknown == 2 * 24 * 31
 
 
+def lose(path: Path) -> None:
+    shutil.rmtree(path / "Two/depth")
+
+
+def lose_chunks(path: Path) -> None:
+    shutil.rmtree(path / "Two/depth/c")
+
+
+def garble(path: Path) -> None:
+    for chunk in (path / "Two/depth/c").rglob("*"):
+        if chunk.is_file():
+            chunk.write_bytes(b"no zstd frame")
+
+
+def truncate(path: Path) -> None:
+    (path / "Two/depth/zarr.json").write_text("{")
+
+
+def declare_floats(path: Path) -> None:
+    about = path / "Two/depth/zarr.json"
+    about.write_text(about.read_text().replace('"uint8"', '"float32"'))
+
+
+@pytest.mark.parametrize("damage", [lose, lose_chunks, garble, truncate, declare_floats])
+def test_a_damaged_depth_map_is_told_and_never_counted(
+    tiny_store: Store, damage: Callable[[Path], None]
+) -> None:
+    damage(Path(str(tiny_store.path)))
+    with pytest.raises(StoreError) as caught:
+        scene_histograms(Store(tiny_store.path))
+    assert "Two" in str(caught.value)
+    assert "dfdbench verify" in str(caught.value)
+
+
 def test_splits_folds_and_scenes_part_the_data_set(tiny_store: Store) -> None:
     train, test = sides_of(tiny_store)
     assert (list(train.scenes), list(test.scenes)) == (["One"], ["Two", "Three"])
@@ -65,6 +101,8 @@ def test_splits_folds_and_scenes_part_the_data_set(tiny_store: Store) -> None:
         sides_of(tiny_store, test="all", fold="K1")
     with pytest.raises(UnknownNameError):
         sides_of(tiny_store, fold="K9")
+    with pytest.raises(UnknownNameError, match="fold or scene"):
+        sides_of(tiny_store, fold="all")
 
 
 def test_scenes_that_are_not_built_are_named(tiny_folder: Path, tmp_path: Path) -> None:

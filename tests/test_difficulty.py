@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
 from dfdbench.blur import RECIPES, synthesize
-from dfdbench.difficulty import UNSEEN, smallest_step
+from dfdbench.difficulty import STEPS, UNSEEN, Difficulty, median_step, smallest_step
 from dfdbench.errors import InputError
 from dfdbench.methods.baselines import Local
 from dfdbench.store import Store
@@ -26,25 +26,37 @@ def test_a_flat_image_shows_no_step_and_strong_texture_shows_small_ones() -> Non
     assert (flat.step == UNSEEN).all()
     assert (flat.share_above(1), flat.share_above(UNSEEN)) == (1.0, 0.0)
     near = np.full((24, 24), 250, np.uint8)
-    assert smallest_step(texture(1), near, near > 0, RECIPE).median <= 2
+    step = median_step([smallest_step(texture(1), near, near > 0, RECIPE)])
+    assert step is not None
+    assert step <= 2
 
 
-def test_a_step_is_seen_where_both_neighbours_look_different() -> None:
+@pytest.mark.parametrize("noise", [0, 1, 3])
+def test_a_step_is_seen_where_both_neighbours_are_stored_differently(noise: int) -> None:
     image, depth = texture(0.5), np.full((24, 24), 200, np.uint8)
-    found = smallest_step(image, depth, depth > 0, RECIPE)
-    here = synthesize(image, depth, RECIPE).astype(int)
-    for step in (1, 4, 16):
-        changes = [
-            np.abs(synthesize(image, depth + np.uint8(move), RECIPE).astype(int) - here).max(axis=2)
-            if move > 0
-            else np.abs(synthesize(image, depth - np.uint8(-move), RECIPE).astype(int) - here).max(
-                2
-            )
-            for move in (-step, step)
-        ]
-        seen = np.minimum(*changes) > 0.5
-        assert (found.step[seen] <= step).all()
-        assert (found.step[~seen] != step).all()
+    depth[:, 12:] = 255
+    found = smallest_step(image, depth, depth > 0, RECIPE, noise)
+
+    def stored(level: int) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
+        return synthesize(image, np.full_like(depth, level), RECIPE).astype(np.int64)
+
+    for level, part in ((200, np.s_[:, :12]), (255, np.s_[:, 12:])):
+        seen = []
+        for step in STEPS:
+            # Beyond level 255 there is none: at the end of the scale the farther side decides.
+            sides = [level + move for move in (-step, step) if 0 <= level + move <= 255]
+            changes = [np.abs(stored(side) - stored(level)).max(axis=2) for side in sides]
+            seen.append((np.min(changes, axis=0) > noise)[part])
+        by_hand = np.where(np.any(seen, axis=0), np.array(STEPS)[np.argmax(seen, axis=0)], UNSEEN)
+        assert (found.step[part] == by_hand).all()
+
+
+def test_a_median_is_a_step_that_occurs_or_none() -> None:
+    valid = np.ones((1, 4), bool)
+    steps = np.array([[1, 128, 256, 256]])
+    assert median_step([Difficulty(steps, valid)]) == 128
+    assert median_step([Difficulty(steps, valid), Difficulty(steps + 256, valid)]) == UNSEEN
+    assert median_step([Difficulty(steps, ~valid)]) is None
 
 
 @settings(max_examples=10, deadline=None)
@@ -52,7 +64,7 @@ def test_a_step_is_seen_where_both_neighbours_look_different() -> None:
 def test_less_contrast_and_more_noise_make_it_harder(contrast: float, seed: int) -> None:
     depth = np.random.default_rng(seed).integers(1, 256, (24, 24)).astype(np.uint8)
     image = texture(contrast, seed)
-    quiet, noisy = (smallest_step(image, depth, depth > 0, RECIPE, noise) for noise in (0.5, 4.0))
+    quiet, noisy = (smallest_step(image, depth, depth > 0, RECIPE, noise) for noise in (0, 4))
     assert (quiet.step <= noisy.step).all()
     darker = smallest_step(texture(contrast / 8, seed), depth, depth > 0, RECIPE)
     assert darker.share_above(8) >= quiet.share_above(8)
@@ -64,10 +76,14 @@ def test_only_known_pixels_count() -> None:
     depth = np.full((24, 24), 250, np.uint8)
     valid = np.zeros((24, 24), bool)
     valid[:, 18:] = True
-    assert smallest_step(image, depth, valid, RECIPE).median <= 2
+    step = median_step([smallest_step(image, depth, valid, RECIPE)])
+    assert step is not None
+    assert step <= 2
     assert math.isnan(smallest_step(image, depth, ~(depth > 0), RECIPE).share_above(1))
     with pytest.raises(InputError, match="noise"):
         smallest_step(image, depth, valid, RECIPE, noise=-1)
+    with pytest.raises(InputError, match="whole grey levels"):
+        smallest_step(image, depth, valid, RECIPE, noise=math.inf)  # type: ignore[arg-type]
 
 
 def test_the_errors_of_local_follow_it(demo_store: Store) -> None:

@@ -1,3 +1,4 @@
+import shutil
 from pathlib import Path
 
 import cv2
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 
 from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
+from dfdbench.errors import StoreError
 from dfdbench.leaks import (
     NEAR_DUPLICATE_BITS,
     LeakKind,
@@ -87,3 +89,9 @@ def test_a_copied_image_under_another_name_is_found_and_keeps_scenes_together(
     assert "bits" in leaks[0].as_problem().got
     assert scenes_alike(tiny_manifest, hashes) == [("One", "Three"), ("Two",)]
     assert image_leaks({}, hashes) == []
+
+
+def test_an_image_that_cannot_be_read_is_told(tiny_store: Store) -> None:
+    shutil.rmtree(Path(str(tiny_store.path)) / "Two/infocus")
+    with pytest.raises(StoreError, match="cannot be read"):
+        scene_hashes(Store(tiny_store.path), ["One", "Two"])

@@ -1,11 +1,16 @@
+import json
+
 import numpy as np
 
+from dfdbench.coverage import Criterion, DensityBound
 from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.split_report import (
+    Settings,
     folds_as_json,
     folds_fragment,
     folds_table,
+    ranking_as_json,
     ranking_table,
     split_fragment,
 )
@@ -38,8 +43,23 @@ def test_folds_say_what_the_published_reach_and_what_none_can(tiny_manifest: Man
     assert "published folds: 2 of 2 not covered" in notes
     assert "at least 1 of 3 folds" in notes
     assert "Three: rare in all other scenes: 36" in notes
-    text = folds_as_json(tiny_manifest, proposals, hopeless, published)
-    assert '"scene": "Three"' in text
+    settings = Settings("f" * 64, scenes(), 5)
+    content = json.loads(folds_as_json(tiny_manifest, settings, proposals, hopeless, published))
+    assert content["cannot_be_covered"][0]["scene"] == "Three"
+    assert content["seed"] == 5
+
+
+def test_a_ranking_keeps_what_it_depends_on(tiny_manifest: Manifest) -> None:
+    counts = scenes().counts[:2]
+    bound = DensityBound(4.0, 0.01)
+    chosen = Scenes(("One", "Two"), counts, (("One", "Two"),), Criterion.density, bound, 0.1)
+    ranking = rank_tests(scenes(), 1)
+    content = json.loads(ranking_as_json(tiny_manifest, Settings("f" * 64, chosen, 7), ranking, ()))
+    assert {key: content[key] for key in list(content)[3:11]} == {
+        "fingerprint": "f" * 64, "criterion": "density", "allowed_share": 0.1,
+        "density_factor": 4.0, "density_floor": 0.01, "seed": 7, "absent_scenes": ["Three"],
+        "kept_together": [["One", "Two"]],
+    }  # fmt: skip
 
 
 def test_fragments_complete_a_manifest() -> None:

@@ -50,7 +50,7 @@ def test_groups_are_never_parted_but_a_given_test_is_ranked_as_it_is() -> None:
             assert ("C" in candidate.test) == ("E" in candidate.test)
     assert ranking.rank(("A", "B", "C")) is not None
     assert len(ranking.candidates) == 5
-    with pytest.raises(InputError, match="whole groups"):
+    with pytest.raises(InputError, match="--test-scenes 2; A and B stay together; C and"):
         rank_tests(make(4, groups=(("A", "B"), ("C", "D"))), 3)
     with pytest.raises(InputError, match="no such split"):
         rank_tests(scenes, 6)

@@ -69,7 +69,7 @@ def test_a_data_set_that_is_not_built_says_how(tmp_path: Path) -> None:
     with pytest.raises(StoreError) as caught:
         open_store("middlebury")
     assert "dfdbench build middlebury" in str(caught.value)
-    assert "--dataset demo" in str(caught.value)
+    assert "the small one, demo" in str(caught.value)
 
 
 def test_two_builds_do_not_mix(tiny_manifest: Manifest, tmp_path: Path) -> None:
@@ -145,3 +145,9 @@ def test_a_full_disk_is_told_and_nothing_is_lost(
     assert report.scenes_kept == tuple(written)
     assert report.fingerprint == tiny_store.fingerprint
     remove(as_location(other))
+
+
+def test_a_scene_whose_record_is_damaged_is_told(tiny_store: Store) -> None:
+    (Path(str(tiny_store.path)) / "Two/zarr.json").write_text("{")
+    with pytest.raises(StoreError, match="cannot read the store"):
+        Store(tiny_store.path)

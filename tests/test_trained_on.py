@@ -1,7 +1,8 @@
 import pytest
 
+from dfdbench.errors import InputError
 from dfdbench.store import Store
-from dfdbench.trained_on import coverage_warnings, training_side
+from dfdbench.trained_on import Training, coverage_warnings, sides_of_run, training_side
 
 
 def test_the_text_names_scenes_of_the_store(tiny_store: Store) -> None:
@@ -33,6 +34,39 @@ def test_what_is_uncovered_or_cannot_be_told_is_said(
     assert told in warning
 
 
-def test_nothing_is_said_where_nothing_is_lacking(tiny_store: Store) -> None:
-    assert coverage_warnings("tiny-1, split all", tiny_store, "test") == []
+def test_nothing_is_said_of_a_method_that_names_no_training(tiny_store: Store) -> None:
     assert coverage_warnings(None, tiny_store, "test") == []
+
+
+def test_training_on_the_test_is_said(tiny_store: Store) -> None:
+    (warning,) = coverage_warnings("tiny-1, split all", tiny_store, "test")
+    assert warning.startswith("leak: tiny-1, all, trained on scenes or textures of the test: Two")
+
+
+@pytest.mark.parametrize(
+    ("split", "trained_on", "named", "train", "training"),
+    [
+        ("test", "tiny-1, all but Two", {}, "all but Two", Training.known),
+        ("test", "tiny-1, all but Two", {"train": "One"}, "One", Training.known),
+        ("test", None, {"fold": "K2"}, "all but K2", Training.known),
+        ("test", None, {}, "train", Training.none),
+        ("test", "a lot of images", {}, "train", Training.unknown),
+        ("K2", None, {}, "all but K2", Training.none),
+        ("One", None, {}, "all but One", Training.none),
+    ],
+)
+def test_a_run_is_held_against_what_is_named_else_against_the_usual(
+    tiny_store: Store,
+    split: str,
+    trained_on: str | None,
+    named: dict[str, str],
+    train: str,
+    training: Training,
+) -> None:
+    sides = sides_of_run(tiny_store, split, trained_on, **named)
+    assert (sides.train.name, sides.test.name, sides.training) == (train, split, training)
+
+
+def test_a_run_on_every_scene_leaves_none_to_compare_with(tiny_store: Store) -> None:
+    with pytest.raises(InputError, match="tested every scene"):
+        sides_of_run(tiny_store, "all", None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from typing import Annotated
@@ -23,7 +24,7 @@ from dfdbench.cli import (
     training,
 )
 from dfdbench.cli.screen import say
-from dfdbench.errors import DfdbenchError
+from dfdbench.errors import DfdbenchError, Problem
 
 __all__ = ["app", "main"]
 
@@ -71,7 +72,11 @@ def version_option(
 def main() -> None:
     """Run the command line; a user's mistake ends with a message and status 2."""
     try:
-        app()
+        try:
+            app()
+        finally:
+            # Here and not at the interpreter's end, where a full disk can no longer be told.
+            sys.stdout.flush()
     except DfdbenchError as error:
         say(f"error: {error}")
         sys.exit(2)
@@ -79,3 +84,10 @@ def main() -> None:
         # The reader of a pipe (head, say) has enough: that is no mistake.
         sys.stderr.close()
         os._exit(0)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        say(f"error: {Problem('cannot write', str(error.filename or ''), got=str(error.strerror))}")
+        sys.stderr.flush()
+        # What standard output still holds cannot be written either.
+        os._exit(2)

@@ -1,16 +1,19 @@
-"""How an answer is printed and kept: tables in three forms, files in a folder."""
+"""How an answer is kept and printed: files in a folder, tables in three forms."""
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from dfdbench.cli.screen import print_table, say
-from dfdbench.errors import Problem, ResultError
+from dfdbench.errors import InputError, Problem, ResultError
 from dfdbench.files import write_whole
 from dfdbench.tables import Table, as_markdown
 
@@ -23,12 +26,23 @@ class AnswerFormat(StrEnum):
     json = "json"
 
 
-def show(table: Table, format: AnswerFormat) -> None:
-    """Print a table for a terminal or in Markdown."""
-    if format is AnswerFormat.markdown:
-        print(as_markdown(table))
-    else:
-        print_table(table)
+@dataclass(frozen=True)
+class Answer:
+    """What a verb found.
+
+    Parameters
+    ----------
+    content : str
+        All of it as JSON.
+    tables : tuple of Table
+        What is shown of it.
+    verdict : str
+        A last line below the tables; may be empty.
+    """
+
+    content: str
+    tables: tuple[Table, ...]
+    verdict: str = ""
 
 
 @contextmanager
@@ -45,25 +59,73 @@ def writing(place: Path) -> Iterator[None]:
     except OSError as error:
         raise ResultError(
             Problem(
-                "cannot write the answer", str(place), got=error.strerror or str(error),
-                fix="choose another place with --out",
+                "cannot write the answer", str(error.filename or place),
+                got=error.strerror or str(error), fix="choose another place with --out",
             )
         ) from error  # fmt: skip
 
 
-def keep(folder: Path, files: Mapping[str, str | Figure]) -> None:
-    """Write texts and figures into a folder and say where they are.
+def folder_or(out: str | None, default: Path) -> Path:
+    """Return the folder that ``--out`` names, else the default.
+
+    Raises
+    ------
+    InputError
+        Where it names none.
+    """
+    if out is None:
+        return default
+    if not out.strip():
+        raise InputError(Problem("--out names no folder", "--out", fix=f"leave it out: {default}"))
+    return Path(out)
+
+
+def give(
+    answer: Answer, format: AnswerFormat, folder: Path, files: Mapping[str, str | Figure]
+) -> None:
+    """Write an answer's files into a folder, print the answer, say where the files are.
+
+    A reader of standard output that has enough, as ``head`` has, changes nothing: the files are
+    there, and the command ends with the status that it would have had.
 
     Raises
     ------
     ResultError
         Where the folder cannot be written.
     """
+    replaced = _write(folder, files)
+    try:
+        _show(answer, format)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    say(f"written to   {folder}{', in place of an earlier answer' if replaced else ''}")
+
+
+def _show(answer: Answer, format: AnswerFormat) -> None:
+    if format is AnswerFormat.json:
+        print(answer.content, end="")
+        return
+    for table in answer.tables:
+        if not table.rows:
+            print("\n".join((table.title, *table.notes)))
+        elif format is AnswerFormat.markdown:
+            print(as_markdown(table))
+        else:
+            print_table(table)
+    if answer.verdict:
+        print(answer.verdict)
+
+
+def _write(folder: Path, files: Mapping[str, str | Figure]) -> bool:
+    replaced = False
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
+            path = folder / name
             if isinstance(content, Figure):
-                content.savefig(folder / name, dpi=100)
-            else:
-                write_whole(folder / name, content)
-    say(f"written to   {folder}")
+                content.savefig(path, dpi=100)
+                continue
+            replaced |= path.exists() and path.read_text("utf-8", errors="replace") != content
+            write_whole(path, content)
+    return replaced

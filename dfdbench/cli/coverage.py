@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from matplotlib.figure import Figure
 
-from dfdbench.cli.answer import AnswerFormat, keep, show
+from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.coverage import Criterion, DensityBound
-from dfdbench.coverage_errors import error_table, errors_as_json, join_errors, scene_table
+from dfdbench.coverage_errors import (
+    conclusion,
+    error_table,
+    errors_as_json,
+    join_errors,
+    scene_table,
+)
 from dfdbench.coverage_figures import coverage_figure, level_error_figure, mask_figure
 from dfdbench.coverage_record import CoverageRecord, compare
 from dfdbench.coverage_report import coverage_table, each_as_json, each_table, verdict_line
-from dfdbench.depths import Side, scene_histograms, side_of, sides_of, training_of
+from dfdbench.depths import Side, all_but, scene_histograms, side_of, sides_of
 from dfdbench.errors import InputError, Problem
-from dfdbench.leaks import Leak, LeakError, find_leaks, scene_hashes
+from dfdbench.leaks import Leak, LeakError, LeakKind, find_leaks, leaks_between, scene_hashes
 from dfdbench.result import Result, load_result
+from dfdbench.run_folder import RESULT
 from dfdbench.store import Store, open_store
-from dfdbench.trained_on import training_side
+from dfdbench.trained_on import RunSides, sides_of_run
 
 
 class Each(StrEnum):
@@ -71,7 +80,7 @@ def coverage(
     density_factor: FactorOption = DensityBound.factor,
     density_floor: FloorOption = DensityBound.floor,
     out: Annotated[
-        Path | None, typer.Option(help="Folder; default: results/DATASET-coverage/TEST.")
+        str | None, typer.Option(help="Folder; default: results/DATASET-coverage/TEST.")
     ] = None,
     format: Annotated[
         AnswerFormat, typer.Option(help="How the answer is printed.")
@@ -79,18 +88,22 @@ def coverage(
 ) -> None:
     """Ask whether training covers the depths of the test; status 1 where it does not."""
     rule = Rule(DensityBound(density_factor, density_floor), criterion, allow)
+    if result and result.is_dir():
+        result = result / RESULT
     run = load_result(result) if result else None
-    _refuse_mixtures(dataset, run, each, (train, test, fold, test_dataset))
+    named = {"--train": train, "--test": test, "--fold": fold, "--test-dataset": test_dataset}
+    _refuse_mixtures(dataset, run, each, [option for option, name in named.items() if name])
     store = open_store(dataset or (run.dataset.short if run else ""))
     if each:
-        _show_each(store, each, rule, out, format)
+        _answer_each(store, each, rule, out, format)
     elif run and result:
-        sides = _sides_of_run(store, run, train, fold)
-        _show_errors(store, run, result, rule.compare(*sides), out, format)
+        sides = sides_of_run(store, run.dataset.split, run.method.trained_on, train, fold)
+        _answer_errors(store, run, result.parent, sides, rule, out, format)
     else:
         other = open_store(test_dataset) if test_dataset else None
-        sides = sides_of(store, train, test, fold, other)
-        _show_coverage(store, other or store, sides, rule, out, format)
+        both = sides_of(store, train, test, fold, other)
+        record = rule.compare(*both, leaks_between(*both))
+        _answer_coverage(record, folder_or(out, _folder(store, record)), format)
 
 
 @dataclass(frozen=True)
@@ -101,139 +114,109 @@ class Rule:
     criterion: Criterion
     allowed_share: float
 
-    def compare(self, train: Side, test: Side, leaks: tuple[Leak, ...] = ()) -> CoverageRecord:
+    def compare(self, train: Side, test: Side, leaks: Sequence[Leak]) -> CoverageRecord:
         """Hold a test side against a training side."""
-        return compare(train, test, self.bound, self.criterion, self.allowed_share, leaks)
-
-
-def _show_coverage(
-    store: Store,
-    tester: Store,
-    sides: tuple[Side, Side],
-    rule: Rule,
-    out: Path | None,
-    format: AnswerFormat,
-) -> None:
-    train, test = sides
-    leaks = find_leaks(
-        store.manifest, scene_hashes(store, train.scenes),
-        tester.manifest, scene_hashes(tester, test.scenes),
-    )  # fmt: skip
-    record = rule.compare(train, test, tuple(leaks))
-    content = record.model_dump_json(indent=1) + "\n"
-    if format is AnswerFormat.json:
-        print(content, end="")
-    else:
-        show(coverage_table(record), format)
-        print(verdict_line(record))
-    keep(
-        out or _folder(store, record),
-        {"coverage.json": content, "coverage.png": coverage_figure(record)},
-    )
-    if leaks:
-        raise LeakError(leak.as_problem() for leak in leaks)
-    _end(record)
+        return compare(train, test, self.bound, self.criterion, self.allowed_share, tuple(leaks))
 
 
 def _end(*records: CoverageRecord) -> None:
+    leaks = [leak for record in records for leak in record.leaks]
+    if leaks:
+        raise LeakError(
+            Leak(LeakKind(leak.kind), leak.train, leak.test, leak.detail).as_problem()
+            for leak in leaks
+        )
     if not all(record.covered for record in records):
         raise typer.Exit(1)
 
 
 def _refuse_mixtures(
-    dataset: str | None, run: Result | None, each: Each | None, splits: tuple[str | None, ...]
+    dataset: str | None, run: Result | None, each: Each | None, named: list[str]
 ) -> None:
-    train, test, fold, test_dataset = splits
     problems = []
     if dataset is None and run is None:
         problems.append(Problem("no data set is named", fix="dfdbench coverage DATASET"))
-    if each and (run or any(splits)):
-        problems.append(Problem("--each takes no split and no result", "--each"))
-    if run and (test or test_dataset):
+    others = [*named, *(["--result"] if run else [])]
+    if each and others:
         problems.append(
-            Problem("a result says itself what tests", "--result", fix="leave out --test")
+            Problem(
+                "--each takes no split and no result", "--each", fix=f"leave out {_list(others)}"
+            )
         )
-    if run and train and fold:
+    elif run and (tests := [name for name in named if name in ("--test", "--test-dataset")]):
+        problems.append(
+            Problem("a result says itself what tests", "--result", fix=f"leave out {_list(tests)}")
+        )
+    if run and {"--train", "--fold"} <= set(named):
         problems.append(Problem("a fold says what trains", "--fold", fix="leave out --train"))
     if problems:
         raise InputError(problems)
 
 
-def _sides_of_run(
-    store: Store, run: Result, train: str | None, fold: str | None
-) -> tuple[Side, Side]:
-    manifest, split = store.manifest, run.dataset.split
-    histograms = scene_histograms(store)
-    test = side_of(store, histograms, split, manifest.scenes_of(split))
-    said = run.method.trained_on
-    if not (train or fold) and said and (named := training_side(said, store)):
-        return named, test
-    folds = {item.name for item in manifest.folds}
-    left_out = fold or (split if split in folds and not train else None)
-    if left_out:
-        scenes = training_of(manifest, left_out)
-        return side_of(store, histograms, f"all but {left_out}", scenes), test
-    name = train or "train"
-    return side_of(store, histograms, name, manifest.scenes_of(name)), test
+def _list(options: list[str]) -> str:
+    return " and ".join(options)
 
 
-def _show_each(
-    store: Store, each: Each, rule: Rule, out: Path | None, format: AnswerFormat
+def _answer_coverage(record: CoverageRecord, folder: Path, format: AnswerFormat) -> None:
+    content = record.model_dump_json(indent=1) + "\n"
+    answer = Answer(content, (coverage_table(record),), verdict_line(record))
+    give(
+        answer, format, folder, {"coverage.json": content, "coverage.png": coverage_figure(record)}
+    )
+    _end(record)
+
+
+def _answer_each(
+    store: Store, each: Each, rule: Rule, out: str | None, format: AnswerFormat
 ) -> None:
     manifest, histograms = store.manifest, scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
     tests = folds if each is Each.fold else {name: (name,) for name in histograms}
-    records = {
-        name: rule.compare(
-            side_of(store, histograms, f"all but {name}", training_of(manifest, name)),
-            side_of(store, histograms, name, scenes),
-        )
-        for name, scenes in tests.items()
-        if any(scene in histograms for scene in scenes)
-    }
-    if not records:
-        raise InputError(Problem(f"{manifest.stem} has no {each}", "--each"))
+    if not tests:
+        raise InputError(Problem(f"{manifest.stem} has no folds", "--each", fix="--each scene"))
+    hashes = scene_hashes(store, histograms)
+    records = {}
+    for name, scenes in tests.items():
+        if any(scene in histograms for scene in scenes):
+            train, test = all_but(store, histograms, name), side_of(store, histograms, name, scenes)
+            of_train, of_test = ({s: hashes[s] for s in side.scenes} for side in (train, test))
+            leaks = find_leaks(manifest, of_train, manifest, of_test)
+            records[name] = rule.compare(train, test, leaks)
+    bad = sum(not record.covered for record in records.values())
+    verdict = f"{bad} of {len(records)} are NOT covered by criterion {rule.criterion}"
     content = each_as_json(records, each)
-    if format is AnswerFormat.json:
-        print(content, end="")
-    else:
-        show(each_table(records, each), format)
-        bad = sum(not record.covered for record in records.values())
-        print(f"{bad} of {len(records)} are NOT covered by criterion {rule.criterion}")
-    folder = out or Path("results") / f"{store.path.stem}-coverage" / f"each-{each}"
-    keep(folder, {"coverage.json": content})
+    folder = folder_or(out, Path("results") / f"{store.path.stem}-coverage" / f"each-{each}")
+    answer = Answer(content, (each_table(records, each),), verdict)
+    give(answer, format, folder, {"coverage.json": content})
     _end(*records.values())
 
 
-def _show_errors(
+def _answer_errors(
     store: Store,
     run: Result,
-    path: Path,
-    record: CoverageRecord,
-    out: Path | None,
+    folder: Path,
+    sides: RunSides,
+    rule: Rule,
+    out: str | None,
     format: AnswerFormat,
 ) -> None:
-    join = join_errors(store, run, path.parent, record)
+    record = rule.compare(sides.train, sides.test, leaks_between(sides.train, sides.test))
+    join = join_errors(store, run, folder, record)
     title = (
         f"errors of {run.method.name} on {run.dataset.name}, {run.dataset.split}, by what "
         f"{record.train.dataset}, {record.train.split}, covers"
     )
-    content = errors_as_json(join, run, record)
-    if format is AnswerFormat.json:
-        print(content, end="")
-    else:
-        show(error_table(join, title, run.method.trained_on is not None), format)
-        show(scene_table(join), format)
-    keep(
-        out or path.parent / "coverage",
-        {
-            "errors.json": content,
-            "coverage.json": record.model_dump_json(indent=1) + "\n",
-            "coverage.png": coverage_figure(record),
-            "errors.png": level_error_figure(join, title),
-            "masks.png": mask_figure(store, run, path.parent, join),
-        },
-    )
+    meaning = conclusion(join, record, sides.training)
+    content = errors_as_json(join, run, record, sides.training)
+    answer = Answer(content, (error_table(join, title, meaning), scene_table(join)))
+    files: dict[str, str | Figure] = {
+        "errors.json": content,
+        "coverage.json": record.model_dump_json(indent=1) + "\n",
+        "coverage.png": coverage_figure(record),
+        "errors.png": level_error_figure(join, title),
+        "masks.png": mask_figure(store, run, folder, join),
+    }
+    give(answer, format, folder_or(out, folder / "coverage"), files)
     _end(record)
 
 

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.cli.answer import AnswerFormat, keep, show
+from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.cli.screen import progress
 from dfdbench.coverage_figures import difficulty_figure
-from dfdbench.difficulty import ROUNDING, Difficulty, smallest_step
+from dfdbench.depths import depth_maps
+from dfdbench.difficulty import Difficulty, smallest_step
 from dfdbench.difficulty_report import COARSE, difficulty_as_json, difficulty_rows, difficulty_table
 from dfdbench.errors import InputError, Problem
 from dfdbench.manifest import Pair
@@ -21,10 +22,10 @@ def difficulty(
     dataset: Annotated[str, typer.Argument(help="A data set's name or a store's path.")],
     split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
     noise: Annotated[
-        float, typer.Option(min=0, help="Grey levels a change must exceed; default: rounding.")
-    ] = ROUNDING,
+        int, typer.Option(min=0, help="Whole grey levels that a change must exceed.")
+    ] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="Folder; default: results/DATASET-difficulty/SPLIT.")
+        str | None, typer.Option(help="Folder; default: results/DATASET-difficulty/SPLIT.")
     ] = None,
     format: Annotated[
         AnswerFormat, typer.Option(help="How the answer is printed.")
@@ -32,24 +33,22 @@ def difficulty(
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
     store = open_store(dataset)
+    folder = folder_or(out, Path("results") / f"{store.path.stem}-difficulty" / split)
     manifest = store.manifest
     manifest.scenes_of(split)
     pairs = store.pairs(split)
     if store.recipe is None or not pairs:
         what = "no synthetic blur: captured images" if store.recipe is None else "no pair of split"
         raise InputError(Problem(f"{what} {split}", str(store.path)))
+    for scene in dict.fromkeys(pair.scene for pair in pairs):
+        depth_maps(store, scene)
     found: dict[Pair, Difficulty] = {}
-    with progress("looking at pairs") as step:
+    with progress("looking at pairs", "nothing was written") as step:
         for number, pair in enumerate(pairs, 1):
             found[pair] = _difficulty_of(store, pair, noise)
             step(number, len(pairs))
     rows = difficulty_rows(manifest, found)
     content = difficulty_as_json(manifest, store.fingerprint, noise, rows)
-    if format is AnswerFormat.json:
-        print(content, end="")
-    else:
-        show(difficulty_table(manifest, rows, noise), format)
-    folder = out or Path("results") / f"{store.path.stem}-difficulty" / split
     order = sorted(found, key=lambda pair: found[pair].share_above(COARSE))
     # The easiest pair, the middle one and the hardest.
     chosen = dict.fromkeys((order[0], order[len(order) // 2], order[-1]))
@@ -57,10 +56,11 @@ def difficulty(
         f"easiest, median and hardest pair of {manifest.stem}, {split}",
         [(pair.id, store.read(pair).infocus, found[pair]) for pair in chosen],
     )
-    keep(folder, {"difficulty.json": content, "difficulty.png": figure})
+    answer = Answer(content, (difficulty_table(manifest, rows, noise),))
+    give(answer, format, folder, {"difficulty.json": content, "difficulty.png": figure})
 
 
-def _difficulty_of(store: Store, pair: Pair, noise: float) -> Difficulty:
+def _difficulty_of(store: Store, pair: Pair, noise: int) -> Difficulty:
     images, recipe = store.read(pair), store.recipe
     assert recipe is not None
     depth = images.depth

@@ -24,7 +24,7 @@ from rich.progress import (
 from rich.text import Text
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.tables import Table, as_rich
+from dfdbench.tables import Table, as_rich, least_width
 
 _INTERRUPTED = 130
 
@@ -34,10 +34,19 @@ def say(text: str) -> None:
     print(text, file=sys.stderr)
 
 
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        # Rich would end the program with status 1, which has a meaning of its own here.
+        raise BrokenPipeError
+
+
 def print_table(table: Table) -> None:
     """Print a table to standard output."""
-    # Piped or captured there is no terminal to fit: lines are as long as they need be.
-    console = Console() if sys.stdout.isatty() else Console(width=200)
+    console = _Console()
+    # Piped or captured there is no terminal to fit: lines are as long as they need be. On a
+    # narrow one the terminal wraps them, which loses nothing.
+    width = max(console.width, least_width(table)) if sys.stdout.isatty() else 200
+    console.width = width
     console.print(as_rich(table))
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
-from dfdbench.cli.answer import AnswerFormat, keep, show
+from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
 from dfdbench.coverage import Criterion, DensityBound
 from dfdbench.depths import scene_histograms
@@ -16,6 +17,7 @@ from dfdbench.errors import InputError, Problem
 from dfdbench.leaks import scene_hashes, scenes_alike
 from dfdbench.manifest import Manifest
 from dfdbench.split_report import (
+    Settings,
     folds_as_json,
     folds_fragment,
     folds_table,
@@ -41,7 +43,7 @@ def split(
     density_floor: FloorOption = DensityBound.floor,
     seed: Annotated[int, typer.Option(min=0, help="Of folds, and of draws from too many.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="Folder; default: results/DATASET-splits/...")
+        str | None, typer.Option(help="Folder; default: results/DATASET-splits/...")
     ] = None,
     format: Annotated[
         AnswerFormat, typer.Option(help="How the answer is printed.")
@@ -55,73 +57,68 @@ def split(
     store = open_store(dataset)
     bound = DensityBound(density_factor, density_floor)
     scenes = _scenes(store, criterion, bound, allow)
-    settings = f"criterion {criterion}, seed {seed}"
-    absent = [name for name in store.manifest.scene_names if name not in scenes.names]
-    if absent:
-        settings += f"; without {', '.join(absent)}, which the store does not hold"
+    settings = Settings(store.fingerprint, scenes, seed)
     if test_scenes is not None:
-        _propose_tests(store, scenes, test_scenes, seed, settings, out, format)
+        _propose_tests(store.manifest, settings, test_scenes, _Place(store, out), format)
     elif folds is not None:
-        _propose_folds(store, scenes, folds, seed, settings, out, format)
+        _propose_folds(store.manifest, settings, folds, _Place(store, out), format)
+
+
+@dataclass(frozen=True)
+class _Place:
+    store: Store
+    out: str | None
+
+    def folder(self, name: str) -> Path:
+        return folder_or(self.out, Path("results") / f"{self.store.path.stem}-splits" / name)
+
+
+def _told(manifest: Manifest, settings: Settings) -> str:
+    scenes, absent = settings.scenes, settings.absent(manifest)
+    told = f"criterion {scenes.criterion}, seed {settings.seed}"
+    if scenes.criterion is not Criterion.thesis and scenes.bound != DensityBound():
+        told += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
+    if scenes.allowed:
+        told += f", allowed share {scenes.allowed:g}"
+    return told + (f"; without {', '.join(absent)}, which the store lacks" if absent else "")
 
 
 def _propose_tests(
-    store: Store,
-    scenes: Scenes,
-    size: int,
-    seed: int,
-    settings: str,
-    out: Path | None,
-    format: AnswerFormat,
+    manifest: Manifest, settings: Settings, size: int, place: _Place, format: AnswerFormat
 ) -> None:
-    manifest = store.manifest
+    scenes = settings.scenes
     published = _published_test(manifest, scenes)
-    ranking = rank_tests(scenes, size, seed, published)
+    ranking = rank_tests(scenes, size, settings.seed, published)
     best = ranking.candidates[0].test
     train = tuple(name for name in scenes.names if name not in best)
     why = (
         f"dfdbench split {manifest.short} --test-scenes {size}: first of "
-        f"{len(ranking.candidates):,} ({settings})"
+        f"{len(ranking.candidates):,} ({_told(manifest, settings)})"
     )
-    content = ranking_as_json(manifest, ranking, published)
-    if format is AnswerFormat.json:
-        print(content, end="")
-    else:
-        show(ranking_table(manifest, ranking, published, scenes.criterion), format)
+    content = ranking_as_json(manifest, settings, ranking, published)
     fragment = split_fragment(manifest, best, train, why)
-    keep(
-        out or Path("results") / f"{store.path.stem}-splits" / f"test-{size}",
-        {"split.toml": fragment, "split.json": content},
-    )
+    folder = place.folder(f"test-{size}")
+    answer = Answer(content, (ranking_table(manifest, ranking, published, scenes.criterion),))
+    give(answer, format, folder, {"split.toml": fragment, "split.json": content})
 
 
 def _propose_folds(
-    store: Store,
-    scenes: Scenes,
-    number: int,
-    seed: int,
-    settings: str,
-    out: Path | None,
-    format: AnswerFormat,
+    manifest: Manifest, settings: Settings, number: int, place: _Place, format: AnswerFormat
 ) -> None:
-    manifest = store.manifest
-    proposals = propose_folds(scenes, number, seed)
+    scenes = settings.scenes
+    proposals = propose_folds(scenes, number, settings.seed)
     best = proposals[0]
     hopeless = hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
     tests = [
         tuple(name for name in fold.test_scenes if name in scenes.names) for fold in manifest.folds
     ]
     published = Folds(tuple(scenes.judge([test for test in tests if test])))
-    why = f"dfdbench split {manifest.short} --folds {number} ({settings})"
-    content = folds_as_json(manifest, proposals, hopeless, published)
-    if format is AnswerFormat.json:
-        print(content, end="")
-    else:
-        show(folds_table(manifest, proposals, hopeless, published), format)
-    keep(
-        out or Path("results") / f"{store.path.stem}-splits" / f"folds-{number}",
-        {"folds.toml": folds_fragment(best, why), "folds.json": content},
-    )
+    why = f"dfdbench split {manifest.short} --folds {number} ({_told(manifest, settings)})"
+    content = folds_as_json(manifest, settings, proposals, hopeless, published)
+    folder = place.folder(f"folds-{number}")
+    answer = Answer(content, (folds_table(manifest, proposals, hopeless, published),))
+    files = {"folds.toml": folds_fragment(best, why), "folds.json": content}
+    give(answer, format, folder, files)
 
 
 def _scenes(store: Store, criterion: Criterion, bound: DensityBound, allow: float) -> Scenes:

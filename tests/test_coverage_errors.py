@@ -1,0 +1,119 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dfdbench.coverage import Verdict
+from dfdbench.coverage_errors import (
+    ErrorJoin,
+    conclusion,
+    error_table,
+    errors_as_json,
+    join_errors,
+    scene_table,
+)
+from dfdbench.coverage_record import CoverageRecord, LeakRecord, compare
+from dfdbench.depths import sides_of
+from dfdbench.errors import ResultError
+from dfdbench.evaluate import run_method
+from dfdbench.level_errors import LevelErrors
+from dfdbench.pair_evaluation import load_for
+from dfdbench.store import Store
+from dfdbench.trained_on import Training
+from tests.results import make_result
+
+
+def errors_of(levels: dict[int, tuple[int, float]]) -> LevelErrors:
+    """The errors of some pixels of each level, by level: how many, and by how much."""
+    pixels, absolute, squared = np.zeros(256, np.int64), np.zeros(256), np.zeros(256)
+    for level, (count, error) in levels.items():
+        pixels[level], absolute[level], squared[level] = count, count * error, count * error**2
+    return LevelErrors(pixels, absolute, squared)
+
+
+def join_of(scarce: float, share: int = 20) -> ErrorJoin:
+    """Level 9 is scarce and 100 covered; of 100 pixels of scene a some share is scarce."""
+    of_level = {verdict: np.zeros(256, bool) for verdict in Verdict}
+    of_level[Verdict.scarce][9] = True
+    of_level[Verdict.covered][100] = True
+    pairs = {
+        "a/1": errors_of({9: (share, scarce), 100: (100 - share, 2.0)}),
+        "b/1": errors_of({100: (100, 2.0)}),
+    }
+    return ErrorJoin(pairs, {"a/1": "a", "b/1": "b"}, of_level)
+
+
+@pytest.fixture
+def record(tiny_store: Store) -> CoverageRecord:
+    return compare(*sides_of(tiny_store))
+
+
+@pytest.mark.parametrize(
+    ("join", "training", "told"),
+    [
+        (join_of(22.0), Training.known, "fall by 50.0 %: the errors gather where training lacks"),
+        (join_of(22.0), Training.none, "fall by 50.0 %; the method names no training"),
+        (join_of(22.0), Training.unknown, "is not known: its trained_on names no scenes"),
+        (join_of(3.0), Training.known, "another cause than coverage"),
+        (join_of(1.0), Training.known, "fall by 0 %: most of the error has another cause"),
+        (join_of(9.0, share=0), Training.known, "what is wrong is not coverage"),
+        (
+            join_of(9.0, share=0),
+            Training.unknown,
+            "but what the method was trained on is not known",
+        ),
+    ],
+)
+def test_the_conclusion_follows_from_errors_and_training(
+    record: CoverageRecord, join: ErrorJoin, training: Training, told: str
+) -> None:
+    assert told in conclusion(join, record, training)
+
+
+def test_a_leak_outdoes_every_other_conclusion(record: CoverageRecord) -> None:
+    leak = LeakRecord(kind="scene", train="a", test="a", detail="all")
+    leaky = record.model_copy(update={"leaks": [leak, leak]})
+    told = conclusion(join_of(22.0), leaky, Training.known)
+    assert told == (
+        "training holds 2 scenes of the test: these errors say nothing of scenes that are new"
+    )
+
+
+def test_tables_have_means_by_verdict_and_by_scene() -> None:
+    table = error_table(join_of(22.0), "title", "meaning")
+    assert [row[:4] for row in table.rows] == [
+        ("covered", "180", "90.0 %", "2.00"),
+        ("scarce", "20", "10.0 %", "22.00"),
+        ("missing", "0", "0 %", "–"),
+        ("all known", "200", "100.0 %", "4.00"),
+    ]
+    assert table.notes == ("meaning",)
+    assert scene_table(join_of(22.0)).rows == (
+        ("a", "20.0 %", "2.00", "22.00", "–", "66.7 %"),
+        ("b", "0 %", "2.00", "–", "–", "–"),
+    )
+
+
+def test_json_has_the_same_numbers(record: CoverageRecord) -> None:
+    result = make_result({("a", 1, 1, 0): 0.1})
+    content = json.loads(errors_as_json(join_of(22.0), result, record, Training.none))
+    assert content["verdicts"]["scarce"]["mean_absolute_error"] == 22
+    assert content["verdicts"]["missing"]["mean_absolute_error"] is None
+    assert content["levels"]["mean_absolute_error"][100] == 2
+    assert (content["training"], content["excess"]) == ("none", 0.5)
+
+
+def test_only_a_runs_own_predictions_are_joined(tiny_store: Store, tmp_path: Path) -> None:
+    run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
+    record = compare(*sides_of(tiny_store))
+    join = join_errors(tiny_store, run.result, run.folder, record)
+    assert list(join.pairs) == [pair.id for pair in run.result.pairs]
+    truth = [tiny_store.read_depth(pair)[1].sum() for pair in tiny_store.pairs("test")]
+    assert join.total.pixels.sum() == sum(truth)
+    first = run.result.pairs[0].model_copy(update={"prediction_sha256": "0" * 64})
+    edited = run.result.model_copy(update={"pairs": [first, *run.result.pairs[1:]]})
+    with pytest.raises(ResultError, match="is not the result's"):
+        join_errors(tiny_store, edited, run.folder, record)
+    with pytest.raises(ResultError, match="no prediction was kept"):
+        join_errors(tiny_store, run.result, tmp_path / "nowhere", record)

@@ -1,0 +1,51 @@
+"""The scripts that the documentation names run."""
+
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+from dfdbench.evaluate import run_method
+from dfdbench.pair_evaluation import load_for
+from dfdbench.store import Store
+
+DOCS = Path(__file__).parents[1] / "docs"
+SCRIPTS = sorted(path.name for path in DOCS.glob("*.py"))
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_a_script_finds_what_it_imports_and_is_named(script: str) -> None:
+    assert callable(runpy.run_path(str(DOCS / script))["main"])
+    text = "".join(path.read_text("utf-8") for path in DOCS.glob("*.md"))
+    assert f"docs/{script}" in text
+
+
+def test_difficulty_check_prints_every_step_that_was_found(
+    tiny_store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
+    main = runpy.run_path(str(DOCS / "difficulty_check.py"))["main"]
+    main(str(tiny_store.path), run.folder)
+    first, second, *steps = capsys.readouterr().out.splitlines()
+    assert first.startswith("share above step 1 against mean error, 7 pairs: rank ")
+    assert second.startswith("share above step 32 ")
+    shares = [float(line.split()[1]) for line in steps]
+    assert sum(shares) == pytest.approx(100, abs=0.5)
+
+
+def test_coverage_from_python_is_as_shown(
+    demo_store: Store,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "stores").mkdir()
+    (tmp_path / "stores/demo-1.zarr").symlink_to(str(demo_store.path))
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path))
+    text = (DOCS / "coverage.md").read_text("utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
+    exec(block, {})
+    first, second = capsys.readouterr().out.splitlines()
+    assert first == "True 0.0 []"
+    assert 0.9 < float(second) <= 1
