@@ -44,6 +44,7 @@ leaderboard: $(STAMPS)/installed ## Run every row of the demo set's leaderboard,
 	  echo; echo "== dfdbench run --dataset demo --submit --method $$(echo $$method | tr ',' ' ')"; \
 	  $(BIN)/dfdbench run --dataset demo --submit --method $$(echo $$method | tr ',' ' ') || exit 1; \
 	done
+	@$(BIN)/dfdbench leaderboard verify --record leaderboard/results/demo-1-test/*/*.json
 	@$(BIN)/dfdbench leaderboard
 
 benchmark: $(STAMPS)/tested-with ## Time our code against named peers, as ratios
