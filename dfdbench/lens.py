@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from dataclasses import dataclass
 from importlib import resources
 from itertools import combinations, groupby
@@ -254,10 +255,13 @@ def _numbers(cells: list[str], where: str, problems: list[Problem]) -> list[floa
     numbers = []
     for cell in cells:
         try:
-            numbers.append(float(cell))
+            number = float(cell)
         except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
             problems.append(Problem("not a number", where, got=cell))
-            numbers.append(0.0)
+            number = 0.0
+        numbers.append(number)
     return numbers
 
 

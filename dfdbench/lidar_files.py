@@ -110,9 +110,17 @@ def read_beams(path: Path | None = None) -> Beams:
     for line, row in enumerate(reader, start=2):
         try:
             altitude, azimuth = float(row["altitude_deg"]), float(row["azimuth_deg"])
+            if not (abs(altitude) <= 90 and abs(azimuth) <= 360):
+                raise ValueError
             rows.append((altitude, azimuth, int(row["azimuth_index"])))
         except (TypeError, ValueError):
-            problems.append(Problem("not a number", f"{where}: line {line}", got=str(row)))
+            told = ", ".join(f"{name} {row[name]}" for name in _COLUMNS)
+            problems.append(
+                Problem(
+                    "not a beam", f"{where}: line {line}",
+                    "altitude within 90 degrees, azimuth within 360, a whole azimuth_index", told,
+                )
+            )  # fmt: skip
     if not rows and not problems:
         problems.append(Problem("no beam", where, "a line a beam"))
     if problems:

@@ -55,12 +55,15 @@ def read_registration(path: Path) -> Floats:
         raise SourceError(
             Problem(
                 "too few pairs of points", where, f"{_LEAST_PAIRS} or more [[pairs]], or a matrix",
-                f"{len(pairs)}",
+                f"{len(pairs) if isinstance(pairs, list) else pairs}",
             )
         )  # fmt: skip
     source, target = (_points(pairs, key, where) for key in ("lidar", "image"))
     fitted, _ = cv2.findHomography(source, target, 0)
-    if fitted is None or not np.isfinite(fitted).all():
+    flat = any(
+        np.linalg.matrix_rank(points - points[0], tol=1e-6) < 2 for points in (source, target)
+    )
+    if flat or fitted is None or not np.isfinite(fitted).all():
         raise SourceError(Problem("the points lie on one line", where, "corners of a surface"))
     return np.asarray(fitted, np.float64)
 

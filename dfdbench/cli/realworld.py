@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dfdbench.board_rays import board_rays
 from dfdbench.catalog import find_manifest
+from dfdbench.cli.answer import writing
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.errors import DfdbenchError, InputError, Problem, SourceError, unknown_name
 from dfdbench.figures_realworld import overlay_figure
@@ -63,7 +64,7 @@ def simulate_realworld(
     )
     count = len(settings.steps) * len(settings.exposures) * settings.frames
     say(f"{count} frames a scene, about {count * 0.8:.0f} MB")
-    with progress("simulating scenes") as step:
+    with writing(out), progress("simulating scenes") as step:
         made = write_captures(out, names, capture, settings, workers, step)
     kept = f", {len(names) - len(made)} kept from before" if len(made) < len(names) else ""
     print(f"simulated {len(made)} scenes{kept}")
@@ -75,7 +76,8 @@ def simulate_realworld(
 @simulate_app.command("lens")
 def simulate_lens(out: Annotated[Path, typer.Option(help="Folder to write into.")]) -> None:
     """Simulate the captures of a lens test: a dot over temperature, and voltage up and down."""
-    print(f"simulated {write_lens_test(out)} images")
+    with writing(out):
+        print(f"simulated {write_lens_test(out)} images")
     print(f"captures     {out}")
     say(f"next         dfdbench optics sharpness {out}")
 
@@ -230,6 +232,10 @@ def _scenes(text: str, manifest: Manifest) -> tuple[str, ...]:
         for name in (first, last or first):
             if name not in known:
                 raise unknown_name("scene", name, known)
+        if known.index(last or first) < known.index(first):
+            raise InputError(
+                Problem("no scene in that span", got=part.strip(), fix=f"{last}-{first}")
+            )
         chosen.update(known[known.index(first) : known.index(last or first) + 1])
     return tuple(name for name in known if name in chosen)
 

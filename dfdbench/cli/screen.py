@@ -51,7 +51,15 @@ def print_table(table: Table) -> None:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Draw a figure into a PNG file and say where it lies."""
+    """Draw a figure into a PNG file and say where it lies; other files are not replaced.
+
+    Raises
+    ------
+    InputError
+        Where the file is to be no PNG, or cannot be written.
+    """
+    if path.suffix.lower() != ".png":
+        raise InputError(Problem("figures are PNG files", str(path), "a name that ends in .png"))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=120, format="png")

@@ -94,6 +94,7 @@ class RawScene:
         self._capture = capture
         height, width = capture.frame_size
         self.rig = Rig(frame_size=(height, width), crop_size=capture.crop_size)
+        self._depth: Depth | None = None
 
     def exposures(self) -> tuple[int, ...]:
         """Return the exposure times, in ms, of which there are frames."""
@@ -128,10 +129,13 @@ class RawScene:
         return read_beams(self.beams_file())
 
     def depth(self) -> Depth:
-        """Return depth levels in centimetres and where they are known."""
-        levels, valid = depth_image(self.ranges(), self.beams())
-        size = self._capture.crop_size
-        return warp(levels, valid, read_registration(self.registration), (size, size))
+        """Return depth levels in centimetres and where they are known; worked out once."""
+        if self._depth is None:
+            levels, valid = depth_image(self.ranges(), self.beams())
+            size = self._capture.crop_size
+            matrix = read_registration(self.registration)
+            self._depth = warp(levels, valid, matrix, (size, size))
+        return self._depth
 
     def scans(self) -> list[Path]:
         """Return the LIDAR's range files."""
@@ -199,6 +203,13 @@ class RawScene:
             )  # fmt: skip
         else:
             _attempt(lambda: read_registration(self.registration), problems)
+        if not problems and not self.depth()[1].any():
+            again = f"dfdbench register {self.folder.name} --source {self.folder.parent} --fresh"
+            problems.append(
+                Problem(
+                    "no LIDAR return falls on the image", str(self.registration), fix=again,
+                )
+            )  # fmt: skip
         return problems
 
 

@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.test_cli import Command
+
+SIMULATE = ["simulate", "realworld", "--steps", "129,141", "--exposures", "40"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--out", "raw", "--scenes", "k03-k01"], "no scene in that span"),
+        (["--out", "taken.txt", "--scenes", "k03"], "cannot write the answer"),
+    ],
+)
+def test_simulate_says_what_it_cannot_do(
+    dfdbench: Command, arguments: list[str], told: str
+) -> None:
+    Path("taken.txt").write_text("keep")
+    done = dfdbench(*SIMULATE, *arguments)
+    assert (done.status, told in done.err, "Traceback" in done.err) == (2, True, False)
+    assert Path("taken.txt").read_text() == "keep"
+
+
+def test_a_figure_replaces_no_other_file(dfdbench: Command) -> None:
+    Path("README.md").write_text("precious")
+    lens = ["--f-number", "3.7", "--focal-length", "9.6mm", "--focus", "0.5m", "--pixel", "4.8um"]
+    done = dfdbench("optics", "blur", *lens, "--out", "README.md")
+    assert (done.status, "figures are PNG files" in done.err) == (2, True)
+    assert Path("README.md").read_text() == "precious"
+
+
+@pytest.mark.parametrize("cell", ["nan", "inf"])
+def test_a_lens_table_without_numbers_is_told(dfdbench: Command, cell: str) -> None:
+    Path("lens.csv").write_text(f"step,1.5,1.8,2.2\n129,1,2,{cell}\n141,4,5,6\n")
+    done = dfdbench("optics", "pairs", "--lens", "lens.csv")
+    assert (done.status, "not a number" in done.err) == (2, True)
+    Path("lens.csv").write_text(f"step,1.5,{cell},2.2\n129,1,2,3\n141,4,5,6\n")
+    assert dfdbench("optics", "pairs", "--lens", "lens.csv").status == 2
+
+
+def test_depth_maps_without_a_known_pixel_are_not_built(dfdbench: Command) -> None:
+    assert dfdbench(*SIMULATE, "--out", "raw", "--scenes", "k03").status == 0
+    assert dfdbench("register", "k03", "--source", "raw").status == 0
+    registration = Path("raw/k03/registration.toml")
+    build = ["build", "realworld", "--source", "raw", "--allow-missing"]
+    for content, told in (
+        ("matrix = [[1,0,99999],[0,1,99999],[0,0,1]]\n", "no LIDAR return falls on the image"),
+        ("pairs = 5\n", "too few pairs of points"),
+        (
+            "".join(f"[[pairs]]\nlidar = [{n}, {n}]\nimage = [{n}, {n}]\n" for n in range(4)),
+            "the points lie on one line",
+        ),
+    ):
+        registration.write_text(content)
+        done = dfdbench(*build)
+        assert (done.status, told in done.err) == (2, True), done.err
+        assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize("altitude", ["nan", "900"])
+def test_beams_that_point_nowhere_are_told(tmp_path: Path, altitude: str) -> None:
+    from dfdbench.errors import SourceError
+    from dfdbench.lidar_files import read_beams
+
+    path = tmp_path / "beams.csv"
+    path.write_text(f"beam,altitude_deg,azimuth_deg,azimuth_index\n0,{altitude},3.1,18\n")
+    with pytest.raises(SourceError, match="altitude within 90 degrees"):
+        read_beams(path)
