@@ -114,9 +114,11 @@ class RealworldFolder:
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
         """Return what is wrong with the scenes that are there, and how to go on."""
-        lines = [f"mend what is named below; --allow-missing accepts {len(self._scenes)} scenes"]
         if not self.problems:
             return "add the scenes that are missing; --allow-missing accepts what is there"
+        whole = sum(bool(exposures) for exposures, _ in self._checked.values())
+        accepted = f"; --allow-missing builds the {whole} scenes that can be" if whole else ""
+        lines = [f"mend what is named below{accepted}"]
         for number, problem in enumerate(self.problems, start=1):
             lines.append(f"{number}. {problem}")
         return "\n".join(lines)
