@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +11,7 @@ import typer
 from dfdbench.blur import RECIPES
 from dfdbench.board_folder import LEADERBOARD, require_leaderboard
 from dfdbench.check import check_method
-from dfdbench.cli.options import Cache, Scheduler, pool_of_processes
+from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError, Problem
 from dfdbench.evaluate import run_method
@@ -71,7 +70,7 @@ def run(
         _refuse_what_cannot_be_submitted(limit)
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
-    loaded = load_for(data, method, _parameters(param), seed)
+    loaded = load_for(data, method, values_of(param, "--param"), seed)
     folder = out or Path("results") / f"{data.path.stem}-{split}" / _folder_name(method, param)
     with progress(f"running {method}") as step:
         done = run_method(
@@ -120,7 +119,7 @@ def check_method_command(
         "training_mean": lambda: 128.0,
         "seed": lambda: 0,
     }
-    trials = check_method(load_method(method, _parameters(param), offers))
+    trials = check_method(load_method(method, values_of(param, "--param"), offers))
     rows = tuple(
         (
             "FAIL" if trial.error else "odd" if trial.warning else "ok",
@@ -153,23 +152,6 @@ def _submit(result: Result) -> None:
         say(f"submission   {path}")
     if not result.complete:
         say("not every pair was evaluated: the leaderboard lists this run without a rank")
-
-
-def _parameters(given: list[str] | None) -> dict[str, Any]:
-    parameters: dict[str, Any] = {}
-    problems = []
-    for text in given or []:
-        name, equals, value = text.partition("=")
-        if not name or not equals:
-            problems.append(Problem("not a parameter", "--param", "NAME=VALUE", text))
-            continue
-        try:
-            parameters[name] = json.loads(value)
-        except json.JSONDecodeError:
-            parameters[name] = value
-    if problems:
-        raise InputError(problems)
-    return parameters
 
 
 def _folder_name(method: str, param: list[str] | None) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -24,6 +25,40 @@ Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="A dask.distributed scheduler, as tcp://node1:8786."),
 ]
+
+
+def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
+    """Return what a repeated ``NAME=VALUE`` option asks for, values as `value_of` reads them.
+
+    Raises
+    ------
+    InputError
+        Where one has no name or no value; all of them are named.
+
+    Examples
+    --------
+    >>> values_of(["noise=2", "schedule=cosine"], "--set")
+    {'noise': 2, 'schedule': 'cosine'}
+    """
+    values = {}
+    problems = []
+    for text in given or []:
+        name, equals, value = text.partition("=")
+        if name and equals:
+            values[name] = value_of(value)
+        else:
+            problems.append(Problem("not a NAME=VALUE", option, "NAME=VALUE", text))
+    if problems:
+        raise InputError(problems)
+    return values
+
+
+def value_of(text: str) -> Any:
+    """Return text read as JSON where it is JSON, else as it is."""
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        return text
 
 
 def pool_of(workers: int | None, scheduler: str | None = None) -> Pool:

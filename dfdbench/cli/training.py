@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dfdbench.cli.options import Cache
+from dfdbench.cli.options import Cache, value_of, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.errors import InputError, Problem
 from dfdbench.extras import needed
@@ -85,7 +84,7 @@ def train(
         from dfdbench.training.trainer import train as train_task
     use_threads(threads)
     store = open_store(dataset, cache=cache)
-    configuration = read_configuration(config, changes_of(changes))
+    configuration = read_configuration(config, values_of(changes, "--set"))
     if weights and not weights.is_file():
         raise InputError(Problem("no such weights", str(weights)))
     task = task_of(method.value, store, configuration, split, fold, seed, weights)
@@ -139,8 +138,8 @@ def experiment(
     store = open_store(dataset, cache=cache)
     folder = out or Path("training") / f"{store.path.stem}-experiments" / f"{name}-{method.value}"
     planned = trials(
-        asked, method.value, store, config, changes_of(changes), folder,
-        [_value(text) for text in values.split(",")] if values else None, repeats,
+        asked, method.value, store, config, values_of(changes, "--set"), folder,
+        [value_of(text) for text in values.split(",")] if values else None, repeats,
     )  # fmt: skip
     cards = []
     for number, trial in enumerate(planned, 1):
@@ -168,13 +167,6 @@ def _stepping(
         bar(done, steps)
 
     return step
-
-
-def _value(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError:
-        return text
 
 
 def use_threads(threads: int | None) -> None:
@@ -219,32 +211,6 @@ def seconds_of(text: str | None) -> float | None:
         raise InputError(Problem("not a duration", "--max-time", "as 90s, 30m, 1h30m", text))
     units = zip(parts.groups(), _SECONDS.values(), strict=True)
     return sum(float(part or 0) * unit for part, unit in units)
-
-
-def changes_of(given: list[str] | None) -> dict[str, Any]:
-    """Return what ``--set NAME=VALUE`` asks for; values are read as JSON where they are JSON.
-
-    Raises
-    ------
-    InputError
-        Where one has no name or no value.
-
-    Examples
-    --------
-    >>> changes_of(["noise=2", "schedule=cosine"])
-    {'noise': 2, 'schedule': 'cosine'}
-    """
-    changes: dict[str, Any] = {}
-    problems = []
-    for text in given or []:
-        name, equals, value = text.partition("=")
-        if not name or not equals:
-            problems.append(Problem("not a choice", "--set", "NAME=VALUE", text))
-            continue
-        changes[name] = _value(value)
-    if problems:
-        raise InputError(problems)
-    return changes
 
 
 def _prepare(folder: Path, resume: bool, fresh: bool, started: bool) -> None:
