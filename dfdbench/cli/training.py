@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
@@ -21,6 +20,7 @@ from dfdbench.tables import Format, Table, render
 
 if TYPE_CHECKING:
     from dfdbench.methods.weights import Card
+    from dfdbench.training.checkpoint import TrainingFolder
 
 _SECONDS = {"h": 3600, "m": 60, "s": 1}
 
@@ -91,7 +91,7 @@ def train(
     name = f"{method.value}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     trained = f"all-but-{fold}" if fold else split
     folder = out or Path("training") / f"{store.path.stem}-{trained}" / name
-    _prepare(folder, resume, fresh, TrainingFolder(folder).started)
+    _prepare(TrainingFolder(folder), resume, fresh)
     with progress(f"training {method.value}", "--resume goes on from the last checkpoint") as bar:
         outcome = train_task(task, folder, limit, device, _stepping(bar))
     log = TrainingFolder(folder)
@@ -213,11 +213,12 @@ def seconds_of(text: str | None) -> float | None:
     return sum(float(part or 0) * unit for part, unit in units)
 
 
-def _prepare(folder: Path, resume: bool, fresh: bool, started: bool) -> None:
+def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
+    folder, started = training.path, training.started
     if resume and fresh:
         raise InputError(Problem("--resume goes on, --fresh starts anew", fix="choose one"))
     if fresh and started:
-        shutil.rmtree(folder)
+        training.clear()
     elif resume and not started:
         raise InputError(
             Problem("no checkpoint to go on from", str(folder), fix="leave --resume out")

@@ -52,6 +52,12 @@ class TrainingFolder:
         """True where there is something to go on from."""
         return (self.path / _CHECKPOINT).exists()
 
+    def clear(self) -> None:
+        """Remove what an earlier training left to go on from; other files are not touched."""
+        card = Path(WEIGHTS).with_suffix(".md").name
+        for name in (_CHECKPOINT, WEIGHTS, card, _LOSSES, _SCORES, LEVELS):
+            (self.path / name).unlink(missing_ok=True)
+
     def save(self, identity: Mapping[str, Any], state: Mapping[str, Any], new: Log) -> None:
         """Add to the log, then put the new checkpoint in place of the old one.
 

@@ -43,7 +43,10 @@ def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Store) -> N
     assert resumed.status == 0, resumed.err
     assert "4, ended by its number of steps" in resumed.out
     assert dfdbench(*train, "--resume", "--fresh").status == 2
+    beside = Path("training/tiny-train/dfd-net-published/notes.txt")
+    beside.write_text("keep")
     assert dfdbench(*train, "--fresh").status == 0
+    assert beside.read_text() == "keep"
     Path("other").mkdir()
     Path("other/precious.txt").write_text("keep")
     taken = dfdbench(*train, "--out", "other", "--fresh")
