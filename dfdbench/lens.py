@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from dfdbench.errors import InputError, Problem, SourceError
 
 _TABLE = "realworld-1/lens_blur_radius_px.csv"
+_LAYOUT = "a heading step,0.4,0.5,... and a row a voltage step"
 
 
 @dataclass(frozen=True)
@@ -128,8 +129,11 @@ def read_lens_table(path: Path | None = None) -> LensTable:
         text = path.read_text("utf-8") if path else shipped.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise SourceError(
-            Problem("cannot read the lens table", str(path), got=str(error))
-        ) from error
+            Problem(
+                "cannot read the lens table", str(path), f"a CSV file: {_LAYOUT}",
+                getattr(error, "strerror", None) or str(error),
+            )
+        ) from error  # fmt: skip
     return parse_lens_table(text, str(path or _TABLE))
 
 
@@ -145,7 +149,7 @@ def parse_lens_table(text: str, where: str) -> LensTable:
     if len(rows) < 2 or rows[0][0].strip() != "step" or len(rows[0]) < 3:
         raise SourceError(
             Problem(
-                "not a lens table", where, "a heading step,0.4,0.5,... and a row a voltage step",
+                "not a lens table", where, _LAYOUT,
                 ",".join(rows[0][:4]) if rows else "an empty file",
             )
         )  # fmt: skip

@@ -106,27 +106,42 @@ def read_beams(path: Path | None = None) -> Beams:
         raise SourceError(
             Problem("column is missing", where, ",".join(_COLUMNS), ", ".join(missing) + " absent")
         )
-    problems, rows = [], []
-    for line, row in enumerate(reader, start=2):
-        try:
-            altitude, azimuth = float(row["altitude_deg"]), float(row["azimuth_deg"])
-            if not (abs(altitude) <= 90 and abs(azimuth) <= 360):
-                raise ValueError
-            rows.append((altitude, azimuth, int(row["azimuth_index"])))
-        except (TypeError, ValueError):
-            told = ", ".join(f"{name} {row[name]}" for name in _COLUMNS)
-            problems.append(
-                Problem(
-                    "not a beam", f"{where}: line {line}",
-                    "altitude within 90 degrees, azimuth within 360, a whole azimuth_index", told,
-                )
-            )  # fmt: skip
-    if not rows and not problems:
-        problems.append(Problem("no beam", where, "a line a beam"))
+    rows = list(reader)
+    if not rows:
+        raise SourceError(Problem("no beam", where, "a line a beam"))
+    problems: list[Problem] = []
+    altitudes = _column(rows, "altitude_deg", 90, where, problems)
+    azimuths = _column(rows, "azimuth_deg", 360, where, problems)
+    indices = _column(rows, "azimuth_index", None, where, problems)
     if problems:
         raise SourceError(problems)
-    altitudes, azimuths, indices = zip(*rows, strict=True)
     return Beams(np.array(altitudes), np.array(azimuths), np.array(indices, np.int64))
+
+
+def _column(
+    rows: list[dict[str, str]], name: str, limit: int | None, where: str, problems: list[Problem]
+) -> list[float]:
+    """Return a column's numbers: whole ones, or degrees within a limit; one problem tells all."""
+    numbers: list[float] = []
+    wrong: list[tuple[int, str | None]] = []
+    for line, row in enumerate(rows, start=2):
+        try:
+            number = int(row[name]) if limit is None else float(row[name])
+            if limit is not None and not abs(number) <= limit:
+                raise ValueError
+        except (TypeError, ValueError):
+            wrong.append((line, row[name]))
+        else:
+            numbers.append(number)
+    if wrong:
+        line, first = wrong[0]
+        more = f", and {len(wrong) - 1} more lines" if len(wrong) > 1 else ""
+        expected = "whole numbers" if limit is None else f"degrees, {limit} at most"
+        got = "nothing" if first is None else first
+        problems.append(
+            Problem(f"not the {name} of a beam", f"{where}: line {line}{more}", expected, got)
+        )
+    return numbers
 
 
 def _load_array(path: Path) -> NDArray[np.int32]:

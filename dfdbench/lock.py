@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import socket
@@ -53,7 +54,10 @@ def hold(location: UPath, taken: DfdbenchError, lease: float = LEASE) -> Iterato
         try:
             lock.acquire(timeout=0)
         except filelock.Timeout as error:
-            raise taken from error
+            if exists(location):
+                raise taken from error
+            # No file was made, so nobody holds it: the folder takes none.
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(location)) from error
         try:
             yield lambda: None
         finally:

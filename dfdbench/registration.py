@@ -32,7 +32,8 @@ _MOVED = 5.0  # pixels that scenes may differ by themselves and still be of one 
 _GIVEN_UP = 0.01  # how much of its own agreement a scene may give up for the rig's pose
 _SOFTNESS = (2.0, 0.5)  # pixels: first to find the place, then to settle in it
 _SLIDE = np.arange(0, 20.1, 0.25)  # pixels
-_DIRECTIONS = ((0, -1), (0, 1), (-1, 0), (1, 0))
+#: To the side, down, and turned about the image's middle, in all combinations.
+_MOVES = tuple(move for move in product((-1, 0, 1), repeat=3) if any(move))
 _MORE_WRONG = 2  # rays
 
 
@@ -66,7 +67,8 @@ class Registration:
         Share of the rays near the board's outline that fall on their side of it; None where the
         image shows too little of the board to tell.
     known_to : float
-        How far the boards can be moved up, down or aside until more rays disagree, in pixels.
+        How far the depth map can be moved and turned until more rays disagree: pixels at the
+        corner of the image that goes farthest.
     boards : int
         How many boards told the pose.
     """
@@ -153,7 +155,7 @@ def register(
             on_scene(number, len(sightings))
     members = _of_one_rig(fitted, rig)
     boards = list(members.values())
-    known_to = _known_to(boards, rig)
+    together = _known_to(boards, rig)
     found = {}
     for name, sighting in sightings.items():
         if name in fitted and name not in members:
@@ -163,7 +165,7 @@ def register(
             one = members.get(name) or _under(boards[0].pose, sighting, rig)
             if name in members or not one.outline.size or one.agreement >= _AGREED:
                 problems.pop(name, None)
-                found[name] = _registration(one, known_to, len(boards), rig)
+                found[name] = _registration(one, together, len(boards), rig)
     return found, problems
 
 
@@ -260,20 +262,37 @@ def _near(rays: Rays, outline: Floats, pose: Pose, rig: Rig) -> tuple[Floats, Ma
 
 
 def _known_to(boards: Sequence[_Fitted], rig: Rig) -> float:
-    """Return how far all boards can be moved up, down or aside until more rays are wrong."""
-    wrong = np.zeros((len(_DIRECTIONS), _SLIDE.size))
+    """Return how far all boards can be moved and turned until more rays are wrong, in pixels."""
+    wrong = np.zeros((len(_MOVES), _SLIDE.size))
     for board in boards:
         rays = board.sighting.rays
         distance, near = _near(rays, board.outline, board.pose, rig)
         near &= np.abs(distance) <= _SLIDE[-1]
         places = rig.project(board.pose.to_camera(rays.points[near], rig))
         distances = places @ board.outline[:, :2].T + board.outline[:, 2]
-        for number, direction in enumerate(_DIRECTIONS):
-            along = board.outline[:, :2] @ np.array(direction)
-            moved = (distances[..., np.newaxis] + along[:, np.newaxis] * _SLIDE).min(axis=1)
+        for number, move in enumerate(_MOVES):
+            along = _displacements(places, move, rig) @ board.outline[:, :2].T
+            moved = (distances[..., np.newaxis] + along[..., np.newaxis] * _SLIDE).min(axis=1)
             wrong[number] += ((moved > 0) != rays.hit[near][:, np.newaxis]).sum(axis=0)
     free = np.logical_and.accumulate(wrong <= wrong[:, :1] + _MORE_WRONG, axis=1)
-    return float(_SLIDE[free.sum(axis=1) - 1].max())
+    first_too_far = np.minimum(free.sum(axis=1), _SLIDE.size - 1)
+    return float(_SLIDE[first_too_far].max())
+
+
+def _displacements(places: Floats, move: tuple[int, ...], rig: Rig) -> Floats:
+    """Return where a move takes places; the corner of the crop that goes farthest goes a pixel."""
+    height, width = rig.frame_size
+    half = rig.crop_size / 2
+    across, down, turn = move
+    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+
+    def moved(offsets: Floats) -> Floats:
+        turned = np.stack([-offsets[..., 1], offsets[..., 0]], axis=-1)
+        return np.asarray([across, down] + turn * turned / (half * np.sqrt(2)))
+
+    corners = half * np.array([[-1.0, -1], [1, -1], [-1, 1], [1, 1]])
+    farthest = np.linalg.norm(moved(corners), axis=-1).max()
+    return np.asarray(moved(places - middle) / farthest)
 
 
 def _inside(places: Floats, outline: Floats) -> Floats:

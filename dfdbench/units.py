@@ -7,11 +7,14 @@ import re
 
 from dfdbench.errors import InputError, Problem
 
+#: A longer one is a slip of the unit.
+LARGEST_PIXEL = "1mm"
+
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 
 
-def parse_length(text: str, where: str, unit: str = "") -> float:
+def parse_length(text: str, where: str, unit: str = "", at_most: str = "") -> float:
     """Return a length in metres.
 
     Parameters
@@ -22,11 +25,13 @@ def parse_length(text: str, where: str, unit: str = "") -> float:
         What the length is, for the message: an option, say.
     unit : str, optional
         The unit of a number that bears none; by default such a number is refused.
+    at_most : str, optional
+        The longest that can be meant, as a length with its unit.
 
     Raises
     ------
     InputError
-        Where the text is no positive length, or its unit is not known.
+        Where the text is no positive length, its unit is not known, or it is too long.
 
     Examples
     --------
@@ -41,4 +46,7 @@ def parse_length(text: str, where: str, unit: str = "") -> float:
         raise InputError(
             Problem("not a length", where, "a positive number and a unit: 9.6mm, 0.5m, 4.8um", text)
         )
-    return number * _METRES[found]
+    length = number * _METRES[found]
+    if at_most and length > parse_length(at_most, where):
+        raise InputError(Problem("too long", where, f"{at_most} at most", text))
+    return length

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from upath import UPath
@@ -90,3 +91,9 @@ def test_a_lease_is_renewed_and_its_loss_is_noticed(place: Callable[[str], UPath
             check()
     # Another's lock is not removed.
     assert json.loads(lock.read_bytes())["owner"] == "other"
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that takes no file")
+def test_a_folder_that_takes_no_file_is_not_told_as_held_by_another() -> None:
+    with pytest.raises(OSError), hold(UPath("/proc/no.lock"), TAKEN):  # noqa: PT011
+        pass

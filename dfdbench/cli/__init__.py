@@ -18,8 +18,9 @@ from dfdbench.cli import (
     leaderboard,
     methods,
     optics,
-    realworld,
+    registering,
     reports,
+    simulation,
     splits,
     training,
 )
@@ -51,9 +52,9 @@ app.add_typer(cache_app, name="cache")
 app.command()(reports.report)
 app.command()(reports.compare)
 app.add_typer(leaderboard.app, name="leaderboard")
-app.command("register")(realworld.register_scenes)
+app.command("register")(registering.register_scenes)
 app.add_typer(optics.app, name="optics", no_args_is_help=True)
-app.add_typer(realworld.simulate_app, name="simulate", no_args_is_help=True)
+app.add_typer(simulation.app, name="simulate", no_args_is_help=True)
 app.command()(coverage.coverage)
 app.command()(splits.split)
 app.command()(difficulty.difficulty)

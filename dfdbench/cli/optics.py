@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -17,10 +18,11 @@ from dfdbench.lens import StepPair, rank_pairs, read_lens_table
 from dfdbench.lens_captures import Measurement, read_lens_captures
 from dfdbench.optics import ThinLens
 from dfdbench.tables import Table
-from dfdbench.units import parse_length
+from dfdbench.units import LARGEST_PIXEL, parse_length
 
 app = typer.Typer(help="What a lens does to a point, and which voltage steps make a good pair.")
 
+_OPTIONS = {"f_number": "--f-number", "focus_distance": "--focus"}
 _ROWS = 20
 _DRAWN = 3
 
@@ -37,15 +39,22 @@ def blur(
     out: Annotated[Path, typer.Option(help="Where the curve is drawn.")] = Path("blur.png"),
 ) -> None:
     """Print a thin lens's blur by distance and draw the curve (thesis, Fig. 2.5)."""
-    lens = ThinLens(
-        f_number,
-        parse_length(focal_length, "--focal-length"),
-        parse_length(focus, "--focus"),
-        parse_length(pixel, "--pixel"),
-    )
+    try:
+        lens = ThinLens(
+            f_number,
+            parse_length(focal_length, "--focal-length"),
+            parse_length(focus, "--focus"),
+            parse_length(pixel, "--pixel", at_most=LARGEST_PIXEL),
+        )
+    except InputError as error:
+        problems = error.problems
+        raise InputError(
+            [replace(p, where=_OPTIONS.get(p.where, p.where)) for p in problems]
+        ) from None
     near, far = _range(range)
-    print_table(_blur_table(lens, near, far))
+    # A figure that cannot be kept is told before anything is printed.
     save_figure(blur_figure(lens, near, far), out)
+    print_table(_blur_table(lens, near, far))
 
 
 @app.command()
@@ -71,8 +80,8 @@ def pairs(
                 got=f"{near:g} to {far:g} m", fix="choose a narrower range",
             )
         )  # fmt: skip
-    print_table(_pair_table(ranked, limit))
     save_figure(pair_figure(table, ranked[:_DRAWN]), out)
+    print_table(_pair_table(ranked, limit))
 
 
 @app.command()

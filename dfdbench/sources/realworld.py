@@ -66,7 +66,9 @@ class RealworldFolder:
     @property
     def problems(self) -> tuple[Problem, ...]:
         """All that keeps pairs from being built, of every scene that is there."""
-        return tuple(problem for _, problems in self._checked.values() for problem in problems)
+        # Scenes may share a calibration: what is wrong with it is one problem.
+        found = (problem for _, problems in self._checked.values() for problem in problems)
+        return tuple(dict.fromkeys(found))
 
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return the pairs whose images and depth map are there and whole."""

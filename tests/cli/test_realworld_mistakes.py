@@ -42,6 +42,43 @@ def test_a_lens_table_without_numbers_is_told(dfdbench: Command, cell: str) -> N
     assert dfdbench("optics", "pairs", "--lens", "lens.csv").status == 2
 
 
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["--pixel", "4.8m"], "1mm at most"),
+        (["--f-number", "-1"], "--f-number"),
+        (["--focus", "1mm"], "--focus"),
+        (["--out", "blur.jpg"], "figures are PNG files"),
+    ],
+)
+def test_a_lens_that_cannot_be_is_told_by_its_options(
+    dfdbench: Command, given: list[str], told: str
+) -> None:
+    lens = {"--f-number": "3.7", "--focal-length": "9.6mm", "--focus": "0.5m", "--pixel": "4.8um"}
+    lens |= dict([given])
+    done = dfdbench("optics", "blur", *(text for option in lens.items() for text in option))
+    assert (done.status, told in done.err, done.out) == (2, True, ""), done.err
+
+
+def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
+    few = ["simulate", "realworld", "--steps", "135", "--exposures", "40"]
+    assert dfdbench(*few, "--out", "raw", "--scenes", "k01,k03").status == 0
+    alone = dfdbench("register", "k03", "--source", "raw")
+    assert (alone.status, "leave open where the board lies" in alone.out) == (0, True)
+    off = dfdbench("register", "k03", "--source", "raw", "--fresh", "--focal-length", "80mm")
+    assert (off.status, "kept" in off.out) == (2, False)
+    Path("raw/k03/registration.toml").write_text("matrix = [[1,0,99999],[0,1,99999],[0,0,1]]\n")
+    done = dfdbench("register", "k03", "--source", "raw")
+    assert (done.status, "no LIDAR return falls on the image" in done.err) == (2, True)
+    head = "beam,altitude_deg,azimuth_deg,azimuth_index\n"
+    Path("raw/beams.csv").write_text(head + "".join(f"{n},x,3.1,18\n" for n in range(64)))
+    for verb in (["register", "all"], ["build", "realworld", "--allow-missing"]):
+        done = dfdbench(*verb, "--source", "raw")
+        assert done.status == 2
+        assert done.err.count("not the altitude_deg of a beam") == 1, done.err
+        assert "line 2, and 63 more lines" in done.err
+
+
 def test_depth_maps_without_a_known_pixel_are_not_built(dfdbench: Command) -> None:
     assert dfdbench(*SIMULATE, "--out", "raw", "--scenes", "k03").status == 0
     assert dfdbench("register", "k03", "--source", "raw").status == 0
@@ -68,5 +105,5 @@ def test_beams_that_point_nowhere_are_told(tmp_path: Path, altitude: str) -> Non
 
     path = tmp_path / "beams.csv"
     path.write_text(f"beam,altitude_deg,azimuth_deg,azimuth_index\n0,{altitude},3.1,18\n")
-    with pytest.raises(SourceError, match="altitude within 90 degrees"):
+    with pytest.raises(SourceError, match="degrees, 90 at most"):
         read_beams(path)
