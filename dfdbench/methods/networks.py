@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -165,6 +166,9 @@ class UNet(nn.Module):
             for below, here in zip(f[:0:-1], f[-2::-1], strict=True)
         )
         self.classify = nn.Conv2d(f[0], LEVELS, 1)
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
+                _start_as_published(module)
 
     @property
     def first(self) -> nn.Module:
@@ -254,6 +258,17 @@ def _double(before: int, after: int, size: int) -> nn.Module:
     )
 
 
+def _start_as_published(convolution: nn.Conv2d | nn.ConvTranspose2d) -> None:
+    # Ronneberger et al., section 3: without batch normalization, the signal keeps its size
+    # through the levels only where filters are drawn with a deviation of sqrt(2 / inputs).
+    inputs = convolution.in_channels
+    if isinstance(convolution, nn.Conv2d):
+        inputs *= convolution.kernel_size[0] * convolution.kernel_size[1]
+    nn.init.normal_(convolution.weight, std=math.sqrt(2 / inputs))
+    assert convolution.bias is not None
+    nn.init.zeros_(convolution.bias)
+
+
 def _two_convolutions(before: int, after: int) -> nn.Sequential:
     return nn.Sequential(
         nn.Conv2d(before, after, 3, padding=1), nn.ReLU(),
@@ -262,22 +277,31 @@ def _two_convolutions(before: int, after: int) -> nn.Sequential:
 
 
 @torch.no_grad()
-def start_from_differences(convolution: nn.Conv2d) -> None:
-    """Let a first convolution, still random, look for blur rather than for brightness.
+def start_from_differences(network: DfDNet | UNet, pixels: Tensor) -> None:
+    """Let a network, still random, look for blur rather than for brightness.
 
-    One half of the filters takes the difference of the two images, the other the in-focus
-    image's own detail: they no longer see how bright it is. Not of the thesis.
+    One half of the first filters takes the difference of the two images, the other the in-focus
+    image's own detail: they no longer see how bright it is. Both are small where brightness is
+    large; the filters are scaled so that each answers with a deviation of one (Mishkin and
+    Matas 2016), or a network without batch normalization would hardly notice them. Not of the
+    thesis.
 
     Parameters
     ----------
-    convolution : nn.Conv2d
-        From six channels; changed in place.
+    network : DfDNet or UNet
+        Its first convolution is changed in place.
+    pixels : Tensor
+        Images such as it will be trained on, shape (n, 6, y, x).
     """
+    convolution = network.first
+    assert isinstance(convolution, nn.Conv2d)
     weights = convolution.weight
     half = weights.shape[0] // 2
     weights[:half, 3:] = -weights[:half, :3]
     weights[half:, :3] -= weights[half:, :3].mean((2, 3), keepdim=True)
     weights[half:, 3:] = 0
+    answers = convolution(network.pixels(pixels.to(weights.device)))
+    weights /= answers.std((0, 2, 3)).clamp(min=1e-3).reshape(-1, 1, 1, 1)
 
 
 def fold_batch_norm(network: nn.Module) -> nn.Module:

@@ -51,6 +51,10 @@ class TrainingConfiguration(BaseModel):
         Pixels without ground truth: trained as the level they are stored with, or left out.
     initial_filters : {"random", "differences"}
         ``differences``: the first convolution starts from differences of the two images.
+    normalization : {"batch", "fixed"}
+        Of DfD-Net: by the means of each batch, or by those that the weights it begins with hold,
+        as in inference. Batches of few patches have means that say more about their textures
+        than about blur.
     label_width : float
         0: cross-entropy with the true level. Above: with a Gaussian of this standard deviation
         about it, in levels, so that near misses count as such.
@@ -84,6 +88,7 @@ class TrainingConfiguration(BaseModel):
     tilt: Annotated[float, Field(ge=0, le=8)] = 1.0
     unknown: Literal["level", "ignore"] = "level"
     initial_filters: Literal["random", "differences"] = "random"
+    normalization: Literal["batch", "fixed"] = "batch"
     label_width: Annotated[float, Field(ge=0, le=64)] = 0.0
     learning_rate: Positive = 1e-4
     weight_decay: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0005
@@ -138,7 +143,7 @@ class TrainingConfiguration(BaseModel):
         defaults = type(self).model_fields
         problems = [
             Problem("U-Net has no such choice", name, got=str(getattr(self, name)))
-            for name in ("sampling_size", "first_activation")
+            for name in ("sampling_size", "first_activation", "normalization")
             if getattr(self, name) != defaults[name].default
         ]
         if isinstance(self.filters, str):

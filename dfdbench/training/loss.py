@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -38,13 +40,32 @@ class LevelLoss:
 
     def __call__(self, logits: Tensor, levels: Tensor) -> Tensor:
         """Return the loss for logits, float (n, 256, y, x), and levels, int64 (n, y, x)."""
+        # A row a pixel: channels come last in memory already, so that this copies nothing.
+        rows = logits.float().permute(0, 2, 3, 1).reshape(-1, LEVELS)
+        flat = levels.flatten()
         if self._targets is None:
-            loss: Tensor = functional.cross_entropy(logits.float(), levels, ignore_index=IGNORED)
+            loss: Tensor = functional.cross_entropy(rows, flat, ignore_index=IGNORED)
             return loss
-        known = levels != IGNORED
-        chosen = levels.clamp(min=0)
-        logarithms = functional.log_softmax(logits.float(), 1)
-        targets = self._targets[chosen].permute(0, 3, 1, 2)
-        differences = -(targets * logarithms).sum(1) - self._entropy[chosen]
-        mean: Tensor = differences[known].mean()
-        return mean
+        if bool((flat == IGNORED).any()):
+            known = flat != IGNORED
+            rows, flat = rows[known], flat[known]
+        crossed: Tensor = _CrossEntropy.apply(rows, self._targets, flat)  # type: ignore[no-untyped-call]
+        level_loss: Tensor = crossed - self._entropy[flat].mean()
+        return level_loss
+
+
+class _CrossEntropy(torch.autograd.Function):
+    # The gradient is softmax less target: taken at once, it costs a third of what autograd's
+    # own steps through 256 levels a pixel do.
+    @staticmethod
+    def forward(ctx: Any, rows: Tensor, targets: Tensor, levels: Tensor) -> Tensor:
+        chosen = targets.index_select(0, levels)
+        logarithms = functional.log_softmax(rows, 1)
+        loss = -torch.dot(logarithms.flatten(), chosen.flatten()) / len(rows)
+        ctx.save_for_backward(logarithms.exp_().sub_(chosen).div_(len(rows)))
+        return loss
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
+        (gradient,) = ctx.saved_tensors
+        return gradient * gradients[0], None, None

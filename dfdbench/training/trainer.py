@@ -202,6 +202,14 @@ class _Session:
             raise InputError(
                 Problem("wrong crop", "crop", f"a multiple of {multiple}", str(choices.crop))
             )
+        if choices.normalization == "fixed" and task.start is None:
+            raise InputError(
+                Problem(
+                    "normalization fixed needs weights to begin with", "normalization",
+                    "weights that were trained with normalization batch",
+                    fix="give them with --weights FILE",
+                )
+            )  # fmt: skip
         images = TrainingImages.read(task.store, task.train, choices.unknown == "ignore")
         architecture["channel_means"] = images.channel_means()
         self._task = task
@@ -212,13 +220,16 @@ class _Session:
         self._network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._optimizer = torch.optim.Adam(
             _parameter_groups(self._network, choices.weight_decay), choices.learning_rate,
-            betas=choices.betas,
+            betas=choices.betas, fused=True,
         )  # fmt: skip
         self._schedule = schedule_of(choices)
         self._cropper = Cropper(
             images, choices.crop, choices.crops_per_step, choices.expansion == "eight",
             choices.noise, task.seed, _redraw(task, images),
         )  # fmt: skip
+        if choices.initial_filters == "differences" and task.start is None:
+            first_patches, _ = self._cropper.draw(0)
+            start_from_differences(self._network, first_patches)
         self._loss = LevelLoss(choices.label_width, device)
         self._present = images.count_levels()
         self._trained = np.zeros(256, np.int64)
@@ -260,7 +271,7 @@ class _Session:
         for group in self._optimizer.param_groups:
             group["lr"] = self._schedule.rate
         rate = self._schedule.rate
-        self._network.train()
+        self._network.train(self._task.configuration.normalization == "batch")
         bf16 = self._task.configuration.precision == "bf16"
         with torch.autocast(self._device.type, torch.bfloat16, enabled=bf16):
             logits = self._network(pixels)
@@ -349,8 +360,6 @@ def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(task.seed)
             network = build_network(task.method, architecture)
-        if task.configuration.initial_filters == "differences":
-            start_from_differences(network.first)  # type: ignore[arg-type]
         return network, ""
     network, card = load_weights(task.start, task.method)
     problems = [

@@ -129,13 +129,26 @@ def test_folding_changes_no_answer_and_leaves_one_normalization() -> None:
     assert kinds.count("BatchNorm2d") == 1  # after a sum, before no convolution
 
 
-def test_filters_from_differences_do_not_see_brightness() -> None:
-    convolution = DfDNet(SMALL).first
-    assert isinstance(convolution, torch.nn.Conv2d)
-    start_from_differences(convolution)
+@pytest.mark.parametrize("kind", ["dfd-net", "u-net"])
+def test_filters_from_differences_do_not_see_brightness(kind: str) -> None:
+    torch.manual_seed(0)
+    network = DfDNet(SMALL) if kind == "dfd-net" else UNet((4, 8, 16, 32, 64))
+    sharp = torch.randint(0, 256, (2, 3, 32, 32)).float()
+    pixels = torch.cat([sharp, sharp + torch.randn(2, 3, 32, 32)], 1)
+    start_from_differences(network, pixels)
     flat = torch.rand(1, 3, 1, 1).expand(1, 3, 9, 9)
-    answer = convolution(torch.cat([flat, flat], 1))[:, :, 1:-1, 1:-1]
-    assert answer.abs().max() < 1e-6
+    answer = network.first(torch.cat([flat, flat], 1))[:, :, 1:-1, 1:-1]
+    assert answer.abs().max() < 1e-4
+    # What is small in the images is as large in the answers as all else.
+    deviations = network.first(network.pixels(pixels)).std((0, 2, 3))
+    assert torch.allclose(deviations, torch.ones_like(deviations), atol=1e-3)
+
+
+def test_u_net_keeps_its_signals_size() -> None:
+    torch.manual_seed(0)
+    with torch.no_grad():
+        logits = UNet((16, 32, 64, 128, 256))(torch.rand(2, 6, 64, 64) * 255)
+    assert 0.05 < float(logits.std()) < 5
 
 
 def test_widths_are_divided_but_for_the_levels() -> None:

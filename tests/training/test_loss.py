@@ -40,6 +40,24 @@ def test_the_target_itself_costs_nothing(level: int) -> None:
     assert abs(float(loss(logits.reshape(1, 256, 1, 1), truth))) < 1e-4
 
 
+def test_its_gradient_is_that_of_its_definition() -> None:
+    torch.manual_seed(0)
+    width = 3.0
+    levels = torch.randint(0, 256, (2, 4, 5))
+    levels[0, 0, :2] = IGNORED
+    known = levels != IGNORED
+    places = torch.arange(256.0)
+    targets = torch.softmax(-(((places - levels[known][:, None]) / width) ** 2) / 2, 1)
+    logits = torch.randn(2, 256, 4, 5, requires_grad=True)
+    logarithms = torch.log_softmax(logits.permute(0, 2, 3, 1)[known], 1)
+    expected = (targets * (targets.log().clamp(min=-1e4) - logarithms)).sum(1).mean()
+    (wanted,) = torch.autograd.grad(expected, logits)
+    found = LevelLoss(width, CPU)(logits, levels)
+    (gradient,) = torch.autograd.grad(found, logits)
+    assert torch.allclose(found, expected, rtol=1e-5)
+    assert torch.allclose(gradient, wanted, atol=1e-7)
+
+
 @pytest.mark.parametrize("width", [0, 4])
 def test_pixels_left_out_do_not_count(width: float) -> None:
     loss = LevelLoss(width, CPU)

@@ -132,6 +132,21 @@ def test_training_goes_on_from_weights_and_says_so(tiny_store: Store, tmp_path: 
         train(wider, tmp_path / "wider", device="cpu")
 
 
+def test_with_fixed_normalization_the_means_stay(tiny_store: Store, tmp_path: Path) -> None:
+    first = train(task(tiny_store), tmp_path / "first", device="cpu")
+    fine = replace(task(tiny_store, normalization="fixed"), start=first.weights)
+    second = train(fine, tmp_path / "second", device="cpu")
+    before, after = (
+        load_weights(outcome.weights, "dfd-net")[0].state_dict() for outcome in (first, second)
+    )
+    means = [name for name in before if "running" in name]
+    assert means
+    assert all(torch.equal(before[name], after[name]) for name in means)
+    assert any(not torch.equal(before[name], after[name]) for name in before)
+    with pytest.raises(InputError, match="needs weights to begin with"):
+        train(task(tiny_store, normalization="fixed"), tmp_path / "none", device="cpu")
+
+
 def test_what_cannot_be_trained(tiny_store: Store, tmp_path: Path) -> None:
     for changes, message in (
         ({"crop": 18}, "a multiple of 4"),
