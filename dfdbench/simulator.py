@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.lens import LensTable
-from dfdbench.lidar import Beams
 from dfdbench.photographs import normal_numbers, photograph
 from dfdbench.raycast import Board, Surface, Texture, View, cast
-from dfdbench.rig import Pose, Rig, beam_directions
+from dfdbench.rig.geometry import Pose, Rig, beam_directions
+from dfdbench.rig.lidar import Beams
 
 Floats = NDArray[np.float64]
 

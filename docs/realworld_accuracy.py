@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.lens import read_lens_table
-from dfdbench.lidar import average_scans, depth_image, warp
-from dfdbench.lidar_files import read_beams
-from dfdbench.registration import Sighting, register, sight
-from dfdbench.rig import Pose, Rig
+from dfdbench.rig.geometry import Pose, Rig
+from dfdbench.rig.lidar import average_scans, depth_image, warp
+from dfdbench.rig.lidar_files import read_beams
+from dfdbench.rig.registration import Sighting, register, sight
 from dfdbench.simulator import MOUNTED, SimulatedScene, defocus
 
 SEED = 2019

@@ -26,8 +26,8 @@ from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.mrf import Energy, published
 from dfdbench.parallel import Threads
-from dfdbench.registration import register, sight
-from dfdbench.registration_file import write_registration
+from dfdbench.rig.registration import register, sight
+from dfdbench.rig.registration_file import write_registration
 from dfdbench.simulated_captures import Settings, write_captures
 from dfdbench.sources import open_source
 from dfdbench.store import Store

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dfdbench.build import build_store
-from dfdbench.checksums import known_checksums
+from dfdbench.fetching.checksums import known_checksums
 from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.parallel import Threads

@@ -5,7 +5,7 @@ import pytest
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import InputError
 from dfdbench.manifest import Capture
-from dfdbench.registration_file import read_registration
+from dfdbench.rig.registration_file import read_registration
 from dfdbench.simulated_captures import Settings, write_captures
 
 FEW = Settings(steps=(135,), exposures=(30,), frames=1, scans=2)

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from dfdbench.lens import read_lens_table
-from dfdbench.lidar_files import read_beams
 from dfdbench.raycast import View
-from dfdbench.rig import Pose
+from dfdbench.rig.geometry import Pose
+from dfdbench.rig.lidar_files import read_beams
 from dfdbench.sharpness import spectrum_sum
 from dfdbench.simulator import SimulatedScene, defocus
 

@@ -20,11 +20,11 @@ from dfdbench.coverage_errors import (
     join_errors,
     scene_table,
 )
-from dfdbench.coverage_figures import coverage_figure, level_error_figure, mask_figure
 from dfdbench.coverage_record import CoverageRecord, compare
 from dfdbench.coverage_report import coverage_table, each_as_json, each_table, verdict_line
 from dfdbench.depths import Side, all_but, scene_histograms, side_of, sides_of
 from dfdbench.errors import InputError, Problem
+from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_figure
 from dfdbench.leaks import Leak, LeakError, LeakKind, find_leaks, leaks_between, scene_hashes
 from dfdbench.result import Result, load_result
 from dfdbench.run_folder import RESULT

@@ -15,7 +15,7 @@ from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError, Problem
 from dfdbench.evaluate import run_method
-from dfdbench.figures import draw_run
+from dfdbench.figures.runs import draw_run
 from dfdbench.methods import load_method
 from dfdbench.pair_evaluation import load_for
 from dfdbench.protocol import find_protocol

@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from dfdbench.cli.screen import print_table, save_figure
 from dfdbench.errors import InputError, Problem
-from dfdbench.figures_optics import blur_figure, pair_figure
-from dfdbench.figures_realworld import temperature_figure, voltage_figure
+from dfdbench.figures.captures import temperature_figure, voltage_figure
+from dfdbench.figures.optics import blur_figure, pair_figure
 from dfdbench.lens import StepPair, rank_pairs, read_lens_table
 from dfdbench.lens_captures import Measurement, read_lens_captures
 from dfdbench.optics import ThinLens

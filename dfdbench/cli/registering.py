@@ -12,16 +12,16 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from dfdbench.board_rays import board_rays
 from dfdbench.catalog import find_manifest
 from dfdbench.cli.captures import capture_of, chosen_scenes
 from dfdbench.cli.screen import print_table, progress, save_figure
 from dfdbench.errors import DfdbenchError, Problem, SourceError
-from dfdbench.figures_realworld import overlay_figure
-from dfdbench.lidar import Beams, depth_image, warp
-from dfdbench.registration import Registration, Sighting, register, sight
-from dfdbench.registration_file import NAME, read_registration, write_registration
-from dfdbench.rig import Pose, Rig
+from dfdbench.figures.captures import overlay_figure
+from dfdbench.rig.board_rays import board_rays
+from dfdbench.rig.geometry import Pose, Rig
+from dfdbench.rig.lidar import Beams, depth_image, warp
+from dfdbench.rig.registration import Registration, Sighting, register, sight
+from dfdbench.rig.registration_file import NAME, read_registration, write_registration
 from dfdbench.sharpness import sharpest
 from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
 from dfdbench.tables import Table

@@ -13,8 +13,8 @@ from dfdbench.board_folder import file_stems
 from dfdbench.change_tables import change_tables, changes_to_show
 from dfdbench.cli.answer import writing
 from dfdbench.cli.screen import print_table, progress, say
-from dfdbench.comparison_figures import change_figure
 from dfdbench.errors import InputError, Problem
+from dfdbench.figures.comparison import change_figure
 from dfdbench.page.html import write_html
 from dfdbench.page.markdown import write_markdown
 from dfdbench.protocol import find_protocol

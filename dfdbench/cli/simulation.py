@@ -13,7 +13,7 @@ from dfdbench.cli.answer import writing
 from dfdbench.cli.captures import capture_of, chosen_numbers, chosen_scenes
 from dfdbench.cli.screen import progress, say
 from dfdbench.errors import InputError, Problem
-from dfdbench.rig import Pose
+from dfdbench.rig.geometry import Pose
 from dfdbench.simulated_captures import Settings, write_captures
 from dfdbench.simulated_lens import write_lens_test
 from dfdbench.simulator import MOUNTED

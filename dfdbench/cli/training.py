@@ -77,7 +77,7 @@ def train(
     """Train a network; write its weights, a model card, a log and figures."""
     limit = seconds_of(max_time)
     with needed():
-        from dfdbench.figures_training import levels_figure, training_figure
+        from dfdbench.figures.training import levels_figure, training_figure
         from dfdbench.training.checkpoint import TrainingFolder
         from dfdbench.training.configuration import read_configuration
         from dfdbench.training.trainer import task_of
@@ -131,7 +131,7 @@ def experiment(
     """Train for each value and seed of an experiment of the thesis; a stopped one goes on."""
     limit = seconds_of(max_time)
     with needed():
-        from dfdbench.figures_training import experiment_figure
+        from dfdbench.figures.training import experiment_figure
         from dfdbench.training.experiments import find_experiment, run_trial, score_table, trials
     use_threads(threads)
     asked = find_experiment(name)

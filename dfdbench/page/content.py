@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from dfdbench.board_tables import lighting_table, ranking_table, runs_table
-from dfdbench.comparison_figures import lighting_figures, time_figure
 from dfdbench.errors import unknown_name
-from dfdbench.figures_groups import group_figures
+from dfdbench.figures.comparison import lighting_figures, time_figure
+from dfdbench.figures.groups import group_figures
 from dfdbench.leaderboard import Entry, boards
 from dfdbench.report import run_tables
 from dfdbench.report_scenes import scene_tables

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import jinja2
 
-from dfdbench.figures import panel_figure
+from dfdbench.figures.runs import panel_figure
 from dfdbench.files import write_whole
 from dfdbench.page.content import Content, gather
 from dfdbench.runs import SavedRun

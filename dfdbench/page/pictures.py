@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.figures import ERROR_LIMIT
+from dfdbench.figures.runs import ERROR_LIMIT
 
 _UNKNOWN = (191, 191, 191)
 _PHOTO_QUALITY = 80

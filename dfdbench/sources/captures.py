@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, SourceError
-from dfdbench.lidar import Beams, average_scans, depth_image, warp
-from dfdbench.lidar_files import read_beams, read_ranges
 from dfdbench.manifest import Capture
-from dfdbench.registration_file import NAME as REGISTRATION
-from dfdbench.registration_file import read_registration
-from dfdbench.rig import Rig
+from dfdbench.rig.geometry import Rig
+from dfdbench.rig.lidar import Beams, average_scans, depth_image, warp
+from dfdbench.rig.lidar_files import read_beams, read_ranges
+from dfdbench.rig.registration_file import NAME as REGISTRATION
+from dfdbench.rig.registration_file import read_registration
 
 Image = NDArray[np.uint8]
 Depth = tuple[NDArray[np.uint8], NDArray[np.bool_]]

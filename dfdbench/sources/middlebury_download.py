@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from dfdbench.archive import archive_members
-from dfdbench.checksums import (
+from dfdbench.errors import Problem, SourceError
+from dfdbench.fetching.archive import archive_members
+from dfdbench.fetching.checksums import (
     check_checksum,
     known_checksums,
     lock_name,
@@ -16,14 +17,13 @@ from dfdbench.checksums import (
     sha256,
     write_checksums,
 )
-from dfdbench.download import SET_ASIDE, Fate, Progress, WantedFile, fetch
-from dfdbench.errors import Problem, SourceError
+from dfdbench.fetching.download import SET_ASIDE, Fate, Progress, WantedFile, fetch
+from dfdbench.fetching.transfer import Patience
 from dfdbench.location import as_location
 from dfdbench.lock import hold
 from dfdbench.manifest import Manifest, Scene
 from dfdbench.png import decode_depth, decode_image, png_size
 from dfdbench.sources.middlebury import depth_name, image_name, is_default_lighting
-from dfdbench.transfer import Patience
 
 _NAMES_SHOWN = 10
 

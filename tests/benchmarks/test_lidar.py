@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from dfdbench.lidar import median_cross
+from dfdbench.rig.lidar import median_cross
 
 
 def plain(values: NDArray[np.float64], length: int) -> NDArray[np.float64]:

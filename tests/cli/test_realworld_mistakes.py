@@ -101,7 +101,7 @@ def test_depth_maps_without_a_known_pixel_are_not_built(dfdbench: Command) -> No
 @pytest.mark.parametrize("altitude", ["nan", "900"])
 def test_beams_that_point_nowhere_are_told(tmp_path: Path, altitude: str) -> None:
     from dfdbench.errors import SourceError
-    from dfdbench.lidar_files import read_beams
+    from dfdbench.rig.lidar_files import read_beams
 
     path = tmp_path / "beams.csv"
     path.write_text(f"beam,altitude_deg,azimuth_deg,azimuth_index\n0,{altitude},3.1,18\n")

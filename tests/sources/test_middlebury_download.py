@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 from dfdbench.build import build_store
-from dfdbench.checksums import known_checksums
 from dfdbench.errors import SourceError
+from dfdbench.fetching.checksums import known_checksums
+from dfdbench.fetching.transfer import Patience
 from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.sources import open_source
 from dfdbench.sources.middlebury_download import Download, download_middlebury
 from dfdbench.store import Store
-from dfdbench.transfer import Patience
 from tests.conftest import TINY_TOML
 from tests.site import Site, served
 

@@ -9,8 +9,8 @@ from dfdbench.blur import RECIPES, synthesize
 from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import SourceError
-from dfdbench.lidar_files import write_ranges
 from dfdbench.parallel import Threads
+from dfdbench.rig.lidar_files import write_ranges
 from dfdbench.sources import open_source
 from dfdbench.sources.captures import average_frames
 from dfdbench.sources.realworld import RealworldFolder

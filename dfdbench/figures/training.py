@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.figure_style import COLOURS
+from dfdbench.figures.style import COLOURS
 from dfdbench.methods.weights import Card
 from dfdbench.protocol import METRICS
 from dfdbench.training.checkpoint import Log, Row

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from dfdbench.errors import SourceError
-from dfdbench.lidar_files import read_beams, read_ranges, write_ranges
+from dfdbench.rig.lidar_files import read_beams, read_ranges, write_ranges
 
 scans = hnp.arrays(np.int32, hnp.array_shapes(min_dims=2, max_dims=2), elements=st.integers(0, 9))
 

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from dfdbench.board_outline import SEARCH, find_sides
-from dfdbench.board_rays import Mask, Rays, board_rays, expected_sides
 from dfdbench.errors import DfdbenchError, Problem, SourceError
-from dfdbench.lidar import Beams
-from dfdbench.rig import Pose, Rig
+from dfdbench.rig.board_outline import SEARCH, find_sides
+from dfdbench.rig.board_rays import Mask, Rays, board_rays, expected_sides
+from dfdbench.rig.geometry import Pose, Rig
+from dfdbench.rig.lidar import Beams
 
 Floats = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dfdbench.lidar import UPSAMPLING, Beams
+from dfdbench.rig.lidar import UPSAMPLING, Beams
 
 Floats = NDArray[np.float64]
 
@@ -117,12 +117,12 @@ def beam_directions(beams: Beams, columns: NDArray[np.int64], turn: int = 2048) 
 
 
 def depth_image_places(rows: int, columns: int) -> Floats:
-    """Return where each cell of the cropped scan lands in `dfdbench.lidar.depth_image`.
+    """Return where each cell of the cropped scan lands in `dfdbench.rig.lidar.depth_image`.
 
     Parameters
     ----------
     rows, columns : int
-        Of the scan after `dfdbench.lidar.crop_columns`.
+        Of the scan after `dfdbench.rig.lidar.crop_columns`.
 
     Returns
     -------

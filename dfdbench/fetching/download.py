@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from dfdbench.errors import Problem, SourceError
-from dfdbench.transfer import NotThereError, Patience, Transfer, UnreachableError
+from dfdbench.fetching.transfer import NotThereError, Patience, Transfer, UnreachableError
 
 #: Files fetched at once: the sites are universities' own, not content networks.
 CONNECTIONS = 4

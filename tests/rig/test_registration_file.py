@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import SourceError
-from dfdbench.registration_file import read_registration, write_registration
+from dfdbench.rig.registration_file import read_registration, write_registration
 
 CORNERS = np.array([[500.0, 300], [1200, 300], [1200, 1000], [500, 1000]])
 MATRIX = np.array([[0.97, 0.02, -500.0], [-0.01, 1.02, -310.0], [1e-5, -2e-5, 1.0]])

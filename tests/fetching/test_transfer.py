@@ -9,7 +9,7 @@ import pytest
 import trustme
 
 from dfdbench.errors import SourceError
-from dfdbench.transfer import NotThereError, Patience, Transfer, UnreachableError
+from dfdbench.fetching.transfer import NotThereError, Patience, Transfer, UnreachableError
 from tests.site import Site, served
 
 CONTENT = bytes(range(256)) * 4000

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dfdbench.comparison_figures import change_figure, lighting_figures, time_figure
+from dfdbench.figures.comparison import change_figure, lighting_figures, time_figure
 from dfdbench.runs import SavedRun
 from tests.results import limited, make_result
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.figure_style import depth_span
+from dfdbench.figures.style import depth_span
 from dfdbench.lens_captures import Measurement
 
 _BLUE, _ORANGE = "#0072B2", "#E69F00"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, SourceError
-from dfdbench.lidar import Beams
+from dfdbench.rig.lidar import Beams
 
 _OS1 = "realworld-1/os1_beams.csv"
 _COLUMNS = ("beam", "altitude_deg", "azimuth_deg", "azimuth_index")

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from dfdbench.board_rays import board_rays
 from dfdbench.errors import SourceError
-from dfdbench.lidar_files import read_beams
-from dfdbench.rig import Pose, Rig
+from dfdbench.rig.board_rays import board_rays
+from dfdbench.rig.geometry import Pose, Rig
+from dfdbench.rig.lidar_files import read_beams
 from dfdbench.simulator import SimulatedScene
 
 

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.lines import Line2D
 
 pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.figures_training import (
+from dfdbench.figures.training import (
     experiment_figure,
     levels_figure,
     training_figure,

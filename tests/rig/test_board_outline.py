@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.board_outline import find_sides
+from dfdbench.rig.board_outline import find_sides
 
 CORNERS = np.array([[60.0, 50], [340, 70], [330, 300], [70, 310]])
 MIDDLE = CORNERS.mean(axis=0)

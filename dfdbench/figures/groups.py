@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from dfdbench.figure_style import COLOURS, MARKERS, plain_text
+from dfdbench.figures.style import COLOURS, MARKERS, plain_text
 from dfdbench.manifest import Scene
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result

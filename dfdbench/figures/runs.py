@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.figure_style import COLOURS, MARKERS, depth_span, plain_text
-from dfdbench.figures_groups import group_figures
+from dfdbench.figures.groups import group_figures
+from dfdbench.figures.style import COLOURS, MARKERS, depth_span, plain_text
 from dfdbench.manifest import Pair
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result

@@ -1,6 +1,6 @@
 import numpy as np
 
-from dfdbench.figures_groups import group_figures
+from dfdbench.figures.groups import group_figures
 from dfdbench.manifest import Scene
 from tests.results import make_result
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from dfdbench.evaluate import run_method
-from dfdbench.figures import draw_run, score_figure
+from dfdbench.figures.runs import draw_run, score_figure
 from dfdbench.pair_evaluation import load_for
 from dfdbench.store import Store
 from tests.results import make_result

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.checksums import (
+from dfdbench.errors import SourceError
+from dfdbench.fetching.checksums import (
     check_checksum,
     known_checksums,
     lock_name,
@@ -13,7 +14,6 @@ from dfdbench.checksums import (
     sha256,
     write_checksums,
 )
-from dfdbench.errors import SourceError
 from dfdbench.manifest import Manifest
 
 

@@ -4,13 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.board_rays import board_rays
 from dfdbench.lens import read_lens_table
-from dfdbench.lidar import average_scans, depth_image, warp
-from dfdbench.lidar_files import read_beams
 from dfdbench.raycast import View
-from dfdbench.registration import Registration, Sighting, register, sight
-from dfdbench.rig import Pose, Rig
+from dfdbench.rig.board_rays import board_rays
+from dfdbench.rig.geometry import Pose, Rig
+from dfdbench.rig.lidar import average_scans, depth_image, warp
+from dfdbench.rig.lidar_files import read_beams
+from dfdbench.rig.registration import Registration, Sighting, register, sight
 from dfdbench.simulator import MOUNTED, SimulatedScene, defocus
 
 PLACES = np.array([[[10.0, 10], [620, 10], [620, 620], [10, 620], [315, 315]]])

@@ -6,7 +6,7 @@ from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 
 from dfdbench.errors import InputError
-from dfdbench.lidar import (
+from dfdbench.rig.lidar import (
     Beams,
     align_columns,
     average_scans,
@@ -20,7 +20,7 @@ from dfdbench.lidar import (
     upsample,
     warp,
 )
-from dfdbench.lidar_files import read_beams
+from dfdbench.rig.lidar_files import read_beams
 
 images = hnp.arrays(np.float64, (20, 24), elements=st.integers(0, 255).map(float))
 

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dfdbench.compare import PairChange
-from dfdbench.figure_style import COLOURS, MARKERS, plain_text
-from dfdbench.figures import ERROR_LIMIT
+from dfdbench.figures.runs import ERROR_LIMIT
+from dfdbench.figures.style import COLOURS, MARKERS, plain_text
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult
 from dfdbench.runs import SavedRun

@@ -1,0 +1,1 @@
+"""Files of others brought here: fetched, resumed, checked, unpacked."""

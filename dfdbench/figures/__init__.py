@@ -1,0 +1,1 @@
+"""Results, coverage, trainings, lenses and captures drawn as figures."""
