@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from dfdbench.methods.weights import Card
     from dfdbench.training.checkpoint import TrainingFolder
 
+_RESUMED = "--resume goes on from the last checkpoint, at most a minute back"
 _SECONDS = {"h": 3600, "m": 60, "s": 1}
 
 
@@ -33,10 +34,17 @@ class Network(StrEnum):
 
 
 MethodArgument = Annotated[Network, typer.Argument(help="What is trained.")]
-Configuration = Annotated[str, typer.Option("--config", help="A TOML file, or a shipped name.")]
+Configuration = Annotated[
+    str,
+    typer.Option(
+        "--config", help="A TOML file, or one of: published, demo, demo-fine, demo-u-net, quick."
+    ),
+]
 Changes = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="In place of the file's; repeatable."),
+    typer.Option(
+        "--set", metavar="NAME=VALUE", help="In place of the file's; docs/training.md names all."
+    ),
 ]
 MaxTime = Annotated[
     str | None, typer.Option(metavar="30m", help="Time at most, as 90s, 30m, 1h30m.")
@@ -50,14 +58,17 @@ def train(
     dataset: Annotated[
         str, typer.Option(help="A data set's name or a store's path.")
     ] = "middlebury",
-    split: Annotated[str, typer.Option(help="The split that trains.")] = "train",
+    split: Annotated[
+        str | None, typer.Option(help="The split that trains.", show_default="train")
+    ] = None,
     fold: Annotated[
         str | None, typer.Option(help="Train on all scenes but this fold's, or this scene.")
     ] = None,
     config: Configuration = "published",
     changes: Changes = None,
     weights: Annotated[
-        Path | None, typer.Option(help="Begin with these weights in place of random ones.")
+        str | None,
+        typer.Option(metavar="FILE", help="Begin with these weights in place of random ones."),
     ] = None,
     max_time: MaxTime = None,
     resume: Annotated[
@@ -66,7 +77,9 @@ def train(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Start anew; the folder's checkpoint is removed.")
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of weights, patches and noise.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**32 - 1, help="Of weights, patches and noise.")
+    ] = 0,
     out: Annotated[
         Path | None, typer.Option(help="Folder; default: training/DATASET-SPLIT/METHOD-CONFIG.")
     ] = None,
@@ -78,35 +91,46 @@ def train(
     limit = seconds_of(max_time)
     with needed():
         from dfdbench.figures.training import levels_figure, training_figure
-        from dfdbench.training.checkpoint import TrainingFolder
+        from dfdbench.methods.weights import find_weights
+        from dfdbench.training.checkpoint import LEVELS_FIGURE, TRAINING_FIGURE, TrainingFolder
         from dfdbench.training.configuration import read_configuration
         from dfdbench.training.trainer import task_of
         from dfdbench.training.trainer import train as train_task
     use_threads(threads)
     store = open_store(dataset, cache=cache)
     configuration = read_configuration(config, values_of(changes, "--set"))
-    if weights and not weights.is_file():
-        raise InputError(Problem("no such weights", str(weights)))
-    task = task_of(method.value, store, configuration, split, fold, seed, weights)
+    if split is not None and fold is not None:
+        raise InputError(
+            Problem("--split and --fold both say what trains", "--fold", fix="give one of them")
+        )
+    split = split or "train"
+    start = find_weights(method.value, weights) if weights else None
+    task = task_of(method.value, store, configuration, split, fold, seed, start)
     name = f"{method.value}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     trained = f"all-but-{fold}" if fold else split
     folder = out or Path("training") / f"{store.path.stem}-{trained}" / name
-    _prepare(TrainingFolder(folder), resume, fresh)
-    with progress(f"training {method.value}", "--resume goes on from the last checkpoint") as bar:
-        outcome = train_task(task, folder, limit, device, _stepping(bar))
+    _prepare(TrainingFolder(folder), resume, fresh, start)
+    with progress(f"training {method.value}", _RESUMED) as bar:
+        outcome = train_task(task, folder, limit, device, _stepping(bar), fresh)
     log = TrainingFolder(folder)
     title = f"{method.value}, {task.trained_on}, seed {seed}"
-    save_figure(training_figure(log.log(), title), folder / "training.png")
-    save_figure(levels_figure(log.levels(), title), folder / "depth_levels.png")
+    save_figure(training_figure(log.log(), title), folder / TRAINING_FIGURE)
+    save_figure(levels_figure(log.levels(), title), folder / LEVELS_FIGURE)
     print_table(card_table(outcome.card))
-    say(f"log          {folder / 'losses.csv'}, scores.csv, depth_levels.csv")
+    scores = "scores.csv, " if log.log().scores else ""
+    say(f"log          {folder / 'losses.csv'}, {scores}depth_levels.csv")
     say(f"weights      {outcome.weights}, and their card {outcome.weights.with_suffix('.md')}")
     say(f"next         dfdbench run --method {method.value} --dataset {dataset} "
         f"--param weights={outcome.weights}")  # fmt: skip
 
 
 def experiment(
-    name: Annotated[str, typer.Argument(help="repeatability, cross-validation, noise, ...")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="repeatability, cross-validation, patch-size, noise, sampling-size or expansion."
+        ),
+    ],
     method: Annotated[Network, typer.Option(help="What is trained.")] = Network.dfd_net,
     dataset: Annotated[
         str, typer.Option(help="A data set's name or a store's path.")
@@ -119,9 +143,11 @@ def experiment(
     repeats: Annotated[
         int | None, typer.Option(min=1, help="Trainings of each value; default: the thesis's.")
     ] = None,
-    max_time: MaxTime = None,
+    max_time: Annotated[
+        str | None, typer.Option(metavar="30m", help="Of each training at most, as 90s, 30m.")
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder; default: training/DATASET-experiments/NAME.")
+        Path | None, typer.Option(help="Folder; default: training/DATASET-experiments/NAME-METHOD.")
     ] = None,
     format: Annotated[Format, typer.Option(help="How the table is printed.")] = Format.table,
     device: Device = "auto",
@@ -139,7 +165,7 @@ def experiment(
     folder = out or Path("training") / f"{store.path.stem}-experiments" / f"{name}-{method.value}"
     planned = trials(
         asked, method.value, store, config, values_of(changes, "--set"), folder,
-        [value_of(text) for text in values.split(",")] if values else None, repeats,
+        _listed(values), repeats,
     )  # fmt: skip
     cards = []
     for number, trial in enumerate(planned, 1):
@@ -167,6 +193,15 @@ def _stepping(
         bar(done, steps)
 
     return step
+
+
+def _listed(text: str | None) -> list[Any] | None:
+    if text is None:
+        return None
+    values = [part.strip() for part in text.split(",")]
+    if not all(values):
+        raise InputError(Problem("not a list of values", "--values", "as 0,1,2", repr(text)))
+    return [value_of(value) for value in values]
 
 
 def use_threads(threads: int | None) -> None:
@@ -207,33 +242,42 @@ def seconds_of(text: str | None) -> float | None:
     if text is None:
         return None
     parts = re.fullmatch(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s)?", text)
-    if not text or not parts:
+    if not parts or not any(float(part or 0) for part in parts.groups()):
         raise InputError(Problem("not a duration", "--max-time", "as 90s, 30m, 1h30m", text))
     units = zip(parts.groups(), _SECONDS.values(), strict=True)
     return sum(float(part or 0) * unit for part, unit in units)
 
 
-def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
+def _prepare(training: TrainingFolder, resume: bool, fresh: bool, start: Path | None) -> None:
     folder, started = training.path, training.started
+    if folder.exists() and not folder.is_dir():
+        raise InputError(
+            Problem("not a folder", str(folder), fix="choose another place with --out DIR")
+        )
     if resume and fresh:
         raise InputError(Problem("--resume goes on, --fresh starts anew", fix="choose one"))
-    if fresh and started:
-        training.clear()
-    elif resume and not started:
-        raise InputError(
-            Problem("no checkpoint to go on from", str(folder), fix="leave --resume out")
-        )
-    elif started and not resume:
-        raise InputError(
-            Problem(
-                "there is a training already", str(folder),
-                fix="--resume goes on, --fresh starts anew, --out DIR takes another folder",
-            )
-        )  # fmt: skip
-    elif not started and folder.exists() and any(folder.iterdir()):
+    if training.foreign:
         raise InputError(
             Problem(
                 "the folder holds something else than a training", str(folder),
                 fix="choose another with --out DIR",
+            )
+        )  # fmt: skip
+    if fresh and start and start.resolve().parent == folder.resolve():
+        raise InputError(
+            Problem(
+                "--fresh would remove the weights to begin with", str(start),
+                fix="choose another folder with --out DIR",
+            )
+        )  # fmt: skip
+    if resume and not started:
+        raise InputError(
+            Problem("no checkpoint to go on from", str(folder), fix="leave --resume out")
+        )
+    if training.holds_files and not resume and not fresh:
+        raise InputError(
+            Problem(
+                "there is a training already", str(folder),
+                fix="--resume goes on, --fresh starts anew, --out DIR takes another folder",
             )
         )  # fmt: skip

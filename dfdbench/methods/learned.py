@@ -66,7 +66,8 @@ class DfDNetMethod(_Learned):
     device : str
         ``cpu``, ``cuda``, ``mps``, or ``auto`` for the fastest that there is.
     precision : {"float32", "bf16"}
-        ``bf16`` is faster on processors that have it, and changes a few pixels.
+        ``bf16`` is faster on processors that have it. Levels differ in many pixels, mean scores
+        little: docs/training.md has figures.
     tile : int, optional
         Cut images into tiles of this many rows and columns, to save memory.
 

@@ -98,6 +98,9 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
     )
     if weights is None:
         raise MethodError(Problem(f"{method} needs weights", "parameter weights", fix=fix))
+    if not isinstance(weights, str | Path):
+        got = str(weights)
+        raise MethodError(Problem("no such weights", "parameter weights", "a file", got, fix))
     if str(weights) in shipped:
         return shipped[str(weights)]
     path = Path(weights)
@@ -137,10 +140,18 @@ def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
         raise MethodError(
             Problem(
                 "weights of another architecture", str(path), method, card.method,
-                f"--method {card.method}",
+                f"use them with {card.method}",
             )
         )  # fmt: skip
-    network = build_network(method, card.architecture)
+    try:
+        network = build_network(method, card.architecture)
+    except TypeError as error:
+        raise MethodError(
+            Problem(
+                "the model card's architecture cannot be built", str(path), got=str(error),
+                fix="train again with this version, or use the version that wrote it",
+            )
+        ) from error  # fmt: skip
     _fill(network, tensors, path)
     return network.eval(), card
 
@@ -182,6 +193,15 @@ def _fill(network: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
                 )
                 for name in differ[:5]
             ]
+        )  # fmt: skip
+    broken = sorted(name for name, tensor in tensors.items() if not bool(tensor.isfinite().all()))
+    if broken:
+        raise MethodError(
+            Problem(
+                "the weights hold what is no number", str(path), "finite numbers",
+                f"nan or infinity in {', '.join(broken[:3])}",
+                "train again, with a lower learning_rate",
+            )
         )  # fmt: skip
     network.load_state_dict(tensors)
 

@@ -23,6 +23,18 @@ _CHECKPOINT = "checkpoint.pt"
 _LOSSES = "losses.csv"
 _SCORES = "scores.csv"
 LEVELS = "depth_levels.csv"
+TRAINING_FIGURE = "training.png"
+LEVELS_FIGURE = "depth_levels.png"
+_OWN = (
+    _CHECKPOINT, WEIGHTS, Path(WEIGHTS).with_suffix(".md").name, _LOSSES, _SCORES, LEVELS,
+    TRAINING_FIGURE, LEVELS_FIGURE,
+)  # fmt: skip
+#: What reading a damaged checkpoint comes to, by where it is damaged.
+_DAMAGED = (
+    pickle.UnpicklingError, RuntimeError, EOFError, ValueError, TypeError, LookupError,
+    AttributeError, OSError,
+)  # fmt: skip
+_LEAST = {"identity", "step"}
 
 Row = dict[str, Any]
 
@@ -52,10 +64,20 @@ class TrainingFolder:
         """True where there is something to go on from."""
         return (self.path / _CHECKPOINT).exists()
 
+    @property
+    def foreign(self) -> bool:
+        """True where there is something, and none of it is a training's."""
+        there = {file.name for file in self.path.iterdir()} if self.path.exists() else set()
+        return bool(there) and there.isdisjoint(_OWN)
+
+    @property
+    def holds_files(self) -> bool:
+        """True where a training left anything, if only a log."""
+        return any((self.path / name).exists() for name in _OWN)
+
     def clear(self) -> None:
-        """Remove what an earlier training left to go on from; other files are not touched."""
-        card = Path(WEIGHTS).with_suffix(".md").name
-        for name in (_CHECKPOINT, WEIGHTS, card, _LOSSES, _SCORES, LEVELS):
+        """Remove what an earlier training left; other files are not touched."""
+        for name in _OWN:
             (self.path / name).unlink(missing_ok=True)
 
     def save(self, identity: Mapping[str, Any], state: Mapping[str, Any], new: Log) -> None:
@@ -81,11 +103,13 @@ class TrainingFolder:
         path = self.path / _CHECKPOINT
         try:
             state = dict(torch.load(path, weights_only=True))
-        except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, TypeError) as error:
+            if state["version"] == VERSION and not state.keys() >= _LEAST:
+                raise KeyError("it lacks what a checkpoint holds")
+        except _DAMAGED as error:
             raise InputError(
                 Problem(
                     "the checkpoint cannot be read", str(path),
-                    got=str(error).partition("\n")[0] or "no content",
+                    got=str(error).partition("\n")[0][:100] or "no content",
                     fix="--fresh starts anew",
                 )
             ) from error  # fmt: skip

@@ -16,6 +16,8 @@ from dfdbench.methods.networks import UNET_FILTERS
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
+#: Wider than this no configuration can mean.
+_NARROWEST = 128
 
 
 class TrainingConfiguration(BaseModel):
@@ -76,20 +78,20 @@ class TrainingConfiguration(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    filters: str | list[int] | None = None
-    narrow: Count = 1
+    filters: str | Annotated[list[Count], Field(min_length=1)] | None = None
+    narrow: Annotated[int, Field(ge=1, le=_NARROWEST)] = 1
     sampling_size: Annotated[int, Field(ge=1, le=8)] = 2
     first_activation: Literal["prelu", "sigmoid"] = "prelu"
     crop: Annotated[int, Field(ge=16)] = 32
     crops_per_step: Count = 4
     expansion: Literal["eight", "one"] = "eight"
-    noise: Annotated[float, Field(ge=0, le=100)] = 0.0
+    noise: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = 0.0
     redraw_depth: bool = False
-    tilt: Annotated[float, Field(ge=0, le=8)] = 1.0
+    tilt: Annotated[float, Field(ge=0, le=8, allow_inf_nan=False)] = 1.0
     unknown: Literal["level", "ignore"] = "level"
     initial_filters: Literal["random", "differences"] = "random"
     normalization: Literal["batch", "fixed"] = "batch"
-    label_width: Annotated[float, Field(ge=0, le=64)] = 0.0
+    label_width: Annotated[float, Field(ge=0, le=64, allow_inf_nan=False)] = 0.0
     learning_rate: Positive = 1e-4
     weight_decay: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0005
     betas: tuple[Annotated[float, Field(ge=0, lt=1)], Annotated[float, Field(ge=0, lt=1)]] = (
@@ -213,4 +215,5 @@ def _problem(name: str, item: dict[str, Any]) -> Problem:
         return Problem("unknown choice", f"{name}: {where}", f"one of: {known}", where)
     got = "" if item["type"] == "value_error" else str(item["input"])
     what = "the configuration cannot be used"
-    return Problem(what, f"{name}: {where}" if where else name, item["msg"], got)
+    expected = item["msg"].removeprefix("Value error, ")
+    return Problem(what, f"{name}: {where}" if where else name, expected, got)

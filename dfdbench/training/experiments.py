@@ -18,7 +18,7 @@ from dfdbench.store import Store
 from dfdbench.tables import Table
 from dfdbench.training.checkpoint import WEIGHTS
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
-from dfdbench.training.trainer import Task, task_of, train
+from dfdbench.training.trainer import Task, require_trainable, task_of, train
 
 #: What an experiment changes where it changes no choice of the configuration.
 FOLD = "fold"
@@ -136,7 +136,7 @@ def trials(
     Raises
     ------
     InputError
-        Where a value is none that the configuration takes.
+        Where a value is none that the configuration takes, or the network cannot be trained.
     """
     chosen = tuple(values or experiment.values)
     if experiment.varies == FOLD:
@@ -153,13 +153,14 @@ def trials(
             )
         )  # fmt: skip
     found = []
-    for value in chosen:
+    # A value given twice is one value: its trainings would be counted twice.
+    for value in dict.fromkeys(chosen):
         fold = str(value) if experiment.varies == FOLD else None
         varied = {experiment.varies: value} if experiment.varies and not fold else {}
         configuration = read_configuration(config, {**changes, **varied})
-        configuration.architecture(method)
         for seed in range(repeats or experiment.repeats):
             task = task_of(method, store, configuration, "train", fold, seed)
+            require_trainable(task)
             name = "-".join(str(part) for part in (value, f"seed{seed}") if part != "")
             found.append(Trial(str(value), task, folder / name))
     return found

@@ -15,12 +15,11 @@ from torch import nn
 import dfdbench
 from dfdbench.depths import training_of
 from dfdbench.environment import describe_environment
-from dfdbench.errors import InputError, Problem, ResultError, StoreError
+from dfdbench.errors import InputError, Problem, ResultError, StoreError, unknown_name
 from dfdbench.manifest import Pair
 from dfdbench.methods.inference import find_device
 from dfdbench.methods.networks import start_from_differences
 from dfdbench.methods.weights import (
-    NETWORKS,
     Card,
     build_network,
     count_parameters,
@@ -108,6 +107,9 @@ def task_of(
     """
     manifest = store.manifest
     if fold is not None:
+        known = (*(item.name for item in manifest.folds), *manifest.scene_names)
+        if fold not in known:
+            raise unknown_name(f"fold or scene of {manifest.stem}", fold, known)
         scenes = training_of(manifest, fold)
         train = tuple(pair for pair in store.pairs("all") if pair.scene in scenes)
         tested, trained_on = fold, f"{manifest.stem}, all but {fold}"
@@ -153,6 +155,7 @@ def train(
     max_seconds: float | None = None,
     device: str = "auto",
     on_step: Callable[[int, int | None, float], None] | None = None,
+    fresh: bool = False,
 ) -> Outcome:
     """Train until the schedule ends or time is up; go on from the folder's checkpoint.
 
@@ -168,6 +171,8 @@ def train(
         As for the methods: ``auto``, ``cpu``, ``cuda``, ``mps``.
     on_step : callable, optional
         Called with (steps done, steps in all where known, loss).
+    fresh : bool
+        Remove what an earlier training left in the folder, once all is checked.
 
     Raises
     ------
@@ -181,7 +186,7 @@ def train(
     On a CPU, with the same number of threads, a training that was stopped and gone on with has
     the same losses, bit for bit, as one that was not.
     """
-    session = _Session(task, TrainingFolder(folder), find_device(device))
+    session = _Session(task, TrainingFolder(folder), find_device(device), fresh)
     try:
         return session.run(max_seconds, on_step)
     except OSError as error:
@@ -193,23 +198,44 @@ def train(
         ) from error  # fmt: skip
 
 
-class _Session:
-    def __init__(self, task: Task, folder: TrainingFolder, device: torch.device) -> None:
-        choices = task.configuration
-        architecture = choices.architecture(task.method)
-        multiple = int(NETWORKS[task.method].multiple)  # type: ignore[attr-defined]
-        if choices.crop % multiple:
-            raise InputError(
-                Problem("wrong crop", "crop", f"a multiple of {multiple}", str(choices.crop))
+def require_trainable(task: Task) -> dict[str, Any]:
+    """Refuse a training whose choices do not fit each other or the data set.
+
+    Returns
+    -------
+    dict
+        The network's constructor arguments.
+
+    Raises
+    ------
+    InputError
+        With what does not fit.
+    """
+    choices = task.configuration
+    architecture = choices.architecture(task.method)
+    with torch.device("meta"):
+        multiple = int(build_network(task.method, architecture).multiple)  # type: ignore[arg-type]
+    if choices.crop % multiple:
+        raise InputError(
+            Problem("wrong crop", "crop", f"a multiple of {multiple}", str(choices.crop))
+        )
+    if choices.normalization == "fixed" and task.start is None:
+        raise InputError(
+            Problem(
+                "normalization fixed needs weights to begin with", "normalization",
+                "weights that were trained with normalization batch",
+                fix="dfdbench train takes them with --weights FILE",
             )
-        if choices.normalization == "fixed" and task.start is None:
-            raise InputError(
-                Problem(
-                    "normalization fixed needs weights to begin with", "normalization",
-                    "weights that were trained with normalization batch",
-                    fix="give them with --weights FILE",
-                )
-            )  # fmt: skip
+        )  # fmt: skip
+    return architecture
+
+
+class _Session:
+    def __init__(
+        self, task: Task, folder: TrainingFolder, device: torch.device, fresh: bool
+    ) -> None:
+        choices = task.configuration
+        architecture = require_trainable(task)
         images = TrainingImages.read(task.store, task.train, choices.unknown == "ignore")
         architecture["channel_means"] = images.channel_means()
         self._task = task
@@ -236,7 +262,8 @@ class _Session:
         self._step = 0
         self._seconds = 0.0
         self._new = Log()
-        if folder.started:
+        self._fresh = fresh
+        if folder.started and not fresh:
             self._restore(folder.load(task.identity))
 
     def run(
@@ -247,7 +274,14 @@ class _Session:
         choices = self._task.configuration
         begin = time.monotonic() - self._seconds
         saved = time.monotonic()
+        if self._fresh:
+            self._folder.clear()
+        if self._step == 0:
+            # A place that cannot be written is told now, not after the first minute.
+            self._save()
         ended = self._schedule.ended
+        if not ended and max_seconds is not None and self._seconds >= max_seconds:
+            ended = _TIME_LIMIT
         while not ended:
             loss = self._one_step()
             if on_step:

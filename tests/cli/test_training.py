@@ -35,7 +35,7 @@ def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Store) -> N
     early = dfdbench(*train, "--resume")
     assert early.status == 2
     assert "no checkpoint to go on from" in early.err
-    assert dfdbench(*train, "--max-time", "0s").status == 0
+    assert dfdbench(*train, "--max-time", "0.001s").status == 0
     again = dfdbench(*train)
     assert again.status == 2
     assert "--resume goes on, --fresh starts anew" in again.err
@@ -43,6 +43,14 @@ def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Store) -> N
     assert resumed.status == 0, resumed.err
     assert "4, ended by its number of steps" in resumed.out
     assert dfdbench(*train, "--resume", "--fresh").status == 2
+    weights = Path("training/tiny-train/dfd-net-published/weights.safetensors")
+    for mistake in (["--set", "crop=17"], ["--device", "tpu"], ["--weights", str(weights)]):
+        assert dfdbench(*train, "--fresh", *mistake).status == 2
+        assert weights.exists(), mistake
+    over = dfdbench(*train, "--resume", "--max-time", "0.0001s")
+    assert (over.status, " 4, ended by its number of steps" in over.out) == (0, True), over.out
+    (weights.parent / "checkpoint.pt").unlink()
+    assert "--fresh starts anew" in dfdbench(*train).err
     beside = Path("training/tiny-train/dfd-net-published/notes.txt")
     beside.write_text("keep")
     assert dfdbench(*train, "--fresh").status == 0
@@ -55,10 +63,19 @@ def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Store) -> N
 
 
 def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) -> None:
+    Path("taken").write_text("keep")
     store = ["--dataset", str(tiny_store.path)]
     for arguments, message in (
         (["--max-time", "30"], "as 90s, 30m, 1h30m"),
         (["--max-time", "soon"], "as 90s, 30m, 1h30m"),
+        (["--max-time", "0s"], "as 90s, 30m, 1h30m"),
+        (["--set", "filters=[]"], "at least 1 item"),
+        (["--set", "noise=nan"], "noise"),
+        (["--set", "normalization=fixed"], "needs weights to begin with"),
+        (["--fold", "K1", "--split", "train"], "give one of them"),
+        (["--seed", "9" * 20], "--seed"),
+        (["--weights", "none.safetensors"], "no such weights"),
+        (["--out", "taken"], "not a folder"),
         (["--set", "noise"], "NAME=VALUE"),
         (["--set", "nois=1"], "unknown choice"),
         (["--config", "no.toml"], "published"),
@@ -71,6 +88,10 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) 
         assert done.status == 2, arguments
         assert message in done.err, arguments
         assert "Traceback" not in done.err
+    assert not Path("training").exists()
+    for values, message in (("", "not a list"), ("16,17", "multiple of 4")):
+        early = dfdbench("experiment", "patch-size", *store, *QUICK[:2], "--values", values)
+        assert (early.status, message in early.err) == (2, True), early.err
     assert not Path("training").exists()
     wrong = dfdbench("experiment", "nose", *store)
     assert wrong.status == 2

@@ -83,7 +83,7 @@ def test_weights_that_cannot_be_used_say_why(weights: Path, tmp_path: Path) -> N
             load_weights(tmp_path / "cut.safetensors", "dfd-net")
     with pytest.raises(MethodError, match="another architecture") as caught:
         load_weights(weights, "u-net")
-    assert caught.value.problems[0].fix == "--method dfd-net"
+    assert caught.value.problems[0].fix == "use them with dfd-net"
     foreign = tmp_path / "foreign.safetensors"
     safetensors.torch.save_file({"a": torch.zeros(2)}, foreign)
     with pytest.raises(MethodError, match="no model card"):
@@ -92,6 +92,26 @@ def test_weights_that_cannot_be_used_say_why(weights: Path, tmp_path: Path) -> N
     with pytest.raises(MethodError, match="the model card cannot be read") as caught:
         load_weights(foreign, "dfd-net")
     assert len(caught.value.problems) > 5
+
+
+def test_numbers_that_are_none_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "nan.safetensors"
+    network = build_network("dfd-net", {"filters": list(SMALL)})
+    with torch.no_grad():
+        next(network.parameters()).fill_(float("nan"))
+    save_weights(path, network, card())
+    with pytest.raises(MethodError, match="nan or infinity in"):
+        load_weights(path, "dfd-net")
+    with pytest.raises(MethodError, match="no such weights"):
+        load("dfd-net", weights=5)
+
+
+def test_an_architecture_of_another_version_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "bogus.safetensors"
+    made = card().model_copy(update={"architecture": {"bogus": 1}})
+    save_weights(path, build_network("dfd-net", {"filters": list(SMALL)}), made)
+    with pytest.raises(MethodError, match="architecture cannot be built"):
+        load_weights(path, "dfd-net")
 
 
 def test_tensors_of_other_shapes_are_named(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import pytest
@@ -54,7 +55,10 @@ def test_another_training_is_refused_by_what_differs(folder: TrainingFolder) -> 
 def test_damaged_checkpoints_and_those_of_another_version(folder: TrainingFolder) -> None:
     path = folder.path / "checkpoint.pt"
     content = path.read_bytes()
-    for damaged in (b"", b"no checkpoint", content[: len(content) // 2]):
+    lacking = io.BytesIO()
+    torch.save({"version": 1}, lacking)
+    half = content[: len(content) // 2]
+    for damaged in (b"", b"hello", b"no checkpoint", half, content[:500], lacking.getvalue()):
         path.write_bytes(damaged)
         with pytest.raises(InputError, match="the checkpoint cannot be read"):
             folder.load(IDENTITY)

@@ -96,8 +96,8 @@ def test_a_training_that_has_ended_is_taken_over(tiny_store: Store, tmp_path: Pa
 def test_time_that_was_too_short_is_given_more(tiny_store: Store, tmp_path: Path) -> None:
     experiment = find_experiment("repeatability")
     found = trials(experiment, "dfd-net", tiny_store, "published", QUICK, tmp_path, repeats=1)[0]
-    assert run_trial(found, 0.0, "cpu").steps == 1
-    assert run_trial(found, 0.0, "cpu").steps == 1
+    assert run_trial(found, 1e-9, "cpu").steps == 1
+    assert run_trial(found, 1e-9, "cpu").steps == 1
     assert run_trial(found, None, "cpu").steps == 2
 
 

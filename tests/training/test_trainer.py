@@ -76,7 +76,7 @@ def test_stopped_and_resumed_it_has_the_same_losses_bit_for_bit(
                 raise KeyboardInterrupt
 
         # Stopped by the clock, which writes a checkpoint, then by a hand that does not.
-        train(task(tiny_store, schedule=schedule), tmp_path / "parts", 0.0, "cpu")
+        train(task(tiny_store, schedule=schedule), tmp_path / "parts", 1e-9, "cpu")
         with pytest.raises(KeyboardInterrupt):
             train(task(tiny_store, schedule=schedule), tmp_path / "parts", None, "cpu", interrupt)
     parts = train(task(tiny_store, schedule=schedule), tmp_path / "parts", device="cpu")
@@ -93,14 +93,14 @@ def test_seeds_differ_and_repeat(tiny_store: Store, tmp_path: Path) -> None:
 
 
 def test_time_is_up(tiny_store: Store, tmp_path: Path) -> None:
-    outcome = train(task(tiny_store), tmp_path / "t", 0.0, "cpu")
+    outcome = train(task(tiny_store), tmp_path / "t", 1e-9, "cpu")
     assert (outcome.card.steps, outcome.card.ended_by) == (1, "its time limit")
 
 
 def test_another_configuration_in_the_same_folder_is_refused(
     tiny_store: Store, tmp_path: Path
 ) -> None:
-    train(task(tiny_store), tmp_path / "t", 0.0, "cpu")
+    train(task(tiny_store), tmp_path / "t", 1e-9, "cpu")
     with pytest.raises(InputError, match="noise"):
         train(task(tiny_store, noise=2.0), tmp_path / "t", None, "cpu")
 
