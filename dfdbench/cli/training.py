@@ -94,7 +94,7 @@ def train(
         from dfdbench.methods.weights import find_weights
         from dfdbench.training.checkpoint import LEVELS_FIGURE, TRAINING_FIGURE, TrainingFolder
         from dfdbench.training.configuration import read_configuration
-        from dfdbench.training.trainer import task_of
+        from dfdbench.training.task import task_of
         from dfdbench.training.trainer import train as train_task
     use_threads(threads)
     store = open_store(dataset, cache=cache)

@@ -18,7 +18,8 @@ from dfdbench.store import Store
 from dfdbench.tables import Table
 from dfdbench.training.checkpoint import WEIGHTS
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
-from dfdbench.training.trainer import Task, require_trainable, task_of, train
+from dfdbench.training.task import Task, require_trainable, task_of
+from dfdbench.training.trainer import train
 
 #: What an experiment changes where it changes no choice of the configuration.
 FOLD = "fold"

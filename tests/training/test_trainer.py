@@ -21,7 +21,8 @@ from dfdbench.pair_evaluation import load_for
 from dfdbench.sources import open_source
 from dfdbench.store import Store
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.trainer import Task, task_of, train
+from dfdbench.training.task import Task, task_of
+from dfdbench.training.trainer import train
 from tests.conftest import write_png
 from tests.methods.test_networks import SMALL
 

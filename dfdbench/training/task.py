@@ -1,0 +1,143 @@
+"""What is to be trained, on what, and whether it can be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+import dfdbench
+from dfdbench.depths import training_of
+from dfdbench.errors import InputError, Problem, StoreError, unknown_name
+from dfdbench.manifest import Pair
+from dfdbench.methods.weights import build_network, weights_sha256
+from dfdbench.store import Store
+from dfdbench.training.configuration import TrainingConfiguration
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be trained, on what.
+
+    Parameters
+    ----------
+    method : str
+        ``dfd-net`` or ``u-net``.
+    store : Store
+        The data set.
+    train, test : tuple of Pair
+        Pairs to train on, and those to watch the scores on.
+    trained_on : str
+        The training pairs in words that `dfdbench.trained_on` can read.
+    tested_on : str
+        The name of the split or fold that tests.
+    configuration : TrainingConfiguration
+        Every other choice.
+    seed : int
+        Of weights, patches and noise.
+    start : Path, optional
+        Weights to begin with, in place of random ones.
+    """
+
+    method: str
+    store: Store
+    train: tuple[Pair, ...]
+    test: tuple[Pair, ...]
+    trained_on: str
+    tested_on: str
+    configuration: TrainingConfiguration
+    seed: int
+    start: Path | None = None
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What must be the same for a checkpoint to be gone on with."""
+        return {
+            "dfdbench": dfdbench.__version__,
+            "method": self.method,
+            "fingerprint": self.store.fingerprint,
+            "trained_on": self.trained_on,
+            "seed": self.seed,
+            "start": weights_sha256(self.start) if self.start else None,
+            "configuration": self.configuration.model_dump(),
+        }
+
+
+def task_of(
+    method: str,
+    store: Store,
+    configuration: TrainingConfiguration,
+    split: str = "train",
+    fold: str | None = None,
+    seed: int = 0,
+    start: Path | None = None,
+) -> Task:
+    """Return a training of a split, or of all scenes but a fold or a single scene.
+
+    Raises
+    ------
+    StoreError
+        Where the store holds no pair to train on.
+    UnknownNameError
+        Where there is no such split or fold.
+    """
+    manifest = store.manifest
+    if fold is not None:
+        known = (*(item.name for item in manifest.folds), *manifest.scene_names)
+        if fold not in known:
+            raise unknown_name(f"fold or scene of {manifest.stem}", fold, known)
+        scenes = training_of(manifest, fold)
+        train = tuple(pair for pair in store.pairs("all") if pair.scene in scenes)
+        tested, trained_on = fold, f"{manifest.stem}, all but {fold}"
+    else:
+        train = store.pairs(split)
+        partition = {item.name: item.partition for item in manifest.splits}
+        others = [
+            name
+            for name, found in partition.items()
+            if name != split and found == partition.get(split)
+        ]
+        tested, trained_on = (others or [""])[0], f"{manifest.stem}, split {split}"
+    if not train:
+        raise StoreError(
+            Problem(
+                "the store holds no pair to train on", str(store.path), trained_on,
+                fix=f"build {manifest.short} with the scenes of that split",
+            )
+        )  # fmt: skip
+    test = store.pairs(tested) if tested else ()
+    return Task(method, store, train, test, trained_on, tested, configuration, seed, start)
+
+
+def require_trainable(task: Task) -> dict[str, Any]:
+    """Refuse a training whose choices do not fit each other or the data set.
+
+    Returns
+    -------
+    dict
+        The network's constructor arguments.
+
+    Raises
+    ------
+    InputError
+        With what does not fit.
+    """
+    choices = task.configuration
+    architecture = choices.architecture(task.method)
+    with torch.device("meta"):
+        multiple = int(build_network(task.method, architecture).multiple)  # type: ignore[arg-type]
+    if choices.crop % multiple:
+        raise InputError(
+            Problem("wrong crop", "crop", f"a multiple of {multiple}", str(choices.crop))
+        )
+    if choices.normalization == "fixed" and task.start is None:
+        raise InputError(
+            Problem(
+                "normalization fixed needs weights to begin with", "normalization",
+                "weights that were trained with normalization batch",
+                fix="dfdbench train takes them with --weights FILE",
+            )
+        )  # fmt: skip
+    return architecture
