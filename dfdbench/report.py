@@ -263,7 +263,7 @@ def _notes(result: Result, groups: tuple[Group, ...]) -> list[str]:
         notes.append(
             "an incomplete run has no overall score and no rank: means are of what was run"
         )
-    return notes + result.warnings
+    return notes + [f"warning: {text}" for text in result.warnings]
 
 
 def _count(number: int, what: str) -> str:

@@ -14,6 +14,7 @@ import torch
 from dfdbench.methods.filter_numbers import FILTERS
 from dfdbench.methods.inference import Predictor, find_device
 from dfdbench.methods.networks import DfDNet
+from dfdbench.training.loss import LevelLoss
 
 SHAPE = (370, 463)
 CROPS = 32
@@ -61,7 +62,8 @@ def test_a_pair_of_the_third_size(benchmark: Any, threads: int, name: str, way: 
 @pytest.mark.parametrize("way", ["plain forward", "float32", "bf16"])
 def test_a_step_of_training(benchmark: Any, name: str, way: str) -> None:
     network = DfDNet(FILTERS[name]).to(DEVICE)
-    optimizer = torch.optim.Adam(network.parameters(), 1e-4)
+    optimizer = torch.optim.Adam(network.parameters(), 1e-4, fused=True)
+    level_loss = LevelLoss(0, DEVICE)
     pixels = torch.rand(CROPS, 6, 32, 32, device=DEVICE) * 255
     levels = torch.randint(0, 256, (CROPS, 32, 32), device=DEVICE)
     if way != "plain forward":
@@ -75,7 +77,7 @@ def test_a_step_of_training(benchmark: Any, name: str, way: str) -> None:
     def step() -> float:
         with torch.autocast(DEVICE.type, torch.bfloat16, enabled=way == "bf16"):
             logits = network(pixels)
-        loss = torch.nn.functional.cross_entropy(logits.float(), levels)
+        loss = level_loss(logits, levels)
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
