@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,7 +85,7 @@ class Redraw:
         self._tilt = tilt
         self._unknown = unknown
         #: Pixels around a patch that its blur depends on.
-        self.margin = recipe.kernel_size // 2
+        self.margin = margin_of(recipe)
 
     def __call__(
         self, infocus: NDArray[np.uint8], depth: NDArray[np.uint8], random: np.random.Generator
@@ -138,11 +139,7 @@ class Cropper:
         redraw: Redraw | None = None,
     ) -> None:
         self._margin = redraw.margin if redraw else 0
-        fits = min(min(levels.shape) for levels in images.levels) - 2 * self._margin
-        if size > fits:
-            raise InputError(
-                Problem("crops do not fit the images", "crop", f"at most {fits}", str(size))
-            )
+        require_fit(size, (tuple(levels.shape) for levels in images.levels), self._margin)
         self._images = images
         self._size = size
         self._count = count
@@ -184,6 +181,25 @@ class Cropper:
         levels[truth == IGNORED] = IGNORED
         inner = slice(self._margin, side - self._margin)
         return both[:, inner, inner].float(), levels[inner, inner]
+
+
+def margin_of(recipe: BlurRecipe) -> int:
+    """Return how many pixels around a patch its blur depends on."""
+    return recipe.kernel_size // 2
+
+
+def require_fit(size: int, shapes: Iterable[tuple[int, ...]], margin: int) -> None:
+    """Refuse patches that do not fit the smallest image with a margin around them.
+
+    Examples
+    --------
+    >>> require_fit(20, [(24, 30)], margin=2)
+    """
+    fits = min(min(shape) for shape in shapes) - 2 * margin
+    if size > fits:
+        raise InputError(
+            Problem("crops do not fit the images", "crop", f"at most {fits}", str(size))
+        )
 
 
 def oriented(image: Tensor, orientation: int) -> Tensor:

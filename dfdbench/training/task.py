@@ -15,6 +15,7 @@ from dfdbench.manifest import Pair
 from dfdbench.methods.weights import build_network, weights_sha256
 from dfdbench.store import Store
 from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.crops import margin_of, require_fit
 
 
 @dataclass(frozen=True)
@@ -140,4 +141,18 @@ def require_trainable(task: Task) -> dict[str, Any]:
                 fix="dfdbench train takes them with --weights FILE",
             )
         )  # fmt: skip
+    margin = 0
+    if choices.redraw_depth:
+        if task.store.recipe is None:
+            raise InputError(
+                Problem(
+                    "redraw_depth needs a data set with a blur recipe", "redraw_depth",
+                    got=f"{task.store.manifest.short}: captured defocus",
+                )
+            )  # fmt: skip
+        margin = margin_of(task.store.recipe)
+    scenes = dict.fromkeys(pair.scene for pair in task.train)
+    require_fit(
+        choices.crop, (task.store.scene(name)["depth"].shape[-2:] for name in scenes), margin
+    )
     return architecture

@@ -287,13 +287,7 @@ def _redraw(task: Task, images: TrainingImages) -> Redraw | None:
     if not task.configuration.redraw_depth:
         return None
     recipe = task.store.recipe
-    if recipe is None:
-        raise InputError(
-            Problem(
-                "redraw_depth needs a data set with a blur recipe", "redraw_depth",
-                got=f"{task.store.manifest.short}: captured defocus",
-            )
-        )  # fmt: skip
+    assert recipe is not None, "require_trainable refuses this"
     unknown = task.store.manifest.depth.unknown
     there = torch.unique(torch.cat([levels.flatten() for levels in images.levels]))
     known = there[(there >= 0) & (there != unknown)]

@@ -89,7 +89,7 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) 
         assert message in done.err, arguments
         assert "Traceback" not in done.err
     assert not Path("training").exists()
-    for values, message in (("", "not a list"), ("16,17", "multiple of 4")):
+    for values, message in (("", "not a list"), ("16,17", "multiple of 4"), ("16,64", "24")):
         early = dfdbench("experiment", "patch-size", *store, *QUICK[:2], "--values", values)
         assert (early.status, message in early.err) == (2, True), early.err
     assert not Path("training").exists()
