@@ -52,6 +52,13 @@ def blur(
             [replace(p, where=_OPTIONS.get(p.where, p.where)) for p in problems]
         ) from None
     near, far = _range(range)
+    if near <= lens.focal_length:
+        raise InputError(
+            Problem(
+                "no real image", "--range", f"distances beyond the focal length, {focal_length}",
+                " ".join(range),
+            )
+        )  # fmt: skip
     # A figure that cannot be kept is told before anything is printed.
     save_figure(blur_figure(lens, near, far), out)
     print_table(_blur_table(lens, near, far))
@@ -97,12 +104,12 @@ def sharpness(
             (f"{m.temperature:.2f}", f"{m.sharpness:.4f}", f"{m.background:.4f}") for m in warming
         )
         columns = ("temperature (°C)", "image", "background")
-        print_table(Table("discrete cosine sharpness over temperature", columns, rows, "rrr"))
         save_figure(temperature_figure(warming), out / "temperature.png")
+        print_table(Table("discrete cosine sharpness over temperature", columns, rows, "rrr"))
     up, down = found.get("up", ()), found.get("down", ())
     if up or down:
-        print_table(_hysteresis_table(up, down))
         save_figure(voltage_figure(up, down), out / "voltage.png")
+        print_table(_hysteresis_table(up, down))
 
 
 def _hysteresis_table(up: tuple[Measurement, ...], down: tuple[Measurement, ...]) -> Table:

@@ -21,7 +21,7 @@ from dfdbench.rig.board_rays import board_rays
 from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import Beams, depth_image, warp
 from dfdbench.rig.registration import Registration, Sighting, register, sight
-from dfdbench.rig.registration_file import NAME, read_registration, write_registration
+from dfdbench.rig.registration_file import NAME, PREVIOUS, read_registration, write_registration
 from dfdbench.sharpness import sharpest
 from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
 from dfdbench.tables import Table
@@ -41,7 +41,7 @@ def register_scenes(
     pixel: Annotated[str, typer.Option(help="Size of a pixel.")] = "4.8um",
     baseline: Annotated[str, typer.Option(help="The LIDAR's height above the camera.")] = "93mm",
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Estimate anew where a registration is kept.")
+        bool, typer.Option("--fresh", help=f"Estimate anew; what is there is kept as {PREVIOUS}.")
     ] = False,
 ) -> None:
     """Lay the LIDAR's depth map on the camera's image: a small file and an overlay a scene."""
@@ -75,8 +75,12 @@ def register_scenes(
     with progress("registering scenes") as step:
         found, untold = register(sightings, rig, step)
     problems |= untold
-    for name, registration in found.items():
-        _write(seen[name], registration)
+    for name, registration in list(found.items()):
+        try:
+            _write(seen[name], registration)
+        except DfdbenchError as error:
+            del found[name]
+            problems[name] = error.problems
     drawn = {name: one for name, one in seen.items() if name in found or not one.sighting}
     rows = []
     with progress("drawing scenes") as step:

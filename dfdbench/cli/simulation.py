@@ -72,7 +72,7 @@ def _pose(text: str) -> Pose:
         raise InputError(
             Problem("not a turn", "--turn", "yaw,pitch,roll in degrees, as 0.5,-0.3,1", text)
         ) from None
-    if not max(abs(yaw), abs(pitch), abs(roll)) <= _LARGEST_TURN:
+    if not all(abs(angle) <= _LARGEST_TURN for angle in (yaw, pitch, roll)):
         expected = f"angles of {_LARGEST_TURN:g} degrees at most"
         raise InputError(Problem("the LIDAR would miss the board", "--turn", expected, text))
     return Pose(yaw, pitch, roll)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from dfdbench.files import write_whole
 Floats = NDArray[np.float64]
 
 NAME = "registration.toml"
+#: What an earlier registration is kept as.
+PREVIOUS = "registration.previous.toml"
 _LEAST_PAIRS = 4
 _HEAD = """\
 # Where the LIDAR's depth map lies on the image. Each pair is one point of the scene: its place
@@ -47,7 +50,10 @@ def read_registration(path: Path) -> Floats:
     try:
         content = tomllib.loads(path.read_text("utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise SourceError(Problem("cannot read the registration", where, got=str(error))) from error
+        got = getattr(error, "strerror", None) or str(error)
+        raise SourceError(Problem("cannot read the registration", where, got=got)) from error
+    if "matrix" in content and "pairs" in content:
+        raise SourceError(Problem("a matrix and pairs", where, "one of them", "both"))
     if "matrix" in content:
         return _matrix(content["matrix"], where)
     pairs = content.get("pairs", [])
@@ -59,6 +65,11 @@ def read_registration(path: Path) -> Floats:
             )
         )  # fmt: skip
     source, target = (_points(pairs, key, where) for key in ("lidar", "image"))
+    for key, points in (("lidar", source), ("image", target)):
+        if len(np.unique(points, axis=0)) < len(points):
+            raise SourceError(
+                Problem("two pairs share a point", f"{where}: {key}", "a point of its own a pair")
+            )
     fitted, _ = cv2.findHomography(source, target, 0)
     flat = any(
         np.linalg.matrix_rank(points - points[0], tol=1e-6) < 2 for points in (source, target)
@@ -81,13 +92,28 @@ def write_registration(path: Path, matrix: Floats, corners: Floats, note: str) -
         Places (x, y) in the depth map to write down.
     note : str
         How it was found: a comment in the file.
+
+    Raises
+    ------
+    SourceError
+        Where the file cannot be written.
+
+    Notes
+    -----
+    A file that is there, perhaps corrected by hand, is kept as `PREVIOUS`.
     """
     target = cv2.perspectiveTransform(corners[np.newaxis].astype(np.float64), matrix)[0]
     pairs = [
         f"[[pairs]]\nlidar = [{u:.2f}, {v:.2f}]\nimage = [{x:.2f}, {y:.2f}]\n"
         for (u, v), (x, y) in zip(corners, target, strict=True)
     ]
-    write_whole(path, "\n".join([f"{_HEAD}# {note}\n", *pairs]))
+    try:
+        if path.exists():
+            write_whole(path.with_name(PREVIOUS), path.read_bytes())
+        write_whole(path, "\n".join([f"{_HEAD}# {note}\n", *pairs]))
+    except OSError as error:
+        got = error.strerror or str(error)
+        raise SourceError(Problem("cannot write the registration", str(path), got=got)) from error
 
 
 def _matrix(given: Any, where: str) -> Floats:
@@ -108,8 +134,10 @@ def _points(pairs: list[Any], key: str, where: str) -> Floats:
     problems, points = [], []
     for number, pair in enumerate(pairs):
         try:
-            x, y = pair[key]
-            points.append((float(x), float(y)))
+            x, y = (float(number) for number in pair[key])
+            if not (math.isfinite(x) and math.isfinite(y)):
+                raise ValueError
+            points.append((x, y))
         except (TypeError, ValueError, KeyError):
             problems.append(Problem("not a point", f"{where}: pairs[{number}].{key}", "[x, y]"))
     if problems:

@@ -51,10 +51,11 @@ class RealworldFolder:
         found = {name: find_scene(folder, name, self._capture) for name in manifest.scene_names}
         self._scenes = {name: files for name, files in found.items() if files}
         if not self._scenes:
+            there = "a file" if folder.exists() else "no such folder"
             raise SourceError(
                 Problem(
                     "no scene found", str(folder), "folders such as k33 with left/exp_30 and lidar",
-                    "none" if folder.is_dir() else "no such folder",
+                    "none" if folder.is_dir() else there,
                 )
             )  # fmt: skip
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ SIMULATE = ["simulate", "realworld", "--steps", "129,141", "--exposures", "40"]
     [
         (["--out", "raw", "--scenes", "k03-k01"], "no scene in that span"),
         (["--out", "taken.txt", "--scenes", "k03"], "cannot write the answer"),
+        (["--out", "raw", "--scenes", "k03", "--turn", "1,nan,2"], "10 degrees at most"),
     ],
 )
 def test_simulate_says_what_it_cannot_do(
@@ -48,6 +50,7 @@ def test_a_lens_table_without_numbers_is_told(dfdbench: Command, cell: str) -> N
         (["--pixel", "4.8m"], "1mm at most"),
         (["--f-number", "-1"], "--f-number"),
         (["--focus", "1mm"], "--focus"),
+        (["--range", "5mm", "8mm"], "beyond the focal length"),
         (["--out", "blur.jpg"], "figures are PNG files"),
     ],
 )
@@ -55,8 +58,8 @@ def test_a_lens_that_cannot_be_is_told_by_its_options(
     dfdbench: Command, given: list[str], told: str
 ) -> None:
     lens = {"--f-number": "3.7", "--focal-length": "9.6mm", "--focus": "0.5m", "--pixel": "4.8um"}
-    lens |= dict([given])
-    done = dfdbench("optics", "blur", *(text for option in lens.items() for text in option))
+    kept = [text for option in lens.items() if option[0] not in given for text in option]
+    done = dfdbench("optics", "blur", *kept, *given)
     assert (done.status, told in done.err, done.out) == (2, True, ""), done.err
 
 
@@ -65,11 +68,20 @@ def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
     assert dfdbench(*few, "--out", "raw", "--scenes", "k01,k03").status == 0
     alone = dfdbench("register", "k03", "--source", "raw")
     assert (alone.status, "leave open where the board lies" in alone.out) == (0, True)
+    by_hand = Path("raw/k03/registration.toml").read_text() + "# by hand\n"
+    Path("raw/k03/registration.toml").write_text(by_hand)
+    assert dfdbench("register", "k03", "--source", "raw", "--fresh").status == 0
+    assert Path("raw/k03/registration.previous.toml").read_text() == by_hand
     off = dfdbench("register", "k03", "--source", "raw", "--fresh", "--focal-length", "80mm")
     assert (off.status, "kept" in off.out) == (2, False)
     Path("raw/k03/registration.toml").write_text("matrix = [[1,0,99999],[0,1,99999],[0,0,1]]\n")
     done = dfdbench("register", "k03", "--source", "raw")
     assert (done.status, "no LIDAR return falls on the image" in done.err) == (2, True)
+    Path("raw/k03/registration.toml").unlink()
+    Path("raw/k03/registration.toml").mkdir()
+    done = dfdbench("register", "k03", "--source", "raw", "--fresh")
+    assert (done.status, "cannot write the registration" in done.err) == (2, True), done.err
+    Path("raw/k03/registration.toml").rmdir()
     head = "beam,altitude_deg,azimuth_deg,azimuth_index\n"
     Path("raw/beams.csv").write_text(head + "".join(f"{n},x,3.1,18\n" for n in range(64)))
     for verb in (["register", "all"], ["build", "realworld", "--allow-missing"]):
@@ -77,6 +89,10 @@ def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
         assert done.status == 2
         assert done.err.count("not the altitude_deg of a beam") == 1, done.err
         assert "line 2, and 63 more lines" in done.err
+
+
+def pairs_of(*points: tuple[float, float]) -> str:
+    return "".join(f"[[pairs]]\nlidar = [{x}, {y}]\nimage = [{x}, {y}]\n" for x, y in points)
 
 
 def test_depth_maps_without_a_known_pixel_are_not_built(dfdbench: Command) -> None:
@@ -91,6 +107,9 @@ def test_depth_maps_without_a_known_pixel_are_not_built(dfdbench: Command) -> No
             "".join(f"[[pairs]]\nlidar = [{n}, {n}]\nimage = [{n}, {n}]\n" for n in range(4)),
             "the points lie on one line",
         ),
+        (pairs_of((10, 10), (500, 10), (10, 500), (10, 500)), "two pairs share a point"),
+        (pairs_of((math.nan, 3), (500, 10), (10, 500), (500, 500)), "not a point"),
+        ("matrix = [[1,0,0],[0,1,0],[0,0,1]]\npairs = []\n", "a matrix and pairs"),
     ):
         registration.write_text(content)
         done = dfdbench(*build)
