@@ -158,6 +158,19 @@ def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
     return tuple(scene for scene in manifest.scene_names if scene not in tested)
 
 
+def require_fold(manifest: Manifest, fold: str) -> None:
+    """Refuse what is neither a fold nor a single scene of a data set.
+
+    Raises
+    ------
+    UnknownNameError
+        Where it is neither.
+    """
+    known = (*(item.name for item in manifest.folds), *manifest.scene_names)
+    if fold not in known:
+        raise unknown_name(f"fold or scene of {manifest.stem}", fold, known)
+
+
 def all_but(store: Store, histograms: dict[str, DepthHistogram], fold: str) -> Side:
     """Return the training side that leaves out a fold, or a single scene.
 
@@ -169,9 +182,7 @@ def all_but(store: Store, histograms: dict[str, DepthHistogram], fold: str) -> S
         Where the store holds none of the other scenes.
     """
     manifest = store.manifest
-    known = (*(item.name for item in manifest.folds), *manifest.scene_names)
-    if fold not in known:
-        raise unknown_name(f"fold or scene of {manifest.stem}", fold, known)
+    require_fold(manifest, fold)
     return side_of(store, histograms, f"all but {fold}", training_of(manifest, fold))
 
 

@@ -75,7 +75,7 @@ def train(
         bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Start anew; the folder's checkpoint is removed.")
+        bool, typer.Option("--fresh", help="Start anew; the earlier training is removed.")
     ] = False,
     seed: Annotated[
         int, typer.Option(min=0, max=2**32 - 1, help="Of weights, patches and noise.")

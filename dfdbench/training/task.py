@@ -9,8 +9,8 @@ from typing import Any
 import torch
 
 import dfdbench
-from dfdbench.depths import training_of
-from dfdbench.errors import InputError, Problem, StoreError, unknown_name
+from dfdbench.depths import require_fold, training_of
+from dfdbench.errors import InputError, Problem, StoreError
 from dfdbench.manifest import Pair
 from dfdbench.methods.weights import build_network, weights_sha256
 from dfdbench.store import Store
@@ -86,9 +86,7 @@ def task_of(
     """
     manifest = store.manifest
     if fold is not None:
-        known = (*(item.name for item in manifest.folds), *manifest.scene_names)
-        if fold not in known:
-            raise unknown_name(f"fold or scene of {manifest.stem}", fold, known)
+        require_fold(manifest, fold)
         scenes = training_of(manifest, fold)
         train = tuple(pair for pair in store.pairs("all") if pair.scene in scenes)
         tested, trained_on = fold, f"{manifest.stem}, all but {fold}"
@@ -152,7 +150,6 @@ def require_trainable(task: Task) -> dict[str, Any]:
             )  # fmt: skip
         margin = margin_of(task.store.recipe)
     scenes = dict.fromkeys(pair.scene for pair in task.train)
-    require_fit(
-        choices.crop, (task.store.scene(name)["depth"].shape[-2:] for name in scenes), margin
-    )
+    shapes = (task.store.scene(name)["depth"].shape[-2:] for name in scenes)
+    require_fit(choices.crop, shapes, margin)
     return architecture

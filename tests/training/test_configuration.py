@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.errors import InputError
 from dfdbench.methods.filter_numbers import FILTERS
+from dfdbench.methods.weights import find_weights, load_weights
 from dfdbench.training.configuration import (
     TrainingConfiguration,
     read_configuration,
@@ -68,3 +69,19 @@ def test_unet_refuses_what_only_dfd_net_has() -> None:
     with pytest.raises(InputError) as caught:
         choices.architecture("u-net")
     assert len(caught.value.problems) == 3
+
+
+@pytest.mark.parametrize(
+    ("method", "name", "changes"),
+    [
+        ("dfd-net", "demo-fine", {}),
+        ("u-net", "demo-u-net", {"label_width": 3, "learning_rate": 4e-4, "steps": 33000}),
+    ],
+)
+def test_shipped_weights_were_trained_as_the_docs_say(
+    method: str, name: str, changes: dict[str, float]
+) -> None:
+    card = load_weights(find_weights(method, "demo"), method)[1]
+    documented = read_configuration(name, changes)
+    assert TrainingConfiguration.model_validate(card.configuration) == documented
+    assert card.started_from.startswith("demo-1, split train")
