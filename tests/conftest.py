@@ -108,6 +108,19 @@ name = "Three"
 source = "here"
 """
 
+# The same scenes in the site's default lighting alone, as the set middlebury-default.
+TINY_DEFAULT_TOML = "\n\n".join(
+    block for block in TINY_TOML.split("\n\n") if "[[exclusions]]" not in block
+)
+for _old, _new in {
+    "pair_count = 11\ndefault_lighting = { illumination = 1, exposure = 1 }": "pair_count = 6",
+    "view = [1, 5]\nillumination = [1]\nexposure = [0, 1]": "view = [1, 5]",
+    'blocks = "exposure"\nrows = "illumination"': 'blocks = "view"',
+    "pairs = 4": "pairs = 2",
+    "pairs = 7": "pairs = 4",
+}.items():
+    TINY_DEFAULT_TOML = TINY_DEFAULT_TOML.replace(_old, _new)
+
 
 def shared_data_folder() -> Path | None:
     named = os.environ.get("DFDBENCH_SHARED_DATA")

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from dfdbench.blur import RECIPES, synthesize
+from dfdbench.board_folder import known_fingerprints
 from dfdbench.build import build_store, scene_dataset
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import SourceError, UnknownNameError
+from dfdbench.fetching.checksums import known_checksums
 from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.parallel import Cluster, Pool, Processes, Threads
@@ -18,8 +20,9 @@ from dfdbench.sources import SceneImages, open_source
 from dfdbench.store import Store
 from tests.conftest import TINY_TOML
 
-# The demo set is versioned: another fingerprint would be another data set.
+# Sets are versioned: another fingerprint would be another data set.
 DEMO_FINGERPRINT = "8adcbc62be740bade4be91d181afe2765235cc675d3d3b51aed9a5dc44484b1a"
+MIDDLEBURY_DEFAULT_FINGERPRINT = "772724d5dfcde8e1635a02183924cd897dbbc706b8760bad9d91dcc2d40f3942"
 
 
 @pytest.mark.parametrize("workers", [1, 2, 4])
@@ -178,16 +181,17 @@ def test_recipes_and_data_sets_that_cannot_be_built(
 
 
 def test_the_shared_middlebury_scenes(shared_data: Path, tmp_path: Path) -> None:
-    manifest = find_manifest("middlebury")
-    folder = shared_data / "middlebury"
-    plain = open_source(manifest, folder)
-    assert len(plain.available_pairs()) == 4
-    source = open_source(manifest, folder, default_lighting=True)
+    manifest, folder = find_manifest("middlebury-default"), shared_data / "middlebury"
+    assert len(open_source(find_manifest("middlebury"), folder).available_pairs()) == 4
+    source = open_source(manifest, folder, known_checksums(manifest))
     report = build_store(manifest, source, tmp_path / "m.zarr", pool=Threads(2))
-    assert report.pairs == 42
-    assert len(report.missing) == 416
-    store = Store(report.path)
-    assert store.attributes["options"] == {
-        "default_lighting_as": {"illumination": 1, "exposure": 2}
+    assert (report.pairs, report.missing) == (54, ())
+    assert report.fingerprint == MIDDLEBURY_DEFAULT_FINGERPRINT
+
+
+def test_the_leaderboard_holds_to_the_same_fingerprints() -> None:
+    known = known_fingerprints(Path(__file__).parents[1] / "leaderboard")
+    assert known == {
+        "demo-1": [DEMO_FINGERPRINT],
+        "middlebury-default-1": [MIDDLEBURY_DEFAULT_FINGERPRINT],
     }
-    assert [pair.scene for pair in store.pairs("test")] == ["Books", "Books"]

@@ -288,11 +288,20 @@ def test_mirrors_come_from_the_command_line_or_the_environment(
     assert not site.asked_for(f"/{BELOW}/One/disp1.png")
 
 
-def test_default_lighting_alone_is_whole(dfdbench: Command, site: Site) -> None:
-    built = dfdbench("build", "tiny-1.toml", "--default-lighting")
+def test_middlebury_in_default_lighting_is_whole_and_has_full_tables(
+    dfdbench: Command, shared_data: Path
+) -> None:
+    folder = str(shared_data / "middlebury/ThirdSize")
+    built = dfdbench("build", "middlebury-default", "--source", folder)
     assert built.status == 0, built.err
-    assert "5 pairs of 3 scenes" in built.out
-    assert "6 pairs of other lightings left out, as asked" in built.err
+    assert "54 pairs of 27 scenes" in built.out
+    ran = dfdbench("run", "--method", "constant", "--dataset", "middlebury-default", "--out", "out")
+    assert ran.status == 0, ran.err
+    assert "PARTIAL" not in ran.out
+    assert "(6 of 6 pairs)" in " ".join(ran.out.split())
+    asked = dfdbench("build", "middlebury", "--source", folder, "--default-lighting")
+    assert asked.status == 2
+    assert "No such option" in asked.err
 
 
 def test_the_cache_is_listed_and_cleared(dfdbench: Command, site: Site) -> None:

@@ -339,9 +339,9 @@ def middlebury(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = shared_data_folder()
     if folder is None:
         pytest.skip("no shared Middlebury images: set DFDBENCH_SHARED_DATA")
-    manifest = find_manifest("middlebury")
-    path = tmp_path_factory.mktemp("middlebury") / "middlebury-third-1.zarr"
-    build_store(manifest, open_source(manifest, folder / "middlebury", True), path, pool=Threads(2))
+    manifest = find_manifest("middlebury-default")
+    path = tmp_path_factory.mktemp("middlebury") / "middlebury-default-1.zarr"
+    build_store(manifest, open_source(manifest, folder / "middlebury"), path, pool=Threads(2))
     return str(path)
 
 

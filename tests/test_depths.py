@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dfdbench.build import build_store
+from dfdbench.catalog import find_manifest
 from dfdbench.coverage import depth_histogram
 from dfdbench.depths import scene_histograms, sides_of, training_of
 from dfdbench.errors import InputError, StoreError, UnknownNameError
@@ -16,9 +17,9 @@ from dfdbench.store import Store
 from tests.conftest import TINY_TOML
 
 
-def build(toml: str, folder: Path, path: Path, default_lighting: bool = False) -> Store:
+def build(toml: str, folder: Path, path: Path) -> Store:
     manifest = parse_manifest(toml.encode(), "tiny-1.toml")
-    build_store(manifest, open_source(manifest, folder, default_lighting), path)
+    build_store(manifest, open_source(manifest, folder), path)
     return Store(path)
 
 
@@ -139,8 +140,7 @@ def test_training_is_all_other_scenes(tiny_manifest: Manifest) -> None:
 def test_the_crop_expansion_is_about_what_the_thesis_reports(shared_data: Path) -> None:
     # 5.2.1: each image was drawn 8753.74 times, each level used "approximately 422 times more".
     folder = shared_data / "middlebury"
-    manifest = parse_manifest(_middlebury_toml().encode(), "middlebury-third-1.toml")
-    source = open_source(manifest, folder, default_lighting=True)
+    source = open_source(find_manifest("middlebury-default"), folder)
     scenes = dict.fromkeys(pair.scene for pair in source.available_pairs())
     maps = [source.read(scene) for scene in list(scenes)[:6]]
     histograms = [
@@ -148,9 +148,3 @@ def test_the_crop_expansion_is_about_what_the_thesis_reports(shared_data: Path) 
     ]
     used = 8753.74 * sum(h.expanded.sum() for h in histograms)
     assert 380 < used / sum(h.known for h in histograms) < 470
-
-
-def _middlebury_toml() -> str:
-    from dfdbench.catalog import find_manifest
-
-    return find_manifest("middlebury").toml

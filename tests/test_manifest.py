@@ -18,6 +18,7 @@ from tests.conftest import TINY_TOML
 # A released manifest never changes; a correction is a new version with a new line here.
 RELEASED = {
     "demo-1": "8da2f41cb57b16ede5edaf55753df6890dfb476824f7e9d505c5feb0da60b6b0",
+    "middlebury-default-1": "f8d8ba91fae967c2b0363b69566ee7f323ada1be8ff12c52d2ee04b82475283d",
     "middlebury-third-1": "5efa8c101606001b3df58039f67e2311cf41cb67ace5abb14fbc90c0b51db3cc",
     "realworld-1": "741267aff01aa194c306d188a55192cbbfb28fa0b27d3917916e00171c81b656",
     "realworld-synthetic-1": "7ead23e57f88e9500ef1a5604051a8cbcc91d2ce117d81ba4493c50cb48e1cfe",
@@ -71,6 +72,23 @@ def test_middlebury_is_that_of_the_thesis() -> None:
     assert manifest.scenes_of("K03") == ("Midd1", "Midd2", "Plastic")
 
 
+def test_middlebury_in_default_lighting_has_the_thesis_scenes_and_splits() -> None:
+    manifest, whole = find_manifest("middlebury-default"), find_manifest("middlebury")
+    assert manifest.scenes == whole.scenes
+    assert manifest.folds == whole.folds
+    for split in ("train", "test"):
+        assert manifest.scenes_of(split) == whole.scenes_of(split)
+    assert [len(manifest.pairs(split)) for split in ("all", "train", "test")] == [54, 48, 6]
+    assert manifest.pairs("Art")[0].id == "Art/view1"
+    assert (manifest.recipe, manifest.depth) == (whole.recipe, whole.depth)
+    names = {"disp1.png", "disp5.png", "view1.png", "view5.png"}
+    assert {f"{scene}/{name}" for scene in manifest.scene_names for name in names} <= set(
+        manifest.checksums
+    )
+    known = whole.checksums.items()
+    assert all(manifest.checksums[name] == digest for name, digest in known if "Illum" not in name)
+
+
 def test_realworld_is_that_of_the_thesis() -> None:
     manifest = find_manifest("realworld")
     counts = {split.name: len(manifest.pairs(split.name)) for split in manifest.splits}
@@ -85,12 +103,13 @@ def test_realworld_is_that_of_the_thesis() -> None:
     assert manifest.capture.voltage_step == list(range(127, 144))
 
 
-def test_checksums_are_those_of_the_shared_files(shared_data: Path) -> None:
+@pytest.mark.parametrize("name", ["middlebury", "middlebury-default"])
+def test_checksums_are_those_of_the_shared_files(shared_data: Path, name: str) -> None:
     folder = shared_data / "middlebury" / "ThirdSize"
-    manifest = find_manifest("middlebury")
+    manifest = find_manifest(name)
     assert len(manifest.checksums) > 80
-    for name, expected in manifest.checksums.items():
-        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == expected, name
+    for file, expected in manifest.checksums.items():
+        assert hashlib.sha256((folder / file).read_bytes()).hexdigest() == expected, file
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,6 @@ from dfdbench.fetching.download import SET_ASIDE
 from dfdbench.location import as_location
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.sources import Source, download_middlebury, open_source
-from dfdbench.sources.middlebury import is_default_lighting
 from dfdbench.store import default_store, open_store
 
 
@@ -38,13 +37,6 @@ def build(
     recipe: Annotated[str | None, typer.Option(help=f"Blur recipe: {', '.join(RECIPES)}.")] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    default_lighting: Annotated[
-        bool,
-        typer.Option(
-            "--default-lighting",
-            help="Take the site's default images for Illum1/Exp2; fetch no others.",
-        ),
-    ] = False,
     pair: Annotated[
         str | None,
         typer.Option(help="In-focus and defocus voltage step of captured pairs: 141,129."),
@@ -85,10 +77,10 @@ def build(
     pool = pool_of(workers, scheduler)
     steps = _voltage_steps(manifest, pair, store)
     if source is None and manifest.reader == "middlebury":
-        files = _fetched(manifest, default_lighting, mirror, offline, cache)
+        files = _fetched(manifest, mirror, offline, cache)
     else:
         _refuse_to_fetch(manifest, source, mirror, offline)
-        files = open_source(manifest, source, default_lighting, known_checksums(manifest), steps)
+        files = open_source(manifest, source, known_checksums(manifest), steps)
     with progress("building scenes") as step:
         report = build_store(manifest, files, place, recipe, pool, step)
     scenes = len(report.scenes_built) + len(report.scenes_kept)
@@ -96,14 +88,8 @@ def build(
     print(f"built {manifest.stem}: {report.pairs} pairs of {scenes} scenes{kept}")
     print(f"store        {report.path}")
     print(f"fingerprint  {report.fingerprint}")
-    missing = report.missing
-    if default_lighting and source is None:
-        missing = tuple(pair for pair in missing if is_default_lighting(manifest, pair))
-        others = len(report.missing) - len(missing)
-        if others:
-            say(f"{others} pairs of other lightings left out, as asked: --default-lighting")
-    if missing:
-        say(_missing_text(manifest, missing, files.missing_help(missing)))
+    if report.missing:
+        say(_missing_text(manifest, report.missing, files.missing_help(report.missing)))
         if not allow_missing:
             raise typer.Exit(2)
 
@@ -145,11 +131,7 @@ def _voltage_steps(
 
 
 def _fetched(
-    manifest: Manifest,
-    default_lighting: bool,
-    mirror: list[str] | None,
-    offline: bool,
-    cache: Path | None,
+    manifest: Manifest, mirror: list[str] | None, offline: bool, cache: Path | None
 ) -> Source:
     mirrors = [*(mirror or ()), *os.environ.get("DFDBENCH_MIRROR", "").split()]
     _check_mirrors(mirrors)
@@ -159,7 +141,7 @@ def _fetched(
     before = _count_set_aside(folder)
     try:
         with download_progress(f"fetching {manifest.short}") as step:
-            done = download_middlebury(manifest, folder, mirrors, offline, default_lighting, step)
+            done = download_middlebury(manifest, folder, mirrors, offline, step)
     finally:
         refused = _count_set_aside(folder) - before
         if refused:
@@ -177,7 +159,7 @@ def _fetched(
                 "name a --mirror URL, or a copy on disk: --source DIR",
             )
         )  # fmt: skip
-    return open_source(manifest, folder, default_lighting, known_checksums(manifest, folder))
+    return open_source(manifest, folder, known_checksums(manifest, folder))
 
 
 def _count_set_aside(folder: Path) -> int:

@@ -19,7 +19,6 @@ __all__ = ["Download", "SceneImages", "Source", "download_middlebury", "open_sou
 def open_source(
     manifest: Manifest,
     folder: Path | None = None,
-    default_lighting: bool = False,
     checksums: Mapping[str, str] | None = None,
     pair: tuple[int, int] | None = None,
 ) -> Source:
@@ -31,7 +30,7 @@ def open_source(
         The data set.
     folder : Path, optional
         Where its files lie, for a data set that is read from disk.
-    default_lighting, checksums
+    checksums : mapping of str to str, optional
         See `MiddleburyScenes`.
     pair : tuple of int, optional
         Two voltage steps; see `RealworldFolder`.
@@ -56,16 +55,15 @@ def open_source(
             )
         return RealworldFolder(manifest, folder, pair)
     if manifest.reader == "demo":
-        if folder or default_lighting:
+        if folder:
             raise SourceError(
-                Problem(f"{manifest.short} is made, not read", fix="leave out --source and "
-                        "--default-lighting")
-            )  # fmt: skip
+                Problem(f"{manifest.short} is made, not read", fix="leave out --source")
+            )
         return DemoScenes(manifest)
     if manifest.reader == "middlebury":
         if folder is None:
             raise SourceError(Problem(f"{manifest.short} is read from a folder: name one"))
-        return MiddleburyScenes(manifest, folder, default_lighting, checksums)
+        return MiddleburyScenes(manifest, folder, checksums)
     raise SourceError(
         Problem(
             f"this version cannot build {manifest.stem}: it has no reader for its files",

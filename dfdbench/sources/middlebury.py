@@ -19,9 +19,13 @@ from dfdbench.sources.scene_files import find_scene
 
 Levels = NDArray[np.uint8]
 
+_FOLDERS = {"illumination": "Illum", "exposure": "Exp"}
+
 
 class MiddleburyScenes:
     """Middlebury scenes on disk: ``SCENE/Illum1/Exp0/view1.png``, ``SCENE/disp1.png``.
+
+    Of a set without lightings the images are ``SCENE/view1.png``, the site's default lighting.
 
     Parameters
     ----------
@@ -30,9 +34,6 @@ class MiddleburyScenes:
     folder : Path
         The folder that holds the scenes or the archives ``SCENE-2views.zip``, or one above it:
         ``ThirdSize``, ``scenes2005``, or their parent.
-    default_lighting : bool
-        Take ``SCENE/view1.png``, the site's default lighting, for the lighting that the manifest
-        names, where the file of that lighting itself is absent. Archives hold no other.
     checksums : mapping of str to str
         The SHA-256 of files by name; one that differs is refused.
 
@@ -46,11 +47,9 @@ class MiddleburyScenes:
         self,
         manifest: Manifest,
         folder: Path,
-        default_lighting: bool = False,
         checksums: Mapping[str, str] | None = None,
     ) -> None:
         self._manifest = manifest
-        self._default_lighting = default_lighting
         self._checksums = checksums or {}
         self._scenes = {
             scene.name: files
@@ -69,9 +68,8 @@ class MiddleburyScenes:
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """Which lighting the site's default images stand for, if they were asked for."""
-        lighting = self._manifest.default_lighting if self._default_lighting else None
-        return {"default_lighting_as": lighting}
+        """Nothing: the files alone decide."""
+        return {}
 
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return the pairs whose image and depth map are there."""
@@ -82,7 +80,7 @@ class MiddleburyScenes:
                 available += [
                     pair
                     for pair in self._manifest.pairs_of_scene(scene)
-                    if self._image_name(pair) and self._scenes[scene].has(depth_name(pair.at))
+                    if self._has_image(pair) and self._scenes[scene].has(depth_name(pair.at))
                 ]
             except SourceError as error:
                 problems += error.problems
@@ -117,10 +115,9 @@ class MiddleburyScenes:
         ]  # fmt: skip
         images: dict[Pair, Levels] = {}
         for pair in self._manifest.pairs_of_scene(scene):
-            name = self._image_name(pair)
-            if name and pair.at["view"] in depths:
+            if self._has_image(pair) and pair.at["view"] in depths:
                 size = (shape[0], shape[1]) if read else None
-                image = self._image(scene, name, size, problems)
+                image = self._image(scene, image_name(pair.at), size, problems)
                 if image is not None:
                     images[pair] = image
         if problems:
@@ -133,35 +130,24 @@ class MiddleburyScenes:
         source_of = {scene.name: scene.source for scene in self._manifest.scenes}
         first = missing[0]
         address = f"{urls[source_of[first.scene]]}/{first.scene}/{image_name(first.at)}"
-        default = any(
-            not self._default_lighting
-            and pair.scene in self._scenes
-            and is_default_lighting(self._manifest, pair)
-            and self._scenes[pair.scene].has(default_image_name(pair.at))
+        default = self._manifest.default_lighting and any(
+            pair.scene in self._scenes
+            and self._scenes[pair.scene].has(image_name({"view": pair.at["view"]}))
             for pair in missing
         )
-        hint = "; --default-lighting takes the view1.png beside them for Illum1/Exp2"
+        hint = "; of SCENE/view1.png alone, which is there, consists the set middlebury-default"
         return (
             f"fetch them into the same layout, the first from {address}"
             f"{hint if default else ''}; --allow-missing accepts what is there"
         )
 
-    def _image_name(self, pair: Pair) -> str | None:
-        if pair.scene not in self._scenes:
-            return None
-        files = self._scenes[pair.scene]
-        if files.has(image_name(pair.at)):
-            return image_name(pair.at)
-        if self._default_lighting and is_default_lighting(self._manifest, pair):
-            default = default_image_name(pair.at)
-            return default if files.has(default) else None
-        return None
+    def _has_image(self, pair: Pair) -> bool:
+        return self._scenes[pair.scene].has(image_name(pair.at))
 
     def _names(self, scene: str) -> list[str]:
         depths = [depth_name({"view": view}) for view in self._manifest.axes["view"]]
-        images = [self._image_name(pair) for pair in self._manifest.pairs_of_scene(scene)]
-        there = [name for name in depths if self._scenes[scene].has(name)]
-        return there + [name for name in images if name]
+        images = [image_name(pair.at) for pair in self._manifest.pairs_of_scene(scene)]
+        return [name for name in depths + images if self._scenes[scene].has(name)]
 
     def _content(self, scene: str, name: str) -> bytes:
         files = self._scenes[scene]
@@ -208,17 +194,17 @@ class MiddleburyScenes:
 def image_name(at: Mapping[str, int]) -> str:
     """Return an in-focus image's file name below its scene, as the site has it.
 
+    Without a lighting it is that of the site's default one.
+
     Examples
     --------
     >>> image_name({"view": 5, "illumination": 3, "exposure": 0})
     'Illum3/Exp0/view5.png'
+    >>> image_name({"view": 5})
+    'view5.png'
     """
-    return f"Illum{at['illumination']}/Exp{at['exposure']}/view{at['view']}.png"
-
-
-def default_image_name(at: Mapping[str, int]) -> str:
-    """Return the file name of a view in the site's default lighting."""
-    return f"view{at['view']}.png"
+    lighting = [f"{folder}{at[axis]}/" for axis, folder in _FOLDERS.items() if axis in at]
+    return f"{''.join(lighting)}view{at['view']}.png"
 
 
 def depth_name(at: Mapping[str, int]) -> str:
@@ -230,9 +216,3 @@ def _kind_of(folder: Path) -> str:
     if folder.is_dir():
         return "none"
     return "a file" if folder.exists() else "no such folder"
-
-
-def is_default_lighting(manifest: Manifest, pair: Pair) -> bool:
-    """Return whether a pair has the lighting that the site's default images have."""
-    lighting = manifest.default_lighting
-    return lighting is not None and all(pair.at[axis] == lighting[axis] for axis in lighting)

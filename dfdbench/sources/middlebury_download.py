@@ -23,7 +23,7 @@ from dfdbench.location import as_location
 from dfdbench.lock import hold
 from dfdbench.manifest import Manifest, Scene
 from dfdbench.png import decode_depth, decode_image, png_size
-from dfdbench.sources.middlebury import depth_name, image_name, is_default_lighting
+from dfdbench.sources.middlebury import depth_name, image_name
 
 _NAMES_SHOWN = 10
 
@@ -58,25 +58,24 @@ def download_middlebury(
     folder: Path,
     mirrors: Sequence[str] = (),
     offline: bool = False,
-    default_lighting: bool = False,
     on_progress: Progress | None = None,
     patience: Patience | None = None,
 ) -> Download:
     """Bring a data set's files into a folder; check all that are there.
+
+    A set in the site's default lighting comes as one archive a scene; scenes whose archive cannot
+    be had, and any other set, come file by file.
 
     Parameters
     ----------
     manifest : Manifest
         The Middlebury manifest.
     folder : Path
-        Where the files go, as ``SCENE/Illum1/Exp0/view1.png``.
+        Where the files go, as ``SCENE/Illum1/Exp0/view1.png`` or ``SCENE-2views.zip``.
     mirrors : sequence of str
         Addresses to ask before the site itself; each stands for ``.../stereo/data``.
     offline : bool
         Ask nobody; only check what is there.
-    default_lighting : bool
-        Bring only the site's default lighting, as one archive a scene; scenes whose archive
-        cannot be had come file by file.
     on_progress : callable, optional
         Told of (files done, files in all, bytes received).
     patience : Patience, optional
@@ -96,6 +95,8 @@ def download_middlebury(
         with hold(as_location(folder / f".{lock_name(manifest)}.lock"), taken):
             site = _Site(manifest, folder, tuple(mirrors), known_checksums(manifest, folder))
             stages = _Stages(folder, on_progress, patience, offline)
+            # The site's archives hold the default lighting and no other.
+            default_lighting = set(manifest.axes) == {"view"}
             fates = _bring_default(site, stages) if default_lighting else _bring_all(site, stages)
             lock = _write_lock(manifest, folder, fates)
     except OSError as error:
@@ -127,11 +128,10 @@ class _Site:
         names = [depth_name({"view": view}) for view in self.manifest.axes["view"]]
         return [self._file(scene, name, self._check_depth) for name in names]
 
-    def images(self, scene: Scene, default_only: bool = False) -> list[WantedFile]:
+    def images(self, scene: Scene) -> list[WantedFile]:
         return [
             self._file(scene, image_name(pair.at), self._check_image)
             for pair in self.manifest.pairs_of_scene(scene.name)
-            if not default_only or is_default_lighting(self.manifest, pair)
         ]
 
     def archive(self, scene: Scene) -> WantedFile:
@@ -215,8 +215,7 @@ def _bring_all(site: _Site, stages: _Stages) -> list[Fate]:
 
 def _bring_default(site: _Site, stages: _Stages) -> list[Fate]:
     single = {
-        scene.name: (site.depths(scene), site.images(scene, default_only=True))
-        for scene in site.manifest.scenes
+        scene.name: (site.depths(scene), site.images(scene)) for scene in site.manifest.scenes
     }
     whole = [
         scene.name

@@ -25,7 +25,7 @@ from dfdbench.catalog import find_manifest
 from dfdbench.manifest import Manifest
 from dfdbench.parallel import Threads
 from dfdbench.sources import Source, open_source
-from dfdbench.sources.middlebury import default_image_name, depth_name, image_name
+from dfdbench.sources.middlebury import depth_name, image_name
 from dfdbench.store_writer import StoreWriter
 from tests.benchmarks.test_blur import stack
 from tests.conftest import shared_data_folder, write_png
@@ -92,14 +92,14 @@ def timed(work: Callable[[], Any]) -> float:
 def test_seconds_a_pair(
     benchmark: Any, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    manifest = find_manifest("middlebury")
-    source = open_source(manifest, folder, default_lighting=True)
+    manifest = find_manifest("middlebury-default")
+    source = open_source(manifest, folder)
     synthesize(np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8), np.uint8), RECIPE)
     store = tmp_path / "steps.zarr"
     seconds, pairs = benchmark.pedantic(time_steps, (manifest, source, store), rounds=1)
     images = source.read("Art")
-    reference = timed(lambda: stack(images.infocus[0, 0, 2], images.depth[0], RECIPE))
-    both = images.infocus[0, 0, 2], images.depth[0]
+    reference = timed(lambda: stack(images.infocus[0], images.depth[0], RECIPE))
+    both = images.infocus[0], images.depth[0]
     blur = {
         workers: timed(
             partial(Threads(workers).map, lambda _: synthesize(*both, RECIPE), range(12))
@@ -130,7 +130,7 @@ def all_lightings(folder: Path, tmp_path: Path) -> Path:
     manifest = find_manifest("middlebury")
     for pair in manifest.pairs():
         scene, at = folder / pair.scene, pair.at
-        image = cv2.imread(str(scene / default_image_name(at)))
+        image = cv2.imread(str(scene / image_name({"view": at["view"]})))
         assert image is not None
         light = (0.25, 0.6, 1.0)[at["exposure"]] * (0.8 + 0.06 * at["illumination"])
         write_png(place / pair.scene / image_name(at), (image * light).astype(np.uint8))
@@ -156,8 +156,8 @@ from pathlib import Path
 from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
 from dfdbench.sources import open_source
-manifest = find_manifest("middlebury")
-source = open_source(manifest, Path(sys.argv[1]), default_lighting=True)
+manifest = find_manifest("middlebury-default")
+source = open_source(manifest, Path(sys.argv[1]))
 build_store(manifest, source, sys.argv[2])
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """

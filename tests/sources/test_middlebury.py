@@ -7,8 +7,9 @@ import pytest
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import SourceError
 from dfdbench.manifest import Manifest
+from dfdbench.manifest_reader import parse_manifest
 from dfdbench.sources.middlebury import MiddleburyScenes
-from tests.conftest import write_png
+from tests.conftest import TINY_DEFAULT_TOML, write_png
 
 
 def test_images_are_read_as_rgb_and_zero_depth_is_unknown(
@@ -37,21 +38,24 @@ def test_the_folder_may_be_the_scenes_or_one_above(
     assert len(MiddleburyScenes(tiny_manifest, root).available_pairs()) == 11
 
 
-def test_default_lighting_counts_only_when_asked_for(
-    tiny_manifest: Manifest, tiny_folder: Path
-) -> None:
-    lit = tiny_folder / "One/Illum1/Exp1/view1.png"
-    lit.rename(tiny_folder / "One/view1.png")
-    plain = MiddleburyScenes(tiny_manifest, tiny_folder)
-    missing = set(tiny_manifest.pairs()) - set(plain.available_pairs())
+def test_without_lightings_the_default_images_are_the_set(tiny_folder: Path) -> None:
+    manifest = parse_manifest(TINY_DEFAULT_TOML.encode(), "tiny-1.toml")
+    for view in (1, 5):
+        lit = tiny_folder / f"One/Illum1/Exp1/view{view}.png"
+        lit.rename(tiny_folder / f"One/view{view}.png")
+    source = MiddleburyScenes(manifest, tiny_folder)
+    assert [pair.id for pair in source.available_pairs()] == ["One/view1", "One/view5"]
+    assert source.read("One").infocus.shape == (2, 24, 30, 3)
+    missing = manifest.pairs("test")
+    assert "https://example.org/tiny/Two/view1.png" in source.missing_help(missing)
+
+
+def test_default_images_stand_for_no_lighting(tiny_manifest: Manifest, tiny_folder: Path) -> None:
+    (tiny_folder / "One/Illum1/Exp1/view1.png").rename(tiny_folder / "One/view1.png")
+    source = MiddleburyScenes(tiny_manifest, tiny_folder)
+    missing = set(tiny_manifest.pairs()) - set(source.available_pairs())
     assert [pair.id for pair in missing] == ["One/view1/illumination1/exposure1"]
-    assert "--default-lighting" in plain.missing_help(tuple(missing))
-    asked = MiddleburyScenes(tiny_manifest, tiny_folder, default_lighting=True)
-    assert set(asked.available_pairs()) == set(tiny_manifest.pairs())
-    assert asked.options["default_lighting_as"] == {"illumination": 1, "exposure": 1}
-    assert plain.options["default_lighting_as"] is None
-    before = plain.signature("One")
-    assert asked.signature("One") != before
+    assert "middlebury-default" in source.missing_help(tuple(missing))
 
 
 def test_the_default_image_of_aloe_is_its_lighting_1_2(shared_data: Path) -> None:
@@ -69,7 +73,7 @@ def test_where_to_get_what_is_missing(tiny_manifest: Manifest, tiny_folder: Path
     missing = tuple(set(tiny_manifest.pairs()) - set(source.available_pairs()))
     help_text = source.missing_help(missing)
     assert "https://example.org/tiny/Two/Illum1/Exp0/view5.png" in help_text
-    assert "--default-lighting" not in help_text
+    assert "middlebury-default" not in help_text
 
 
 @pytest.mark.parametrize(

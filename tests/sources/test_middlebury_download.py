@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import zipfile
 from collections.abc import Iterator
@@ -17,8 +18,7 @@ from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.sources import open_source
 from dfdbench.sources.middlebury_download import Download, download_middlebury
-from dfdbench.store import Store
-from tests.conftest import TINY_TOML
+from tests.conftest import TINY_DEFAULT_TOML, TINY_TOML
 from tests.site import Site, served
 
 BELOW = "data/scenes/ThirdSize"
@@ -157,56 +157,61 @@ def test_a_mirror_stands_for_the_site(
     assert fingerprint(manifest, done, tmp_path) == reference
 
 
+@pytest.fixture
+def default(site: Site) -> Manifest:
+    """The tiny set in the site's default lighting alone."""
+    text = TINY_DEFAULT_TOML.replace("https://example.org/tiny", f"{site.address}/{BELOW}")
+    return parse_manifest(text.encode(), "tiny-1.toml")
+
+
 def archives(site: Site) -> Path:
-    """The default lighting of each scene in an archive, as the site has them."""
+    """The default lighting of each scene, in an archive and beside it, as the site has it."""
     place = site.folder / BELOW / "zip-2views"
     place.mkdir()
     for scene in ("One", "Two", "Three"):
         folder = site.folder / BELOW / scene
         with zipfile.ZipFile(place / f"{scene}-2views.zip", "w") as file:
             for view in (1, 5):
-                file.write(folder / f"disp{view}.png", f"{scene}/disp{view}.png")
-                file.write(folder / f"Illum1/Exp1/view{view}.png", f"{scene}/view{view}.png")
+                shutil.copy(folder / f"Illum1/Exp1/view{view}.png", folder / f"view{view}.png")
+                for name in (f"disp{view}.png", f"view{view}.png"):
+                    file.write(folder / name, f"{scene}/{name}")
     return place
 
 
-def test_default_lighting_comes_in_archives(manifest: Manifest, site: Site, tmp_path: Path) -> None:
+def test_default_lighting_comes_in_archives(default: Manifest, site: Site, tmp_path: Path) -> None:
     archives(site)
-    done = download_middlebury(manifest, tmp_path / "in", default_lighting=True, patience=QUICK)
+    done = download_middlebury(default, tmp_path / "in", patience=QUICK)
     assert done.new == len(site.requests) == 3
-    source = open_source(manifest, done.folder, default_lighting=True)
-    store = build_store(manifest, source, tmp_path / "zips.zarr")
-    # Three's view 5 is left out of the set at that lighting.
-    assert store.pairs == 5
-    plain = open_source(manifest, site.folder / BELOW)
-    build_store(manifest, plain, tmp_path / "plain.zarr")
-    pair = Store(tmp_path / "plain.zarr").pairs("One")[1]
-    one, other = Store(tmp_path / "zips.zarr").read(pair), Store(tmp_path / "plain.zarr").read(pair)
-    assert (one.defocus == other.defocus).all()
+    zips = build_store(default, open_source(default, done.folder), tmp_path / "zips.zarr")
+    files = open_source(default, site.folder / BELOW)
+    assert zips.pairs == 6
+    assert zips.fingerprint == build_store(default, files, tmp_path / "files.zarr").fingerprint
+    again = download_middlebury(default, tmp_path / "in", offline=True)
+    assert (again.new, again.kept, again.missing) == (0, 3, ())
 
 
 def test_an_archive_that_tries_to_escape_is_set_aside_and_its_files_come_one_by_one(
-    manifest: Manifest, site: Site, tmp_path: Path
+    default: Manifest, site: Site, tmp_path: Path
 ) -> None:
     with zipfile.ZipFile(archives(site) / "Two-2views.zip", "a") as file:
         file.writestr("../../escaped.png", "gotcha")
-    done = download_middlebury(manifest, tmp_path / "in", default_lighting=True, patience=QUICK)
+    done = download_middlebury(default, tmp_path / "in", patience=QUICK)
     assert done.new == 2 + 4
     assert not list(tmp_path.rglob("escaped*"))
     aside = [path.name for path in (tmp_path / "in/set-aside").rglob("*") if path.is_file()]
     assert len(aside) == 1
     assert aside[0].startswith("Two-2views.zip.")
-    source = open_source(manifest, done.folder, default_lighting=True)
-    assert build_store(manifest, source, tmp_path / "a.zarr").pairs == 5
+    source = open_source(default, done.folder)
+    assert build_store(default, source, tmp_path / "a.zarr").pairs == 6
 
 
 def test_archives_on_disk_are_a_source_and_untrusted_ones_are_refused(
-    manifest: Manifest, site: Site, tmp_path: Path
+    default: Manifest, site: Site
 ) -> None:
     place = archives(site)
-    source = open_source(manifest, place.parent / "zip-2views", default_lighting=True)
-    assert len(source.available_pairs()) == 5
+    source = open_source(default, place.parent / "zip-2views")
+    assert len(source.available_pairs()) == 6
     with zipfile.ZipFile(place / "One-2views.zip", "a") as file:
         file.writestr("/etc/escaped.png", "gotcha")
     with pytest.raises(SourceError, match="leads out of it"):
-        open_source(manifest, place, default_lighting=True).available_pairs()
+        open_source(default, place).available_pairs()
