@@ -12,8 +12,7 @@ from pathlib import Path
 from dfdbench.leaderboard import Board, Entry, Standing
 from dfdbench.protocol import METRICS
 from dfdbench.published import PublishedTable, mean_over
-from dfdbench.result import Result
-from dfdbench.run_folder import RESULT
+from dfdbench.result import RESULT, Result
 from dfdbench.summary import SCENES_TO_TELL, interval_name
 from dfdbench.tables import Link, Table
 

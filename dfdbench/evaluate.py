@@ -18,14 +18,16 @@ from dfdbench.methods import Method
 from dfdbench.pair_evaluation import Evaluated, PairEvaluator, RemoteEvaluator, blank_record
 from dfdbench.parallel import Pool
 from dfdbench.protocol import PROTOCOLS
-from dfdbench.result import DatasetRecord, MethodRecord, PairResult, Result, average, save_result
-from dfdbench.run_folder import (
+from dfdbench.result import (
     RESULT,
-    add_to_journal,
-    keep_prediction,
-    open_run_folder,
-    read_journal,
+    DatasetRecord,
+    MethodRecord,
+    PairResult,
+    Result,
+    average,
+    save_result,
 )
+from dfdbench.run_folder import add_to_journal, keep_prediction, open_run_folder, read_journal
 from dfdbench.store import Store
 from dfdbench.trained_on import coverage_warnings
 

@@ -1,4 +1,4 @@
-"""Write a store's pairs as PNG files in the layout of the thesis's published images."""
+"""Write a store's pairs as PNG files; Middlebury's as the thesis's published images."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dfdbench.blur import BlurRecipe
 from dfdbench.errors import Problem, StoreError
 from dfdbench.files import write_whole
+from dfdbench.manifest import Manifest, Pair
 from dfdbench.sources.middlebury import depth_name, image_name
 from dfdbench.store import Store
 
@@ -22,16 +23,20 @@ def export_png(
     split: str = "all",
     on_pair: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Write pairs as ``SCENE/Illum1/Exp2/view1.png`` and, beside it, the defocus image.
+    """Write each pair's in-focus image, defocus image and depth map as PNG files.
 
-    The defocus image is named after its recipe, ``view1_lin_0.32_2.88.png`` for ``published``;
-    the depth map is ``SCENE/disp1.png``. Decoded, the files equal the store's arrays. Files that
-    are there already with the same content are left as they are.
+    The in-focus image is named by the pair's place on the axes, ``SCENE/exposure_ms10.png``, the
+    depth map by its own, ``SCENE/depth.png``. Pairs by view, illumination and exposure are named
+    as Middlebury's site names them, ``SCENE/Illum1/Exp2/view1.png`` and ``SCENE/disp1.png``. The
+    defocus image lies beside the in-focus one and is named after its recipe,
+    ``view1_lin_0.32_2.88.png`` for ``published`` as in the thesis; where it was captured,
+    ``exposure_ms10_defocus.png``. Decoded, the files equal the store's arrays. Files that are
+    there already with the same content are left as they are.
 
     Parameters
     ----------
     store : Store
-        A data set whose pairs have view, illumination and exposure, and a blur recipe.
+        The data set.
     folder : Path
         Where to.
     split : str
@@ -47,28 +52,32 @@ def export_png(
     Raises
     ------
     StoreError
-        Where the data set has no such layout, the store no pair of the split, a file of that
-        name holds something else, or the disk does not take it.
+        Where the store holds no pair of the split, a file of that name holds something else,
+        or the disk does not take it.
     """
     recipe = store.recipe
-    if recipe is None or set(store.manifest.axes) != {"view", "illumination", "exposure"}:
-        raise StoreError(
-            Problem("the thesis's layout is for synthetic pairs by view, illumination, exposure",
-                    str(store.path), got=f"pairs by {', '.join(store.manifest.axes)}")
-        )  # fmt: skip
+    blurred = blur_name(recipe) if recipe else "defocus"
     pairs = store.pairs(split)
     if not pairs:
         raise StoreError(Problem(f"the store holds no pair of split {split}", str(store.path)))
     for number, pair in enumerate(pairs, 1):
         images = store.read(pair)
-        scene = folder / pair.scene
-        infocus = scene / image_name(pair.at)
-        _write(infocus, images.infocus)
-        _write(infocus.with_stem(f"{infocus.stem}_{blur_name(recipe)}"), images.defocus)
-        _write(scene / depth_name(pair.at), images.depth)
+        sharp, depth = (folder / pair.scene / name for name in _names(store.manifest, pair))
+        _write(sharp, images.infocus)
+        _write(sharp.with_name(f"{sharp.stem}_{blurred}.png"), images.defocus)
+        _write(depth, images.depth)
         if on_pair:
             on_pair(number, len(pairs))
     return len(pairs)
+
+
+def _names(manifest: Manifest, pair: Pair) -> tuple[str, str]:
+    """Return the names of a pair's in-focus image and depth map below its scene's folder."""
+    if "view" in pair.at and pair.at.keys() <= {"view", "illumination", "exposure"}:
+        return image_name(pair.at), depth_name(pair.at)
+    places = [f"{axis}{value}" for axis, value in pair.coordinates]
+    depth = [f"_{axis}{pair.at[axis]}" for axis in manifest.depth.axes]
+    return f"{'/'.join(places)}.png", f"depth{''.join(depth)}.png"
 
 
 def blur_name(recipe: BlurRecipe) -> str:

@@ -19,7 +19,7 @@ from dfdbench.errors import MethodError, Problem, StoreError
 from dfdbench.fingerprint import array_digest
 from dfdbench.location import is_local
 from dfdbench.manifest import Pair
-from dfdbench.methods import Method, Prediction, call, load_method
+from dfdbench.methods import Method, Predict, Prediction, call, entry_of, load_method
 from dfdbench.protocol import PROTOCOLS, score
 from dfdbench.result import PairResult, PairScores
 from dfdbench.store import PairImages, Store
@@ -28,15 +28,18 @@ from dfdbench.store import PairImages, Store
 Evaluated = tuple[PairResult, NDArray[np.float32] | None]
 
 
-def load_for(store: Store, name: str, parameters: Mapping[str, Any], seed: int = 0) -> Method:
+def load_for(
+    store: Store, method: str | Predict, parameters: Mapping[str, Any], seed: int = 0
+) -> Method:
     """Load a method and hand it the facts of the data set that it asks for.
 
-    A class with a parameter ``recipe`` gets the data set's blur recipe, one with
-    ``recipe_name`` that recipe's name, empty for captured defocus, one with ``training_mean``
-    the mean depth of the training split, one with ``seed`` the run's seed.
+    A method is named as for `dfdbench.methods.load`, or is the function or class itself, defined
+    at the top of a module. A class with a parameter ``recipe`` gets the data set's blur recipe,
+    one with ``recipe_name`` that recipe's name, empty for captured defocus, one with
+    ``training_mean`` the mean depth of the training split, one with ``seed`` the run's seed.
     """
     return load_method(
-        name,
+        method if isinstance(method, str) else entry_of(method),
         parameters,
         {
             "recipe": lambda: _recipe_of(store),
@@ -66,8 +69,18 @@ def training_mean(store: Store) -> float:
     Raises
     ------
     StoreError
-        Where the store holds no training pair.
+        Where the data set has no split ``train``, or the store no pair of it.
     """
+    splits = [split.name for split in store.manifest.splits]
+    if "train" not in splits:
+        raise StoreError(
+            Problem(
+                what="the method asks for the mean depth of the training split, and there is none",
+                where=str(store.path), expected="a split called train in the manifest",
+                got=", ".join(splits) or "no splits",
+                fix="--param training_mean=LEVEL, 0 to 255, or build from a manifest that has one",
+            )
+        )  # fmt: skip
     total, count = 0, 0
     seen: set[tuple[str, tuple[int, ...]]] = set()
     for pair in store.pairs("train"):

@@ -8,6 +8,7 @@ from typing import overload
 
 import xarray
 
+from dfdbench.errors import InputError, Problem
 from dfdbench.location import Place
 from dfdbench.manifest import Pair
 from dfdbench.store import WHOLE, PairImages, Region, Store, open_store
@@ -53,13 +54,32 @@ class PairSequence(Sequence[PairImages]):
         index : int
             Which pair.
         region : pair of slice
-            Rows and columns.
+            Rows and columns, within the image.
+
+        Raises
+        ------
+        InputError
+            Where the region reaches beyond the image, or holds no pixel.
         """
+        _check_region(region, self.store.shape_of(self.pairs[index].scene))
         return self.store.read(self.pairs[index], region)
 
     def scene(self, name: str) -> xarray.Dataset:
         """Return all of a scene as lazily read arrays with named dimensions."""
         return self.store.scene(name)
+
+
+def _check_region(region: Region, shape: tuple[int, int]) -> None:
+    # Slices beyond an end are cut there by Python's rule, and those that start before 0 empty.
+    problems = [
+        Problem("the crop does not lie within the image", axis, f"pixels 0 to {size}, start first",
+                f"{part.start} to {part.stop}")
+        for axis, part, size in zip(("rows", "columns"), region, shape, strict=True)
+        if any(end is not None and not -size <= end <= size for end in (part.start, part.stop))
+        or not range(*part.indices(size))
+    ]  # fmt: skip
+    if problems:
+        raise InputError(problems)
 
 
 def open_pairs(

@@ -16,6 +16,8 @@ from dfdbench.files import write_whole
 from dfdbench.protocol import METRICS
 
 SCHEMA_VERSION = 1
+#: What a result is called in the folder of its run.
+RESULT = "result.json"
 #: How far a recorded average may be from the one recomputed from the pairs.
 _TOLERANCE = 1e-9
 
@@ -177,7 +179,12 @@ def seal_of(content: dict[str, Any]) -> str:
 
 
 def load_result(path: Path) -> Result:
-    """Read a result file, check it, and compute its averages anew.
+    """Read a run's result, check it, and compute its averages anew.
+
+    Parameters
+    ----------
+    path : Path
+        The result file, or the folder of the run.
 
     Raises
     ------
@@ -191,13 +198,19 @@ def load_result(path: Path) -> Result:
 
 
 def examine_result(path: Path) -> tuple[Result, list[Problem]]:
-    """Read a result file, and return in what it contradicts itself.
+    """Read a run's result, and return in what it contradicts itself.
+
+    Parameters
+    ----------
+    path : Path
+        The result file, or the folder of the run.
 
     Raises
     ------
     ResultError
         Where it cannot be read or is of another schema version.
     """
+    path = path / RESULT if path.is_dir() else path
     content = _read_json(path)
     found = content.get("schema_version") if isinstance(content, dict) else None
     if found != SCHEMA_VERSION:

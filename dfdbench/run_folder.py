@@ -21,7 +21,6 @@ from dfdbench.result import PairResult
 _IDENTITY = "run.json"
 _JOURNAL = "pairs.jsonl"
 PREDICTIONS = "predictions.zarr"
-RESULT = "result.json"
 
 
 def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> Path | None:
@@ -96,10 +95,15 @@ def add_to_journal(folder: Path, record: PairResult) -> None:
 def keep_prediction(
     folder: Path, manifest: Manifest, pair: Pair, depth: NDArray[np.float32]
 ) -> None:
-    """Keep a predicted depth map, shape (y, x)."""
+    """Keep a predicted depth map, shape (y, x), beside those of its scene, by their axes."""
     axes = manifest.axes
     group = zarr.open_group(folder / PREDICTIONS, path=pair.scene, mode="a", zarr_format=3)
     if "depth" not in group:
+        # The values that `sel` finds depth maps by; one cut short by a kill is written again.
+        for axis, values in axes.items():
+            group.create_array(
+                axis, data=np.asarray(values, np.int64), dimension_names=(axis,), overwrite=True
+            )
         group.create_array(
             "depth",
             shape=(*(len(values) for values in axes.values()), *depth.shape),

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import DfdbenchError, Problem, ResultError
 from dfdbench.manifest import Pair
-from dfdbench.result import PairResult, Result, load_result
-from dfdbench.run_folder import PREDICTIONS, RESULT, read_prediction
+from dfdbench.result import RESULT, PairResult, Result, load_result
+from dfdbench.run_folder import PREDICTIONS, read_prediction
 from dfdbench.store import PairImages, Store, open_store
 from dfdbench.submission import method_label
 

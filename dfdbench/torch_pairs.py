@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,8 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
 
     Items are dictionaries: ``infocus`` and ``defocus``, uint8 (channel, y, x); ``depth``, uint8
     (y, x), depth levels; ``valid``, bool (y, x), where they are known. It may be used with any
-    number of a ``DataLoader``'s workers: the crops do not depend on it.
+    number of a ``DataLoader``'s workers, persistent ones too: the crops do not depend on them.
+    Whole images of several sizes make a batch with ``collate_fn=TorchPairs.collate``.
 
     Parameters
     ----------
@@ -38,6 +40,15 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
     ------
     InputError
         Where a crop is larger than the images.
+
+    Examples
+    --------
+    >>> data = TorchPairs("demo", "train", crop=64)  # doctest: +SKIP
+    >>> loader = DataLoader(data, 8, num_workers=2, persistent_workers=True)  # doctest: +SKIP
+    >>> for epoch in range(100):  # doctest: +SKIP
+    ...     data.set_epoch(epoch)
+    ...     for batch in loader:
+    ...         ...
     """
 
     def __init__(
@@ -52,7 +63,8 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
         self._pairs = open_pairs(name, split, store, cache)
         self._crop = crop
         self._seed = seed
-        self._epoch = 0
+        # Shared with a DataLoader's workers, which are copies made before the next epoch is set.
+        self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
         shapes = {pair.scene for pair in self._pairs.pairs}
         smallest = min((min(self._pairs.store.shape_of(scene)) for scene in shapes), default=0)
         if crop is not None and not 0 < crop <= smallest:
@@ -73,14 +85,52 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
         }
 
     def set_epoch(self, epoch: int) -> None:
-        """Crop at other places: those of this epoch, a number from 0."""
-        self._epoch = epoch
+        """Crop at other places: those of this epoch, a number from 0; set it between epochs."""
+        self._epoch.fill_(epoch)
+
+    @staticmethod
+    def collate(items: Sequence[dict[str, torch.Tensor]]) -> dict[str, torch.Tensor]:
+        """Return one batch of items whose sizes differ, for a ``DataLoader``'s ``collate_fn``.
+
+        Images and depth maps are filled up with zeros, at the bottom and on the right, to the
+        largest of the batch. There ``valid`` is False, so that a loss over the known pixels
+        leaves them out.
+
+        Parameters
+        ----------
+        items : sequence of dict
+            As this data set gives them.
+
+        Returns
+        -------
+        dict of str to Tensor
+            ``infocus`` and ``defocus``, (item, channel, y, x); ``depth`` and ``valid``,
+            (item, y, x); ``size``, int64 (item, 2), each item's own rows and columns.
+
+        Examples
+        --------
+        >>> image, depth = torch.ones(3, 2, 4, dtype=torch.uint8), torch.ones(2, 4)
+        >>> small = {"infocus": image, "defocus": image, "depth": depth, "valid": depth > 0}
+        >>> large = {name: torch.cat([values] * 2, -1) for name, values in small.items()}
+        >>> batch = TorchPairs.collate([small, large])
+        >>> batch["infocus"].shape, batch["valid"].sum((1, 2)).tolist(), batch["size"].tolist()
+        (torch.Size([2, 3, 2, 8]), [8, 16], [[2, 4], [2, 8]])
+        """
+        sizes = [tuple(item["depth"].shape) for item in items]
+        rows, columns = (max(extent) for extent in zip(*sizes, strict=True))
+
+        def filled(values: torch.Tensor) -> torch.Tensor:
+            below, right = rows - values.shape[-2], columns - values.shape[-1]
+            return torch.nn.functional.pad(values, (0, right, 0, below))
+
+        batch = {name: torch.stack([filled(item[name]) for item in items]) for name in items[0]}
+        return batch | {"size": torch.tensor(sizes)}
 
     def _region(self, index: int) -> Region:
         if self._crop is None:
             return WHOLE
         rows, columns = self._pairs.store.shape_of(self._pairs.pairs[index].scene)
-        random = np.random.default_rng((self._seed, self._epoch, index % len(self)))
+        random = np.random.default_rng((self._seed, int(self._epoch), index % len(self)))
         top = int(random.integers(0, rows - self._crop + 1))
         left = int(random.integers(0, columns - self._crop + 1))
         return slice(top, top + self._crop), slice(left, left + self._crop)

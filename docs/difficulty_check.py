@@ -11,8 +11,8 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from dfdbench.difficulty import STEPS, UNSEEN, smallest_step
-from dfdbench.result import load_result
-from dfdbench.run_folder import RESULT, read_prediction
+from dfdbench.result import RESULT, load_result
+from dfdbench.run_folder import read_prediction
 from dfdbench.store import open_store
 
 

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.manifest import Pair
-from dfdbench.result import load_result
-from dfdbench.run_folder import RESULT, read_prediction
+from dfdbench.result import RESULT, load_result
+from dfdbench.run_folder import read_prediction
 from dfdbench.store import PairImages, Store
 
 REGIONS = ("unknown pixels", "near a depth edge", "flat colour", "the rest")

@@ -346,20 +346,21 @@ def middlebury(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def test_middlebury_shows_what_the_thesis_found(dfdbench: Command, middlebury: str) -> None:
-    """On the scenes that are here: Midd1's wall at level 56 is what fold K03 lacks."""
+    """The thesis says that K03 lacks levels 35 to 38: Midd2's; Midd1's wall at 56 comes next."""
     fold = dfdbench("coverage", middlebury, "--fold", "K03", "--format", "json")
     assert fold.status == 1
-    largest = max(json.loads(fold.out)["ranges"], key=lambda item: item["share"])
-    assert (largest["first"], largest["last"]) == (56, 56)
-    assert next(iter(largest["scenes"])) == "Midd1"
+    ranges = sorted(json.loads(fold.out)["ranges"], key=lambda item: -item["share"])
+    largest = [(item["first"], item["last"], next(iter(item["scenes"]))) for item in ranges[:2]]
+    assert largest == [(36, 39, "Midd2"), (56, 56, "Midd1")]
     each = json.loads(dfdbench("coverage", middlebury, "--each", "scene", "--format", "json").out)
     uncovered = {
         name for name, record in each["records"].items() if record["shares"]["thesis"] > 0.01
     }
     assert uncovered == {
-        "Baby2", "Bowling1", "Bowling2", "Cloth2", "Lampshade1", "Laundry", "Midd1", "Monopoly",
+        "Art", "Baby2", "Bowling1", "Bowling2", "Cloth2", "Lampshade1", "Laundry", "Midd1", "Midd2",
+        "Monopoly", "Reindeer",
     }  # fmt: skip
     proposed = json.loads(
         dfdbench("split", middlebury, "--test-scenes", "3", "--format", "json").out
     )
-    assert (proposed["choices"], proposed["covered"]) == (1140, 15)
+    assert (proposed["choices"], proposed["covered"]) == (2925, 141)

@@ -1,23 +1,29 @@
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray
 
 from dfdbench.build import build_store
-from dfdbench.errors import ResultError, StoreError
+from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.evaluate import run_method
 from dfdbench.fingerprint import array_digest
 from dfdbench.manifest import Manifest
+from dfdbench.manifest_reader import parse_manifest
 from dfdbench.methods import Method
+from dfdbench.methods.baselines import Constant
 from dfdbench.pair_evaluation import load_for, training_mean
 from dfdbench.parallel import Cluster, Pool, Processes
 from dfdbench.protocol import PROTOCOLS, score
-from dfdbench.result import load_result
-from dfdbench.run_folder import RESULT, read_prediction
+from dfdbench.result import RESULT, load_result
+from dfdbench.run_folder import PREDICTIONS, read_prediction
+from dfdbench.sources import open_source
 from dfdbench.sources.middlebury import MiddleburyScenes
 from dfdbench.store import Store
+from tests.conftest import TINY_TOML
 
 
 class Counting:
@@ -187,6 +193,53 @@ def test_the_training_mean_counts_each_depth_map_once(tiny_store: Store) -> None
     assert training_mean(tiny_store) == pytest.approx(depth[valid].mean())
     loaded = load_for(tiny_store, "constant", {})
     assert loaded.uses == ("training_mean",)
+
+
+def test_a_set_without_a_training_split_says_what_to_do(tiny_folder: Path, tmp_path: Path) -> None:
+    text = TINY_TOML.replace('name = "train"', 'name = "learn"')
+    manifest = parse_manifest(text.encode(), "tiny-1.toml")
+    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
+    store = Store(tmp_path / "s.zarr")
+    with pytest.raises(StoreError, match=r"(?s)training split.*learn, test.*--param training_mean"):
+        load_for(store, "constant", {})
+    assert load_for(store, "constant", {"training_mean": 90}).uses == ()
+
+
+def grey(infocus: Any, defocus: Any) -> Any:
+    return infocus[..., 0]
+
+
+def test_a_function_or_class_may_be_given_itself(tiny_store: Store, tmp_path: Path) -> None:
+    loaded = load_for(tiny_store, grey, {})
+    assert loaded.name == loaded.entry == "tests.test_evaluate:grey"
+    assert loaded.predict is grey
+    assert loaded.source_sha256 == hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    assert run_method(tiny_store, loaded, "test", tmp_path / "out").result.complete
+    assert load_for(tiny_store, Constant, {}).uses == ("training_mean",)
+
+
+@pytest.mark.parametrize("given", [lambda infocus, defocus: infocus, Constant(90.0), 7])
+def test_what_has_no_name_of_its_own_is_refused(tiny_store: Store, given: Any) -> None:
+    with pytest.raises(MethodError, match=r"(?s)could be found again.*file\.py:name"):
+        load_for(tiny_store, given, {})
+
+
+def test_kept_depth_maps_are_found_by_their_coordinates(tiny_store: Store, tmp_path: Path) -> None:
+    run_method(tiny_store, method(grey), "Two", tmp_path / "out")
+    kept = xarray.open_zarr(tmp_path / "out" / PREDICTIONS, group="Two", consolidated=False)
+    images = tiny_store.read(tiny_store.pairs("Two")[1])
+    assert images.pair.at == {"view": 1, "illumination": 1, "exposure": 1}
+    found = kept["depth"].sel(images.pair.at).values
+    assert np.array_equal(found, images.infocus[..., 0])
+    with pytest.raises(KeyError):
+        kept["depth"].sel(view=2)
+
+
+def test_a_result_is_read_from_the_folder_of_its_run(tiny_store: Store, tmp_path: Path) -> None:
+    run = run_method(tiny_store, method(grey), "One", tmp_path / "out")
+    assert load_result(tmp_path / "out") == run.result
+    with pytest.raises(ResultError, match=r"result\.json"):
+        load_result(tmp_path)
 
 
 def test_a_seeded_method_repeats_itself(tiny_store: Store, tmp_path: Path) -> None:

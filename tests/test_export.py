@@ -2,7 +2,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import ClassVar
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,8 +13,9 @@ from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import StoreError
 from dfdbench.export import export_png
-from dfdbench.manifest import Manifest
-from dfdbench.sources import open_source
+from dfdbench.manifest import Manifest, Pair
+from dfdbench.manifest_reader import parse_manifest
+from dfdbench.sources import SceneImages, open_source
 from dfdbench.store import Store
 from tests.conftest import write_png
 
@@ -40,6 +43,48 @@ def test_only_a_split_and_nothing_is_overwritten(tiny_store: Store, tmp_path: Pa
     with pytest.raises(StoreError, match="holds something else"):
         export_png(tiny_store, tmp_path, "One")
     assert mine.read_bytes() == before
+
+
+@pytest.mark.parametrize("captured", [True, False])
+def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -> None:
+    text = find_manifest("realworld" if captured else "realworld-synthetic").toml
+    text = text.replace("[10, 20, 30, 40, 50, 60, 70]", "[10, 20]")
+    for pairs, fewer in ((392, 112), (56, 16), (294, 84), (42, 12), (448, 128)):
+        text = text.replace(f"pairs = {pairs}\n", f"pairs = {fewer}\n")
+        text = text.replace(f"pair_count = {pairs}\n", f"pair_count = {fewer}\n")
+    manifest = parse_manifest(text.encode(), "realworld-1.toml")
+    random = np.random.default_rng(0)
+    shape = (2, 9, 11, 3)
+    infocus, defocus = (random.integers(0, 256, shape).astype(np.uint8) for _ in range(2))
+    depth = random.integers(1, 256, (9, 11)).astype(np.uint8)
+
+    class One:
+        options: ClassVar[dict[str, object]] = {}
+
+        def available_pairs(self) -> tuple[Pair, ...]:
+            return manifest.pairs("k03")
+
+        def signature(self, scene: str) -> str:
+            return "0" * 64
+
+        def read(self, scene: str) -> SceneImages:
+            there = np.ones(2, bool)
+            return SceneImages(infocus, depth, depth > 0, there, defocus if captured else None)
+
+        def missing_help(self, missing: tuple[Pair, ...]) -> str:
+            return ""
+
+    build_store(manifest, One(), tmp_path / "s.zarr")
+    store = Store(tmp_path / "s.zarr")
+    assert export_png(store, tmp_path / "png") == 2
+    written = {path.name for path in (tmp_path / "png/k03").iterdir()}
+    blurred = "defocus" if captured else "lin_0.32_2.88"
+    assert written == {"depth.png"} | {
+        f"exposure_ms{value}{ending}.png" for value in (10, 20) for ending in ("", f"_{blurred}")
+    }
+    image = cv2.imread(str(tmp_path / f"png/k03/exposure_ms20_{blurred}.png"))
+    assert image is not None
+    assert np.array_equal(image[..., ::-1], store.read(store.pairs("k03")[1]).defocus)
 
 
 def test_the_published_images_come_out_again(

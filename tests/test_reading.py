@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dfdbench
-from dfdbench.errors import StoreError, UnknownNameError
+from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.store import Store
 
 
@@ -42,6 +42,24 @@ def test_a_crop_decodes_its_own_pair_only(tiny_store: Store) -> None:
     assert np.array_equal(data.crop(1, region).infocus, whole.infocus[region])
     with pytest.raises(StoreError, match="dfdbench verify"):
         data.crop(0, region)
+
+
+@pytest.mark.parametrize(
+    ("region", "told"),
+    [
+        ((slice(20, 28), slice(0, 8)), "rows.*20 to 28"),
+        ((slice(0, 8), slice(0, 31)), "columns.*0 to 31"),
+        ((slice(-4, 4), slice(0, 8)), "rows.*-4 to 4"),
+        ((slice(8, 8), slice(-99, None)), "rows.*8 to 8.*columns.*-99"),
+    ],
+)
+def test_a_crop_beyond_the_image_is_refused(
+    tiny_store: Store, region: tuple[slice, slice], told: str
+) -> None:
+    data = dfdbench.open("tiny", "One", store=tiny_store.path)
+    with pytest.raises(InputError, match=f"(?s){told}"):
+        data.crop(0, region)
+    assert data.crop(0, (slice(16, 24), slice(-8, None))).depth.shape == (8, 8)
 
 
 def test_scenes_are_arrays_with_names(tiny_store: Store) -> None:

@@ -69,3 +69,28 @@ def test_crops_of_all_arrays_are_of_one_place(tiny_store: Store) -> None:
 def test_crops_that_do_not_fit(tiny_store: Store, crop: int) -> None:
     with pytest.raises(InputError, match="1 to 24"):
         TorchPairs("tiny", "all", crop=crop, store=tiny_store.path)
+
+
+@pytest.mark.parametrize("start", ["fork", "spawn"])
+def test_workers_that_stay_hear_of_the_next_epoch(tiny_store: Store, start: str) -> None:
+    data = TorchPairs("tiny", "all", crop=8, store=tiny_store.path)
+    loader = torch.utils.data.DataLoader(
+        data, batch_size=11, num_workers=1, persistent_workers=True, multiprocessing_context=start
+    )
+    for epoch in (0, 1, 0):
+        data.set_epoch(epoch)
+        (batch,) = loader
+        expected = torch.stack([data[number]["infocus"] for number in range(11)])
+        assert torch.equal(batch["infocus"], expected)
+
+
+def test_whole_images_of_several_sizes_make_a_batch(tiny_store: Store) -> None:
+    data = TorchPairs("tiny", "all", store=tiny_store.path)
+    loader = torch.utils.data.DataLoader(data, batch_size=11, collate_fn=TorchPairs.collate)
+    (batch,) = loader
+    assert batch["infocus"].shape == (11, 3, 24, 32)
+    assert batch["size"][[0, 4, 10]].tolist() == [[24, 30], [24, 31], [24, 32]]
+    for number, (rows, columns) in enumerate(batch["size"].tolist()):
+        for name, values in data[number].items():
+            assert torch.equal(batch[name][number][..., :rows, :columns], values)
+            assert not batch[name][number][..., columns:].any()

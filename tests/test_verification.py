@@ -9,8 +9,7 @@ from dfdbench.errors import ResultError
 from dfdbench.evaluate import run_method
 from dfdbench.leaderboard import boards, collect
 from dfdbench.pair_evaluation import load_for
-from dfdbench.result import Result, load_result, seal_of
-from dfdbench.run_folder import RESULT
+from dfdbench.result import RESULT, Result, load_result, seal_of
 from dfdbench.store import Store
 from dfdbench.submission import submit
 from dfdbench.verification import load_verification, save_verification, verify

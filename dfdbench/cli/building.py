@@ -100,7 +100,7 @@ def export(
     split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "all",
     cache: Cache = None,
 ) -> None:
-    """Write the pairs as PNG files, laid out and named as the thesis's."""
+    """Write the pairs as PNG files; Middlebury's are named as the thesis's."""
     store = open_store(name, cache=cache)
     store.manifest.scenes_of(split)
     with progress("writing pairs") as step:

@@ -13,7 +13,7 @@ from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError, Problem, ResultError
 from dfdbench.leaderboard import boards, collect
 from dfdbench.leaderboard_readme import check_readme, write_readme
-from dfdbench.result import load_result
+from dfdbench.result import RESULT, load_result
 from dfdbench.store import open_store
 from dfdbench.submission import data_set_problems
 from dfdbench.tables import Format, render
@@ -80,6 +80,7 @@ def verify_command(
 def _verify_one(
     path: Path, folder: Path, dataset: str | None, how: tuple[int, int, float], record: bool
 ) -> None:
+    path = path / RESULT if path.is_dir() else path
     claimed = load_result(path)
     problems = data_set_problems(claimed, folder, str(path))
     if problems:

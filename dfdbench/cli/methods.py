@@ -21,8 +21,7 @@ from dfdbench.pair_evaluation import load_for
 from dfdbench.protocol import find_protocol
 from dfdbench.report import run_as_csv, run_as_json, run_tables
 from dfdbench.report_scenes import scene_tables
-from dfdbench.result import Result
-from dfdbench.run_folder import RESULT
+from dfdbench.result import RESULT, Result
 from dfdbench.store import open_store
 from dfdbench.submission import submit as submit_result
 from dfdbench.summary import scene_labels

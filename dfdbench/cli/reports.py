@@ -18,8 +18,7 @@ from dfdbench.figures.comparison import change_figure
 from dfdbench.page.html import write_html
 from dfdbench.page.markdown import write_markdown
 from dfdbench.protocol import find_protocol
-from dfdbench.result import Result
-from dfdbench.run_folder import RESULT
+from dfdbench.result import RESULT, Result
 from dfdbench.runs import SavedRun, open_run
 from dfdbench.submission import method_label
 from dfdbench.tables import Format, render

@@ -227,6 +227,36 @@ def load_method(
     return Method(name, entry, predict, dict(parameters), uses, source)
 
 
+def entry_of(target: Predict) -> str:
+    """Return ``module:attribute`` of a function or class, under which it can be imported.
+
+    Raises
+    ------
+    MethodError
+        Where it is not to be had under a name, or what it does could change unnoticed: a lambda,
+        a function within another, an object, anything typed into an interpreter.
+
+    Examples
+    --------
+    >>> entry_of(load)
+    'dfdbench.methods:load'
+    """
+    place, name = getattr(target, "__module__", ""), getattr(target, "__qualname__", "")
+    module = sys.modules.get(place)
+    if not getattr(module, "__file__", None) or getattr(module, name, None) is not target:
+        raise MethodError(
+            Problem(
+                what="the method has no name under which it could be found again",
+                where=name or type(target).__name__,
+                expected="a name, or a function or class at the top of a module's file",
+                got=repr(target)[:80],
+                fix="put it into a file and pass 'file.py:name'; an object's class: its parameters "
+                "go beside it",
+            )
+        )  # fmt: skip
+    return f"{place}:{name}"
+
+
 def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
     """Call a method on one pair and check what it returns; nothing it does raises.
 

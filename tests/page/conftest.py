@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dfdbench.evaluate import run_method
 from dfdbench.methods import Method
 from dfdbench.pair_evaluation import load_for
-from dfdbench.run_folder import RESULT
+from dfdbench.result import RESULT
 from dfdbench.runs import SavedRun, open_run
 from dfdbench.store import Store
 
