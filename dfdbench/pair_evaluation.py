@@ -6,7 +6,7 @@ import json
 import math
 import random
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
@@ -19,7 +19,7 @@ from dfdbench.errors import MethodError, Problem, StoreError
 from dfdbench.fingerprint import array_digest
 from dfdbench.location import is_local
 from dfdbench.manifest import Pair
-from dfdbench.methods import Method, Predict, Prediction, call, entry_of, load_method
+from dfdbench.methods import Method, Prediction, call, entry_of, load_method
 from dfdbench.protocol import PROTOCOLS, score
 from dfdbench.result import PairResult, PairScores
 from dfdbench.store import PairImages, Store
@@ -29,7 +29,7 @@ Evaluated = tuple[PairResult, NDArray[np.float32] | None]
 
 
 def load_for(
-    store: Store, method: str | Predict, parameters: Mapping[str, Any], seed: int = 0
+    store: Store, method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int = 0
 ) -> Method:
     """Load a method and hand it the facts of the data set that it asks for.
 

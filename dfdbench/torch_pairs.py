@@ -64,7 +64,8 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
         self._crop = crop
         self._seed = seed
         # Shared with a DataLoader's workers, which are copies made before the next epoch is set.
-        self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
+        self._epoch = torch.zeros((), dtype=torch.int64)
+        self._epoch.share_memory_()  # type: ignore[no-untyped-call]
         shapes = {pair.scene for pair in self._pairs.pairs}
         smallest = min((min(self._pairs.store.shape_of(scene)) for scene in shapes), default=0)
         if crop is not None and not 0 < crop <= smallest:

@@ -227,7 +227,7 @@ def load_method(
     return Method(name, entry, predict, dict(parameters), uses, source)
 
 
-def entry_of(target: Predict) -> str:
+def entry_of(target: Callable[..., Any]) -> str:
     """Return ``module:attribute`` of a function or class, under which it can be imported.
 
     Raises
