@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from types import MappingProxyType
 from typing import Any
 
@@ -13,6 +14,20 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError, Problem, unknown_name
+
+
+def _is_positive(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return False
+    try:
+        number = float(value)
+    except OverflowError:
+        return False
+    return math.isfinite(number) and number > 0
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
 
 
 @dataclass(frozen=True)
@@ -53,17 +68,19 @@ class BlurRecipe:
     invert: bool = True
 
     def __post_init__(self) -> None:
-        problems = []
-        for name in ("sigma_min", "sigma_step"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                problems.append(Problem("wrong blur recipe", name, "a number > 0", str(value)))
-        if not 2 <= self.levels <= 256:
-            problems.append(Problem("wrong blur recipe", "levels", "2 to 256", str(self.levels)))
-        if self.kernel_size < 1 or self.kernel_size % 2 == 0:
-            problems.append(
-                Problem("wrong blur recipe", "kernel_size", "odd, positive", str(self.kernel_size))
-            )
+        size = self.kernel_size
+        fits = {
+            "sigma_min": (_is_positive(self.sigma_min), "a number > 0"),
+            "sigma_step": (_is_positive(self.sigma_step), "a number > 0"),
+            "levels": (_is_whole(self.levels) and 2 <= self.levels <= 256, "2 to 256"),
+            "kernel_size": (_is_whole(size) and size > 0 and size % 2 == 1, "odd, positive"),
+            "invert": (isinstance(self.invert, bool), "true or false"),
+        }
+        problems = [
+            Problem("wrong blur recipe", name, expected, repr(getattr(self, name)))
+            for name, (right, expected) in fits.items()
+            if not right
+        ]
         if problems:
             raise InputError(problems)
 
@@ -113,7 +130,7 @@ def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:
     UnknownNameError
         Where no recipe has that name.
     InputError
-        Where a parameter is unknown or out of range.
+        Where a parameter is unknown, lacking, of the wrong type or out of range.
 
     Examples
     --------
@@ -127,11 +144,18 @@ def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:
             raise unknown_name("blur recipe", recipe, RECIPES)
         return RECIPES[recipe]
     known = [field.name for field in fields(BlurRecipe)]
-    unknown = sorted(set(recipe) - set(known))
-    if unknown:
-        raise InputError(
-            Problem("wrong blur recipe", expected=", ".join(known), got=", ".join(unknown))
-        )
+    problems = [
+        Problem(what="unknown field of a blur recipe", expected=", ".join(known), got=str(name))
+        for name in recipe
+        if name not in known
+    ]
+    problems += [
+        Problem(what="a field of the blur recipe is lacking", expected=field.name)
+        for field in fields(BlurRecipe)
+        if field.default is MISSING and field.name not in recipe
+    ]
+    if problems:
+        raise InputError(problems)
     return BlurRecipe(**recipe)
 
 

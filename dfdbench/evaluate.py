@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import filelock
-
 import dfdbench
 from dfdbench.environment import describe_environment
 from dfdbench.errors import Problem, ResultError, StoreError
+from dfdbench.location import as_location
+from dfdbench.lock import hold
 from dfdbench.manifest import Pair
 from dfdbench.methods import Method
 from dfdbench.pair_evaluation import Evaluated, PairEvaluator, RemoteEvaluator, blank_record
@@ -27,7 +27,13 @@ from dfdbench.result import (
     average,
     save_result,
 )
-from dfdbench.run_folder import add_to_journal, keep_prediction, open_run_folder, read_journal
+from dfdbench.run_folder import (
+    add_to_journal,
+    keep_prediction,
+    keep_store_place,
+    open_run_folder,
+    read_journal,
+)
 from dfdbench.store import Store
 from dfdbench.trained_on import coverage_warnings
 
@@ -110,52 +116,51 @@ def run_method(
         )  # fmt: skip
     chosen = available[:limit]
     identity = _identity(store, method, split, keep_predictions, seed)
-    lock = filelock.FileLock(folder.with_name(f".{folder.name}.lock"))
+    taken = ResultError(
+        Problem(
+            "another run is writing this folder", str(folder),
+            fix="wait for it, or choose another with --out DIR",
+        )
+    )  # fmt: skip
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        lock.acquire(timeout=0)
-        set_aside = open_run_folder(folder, identity, fresh)
-        finished = read_journal(folder)
-        reused = sum(pair.id in finished for pair in chosen)
-        to_do = [pair for pair in chosen if pair.id not in finished]
-        done = reused
+        with hold(as_location(folder.with_name(f".{folder.name}.lock")), taken):
+            set_aside = open_run_folder(folder, identity, fresh)
+            keep_store_place(folder, store.path)
+            finished = read_journal(folder)
+            reused = sum(pair.id in finished for pair in chosen)
+            to_do = [pair for pair in chosen if pair.id not in finished]
+            done = reused
 
-        def note(pair: Pair, evaluated: Evaluated) -> None:
-            nonlocal done
-            record, depth = evaluated
-            if depth is not None and keep_predictions:
-                keep_prediction(folder, store.manifest, pair, depth)
-            finished[pair.id] = record
-            add_to_journal(folder, record)
-            done += 1
-            if on_pair:
-                on_pair(done, len(chosen))
+            def note(pair: Pair, evaluated: Evaluated) -> None:
+                nonlocal done
+                record, depth = evaluated
+                if depth is not None and keep_predictions:
+                    keep_prediction(folder, store.manifest, pair, depth)
+                finished[pair.id] = record
+                add_to_journal(folder, record)
+                done += 1
+                if on_pair:
+                    on_pair(done, len(chosen))
 
-        if pool is None:
-            evaluate = PairEvaluator(store, method, seed)
-            for pair in to_do:
-                note(pair, evaluate(pair))
-        else:
-            remote = RemoteEvaluator.of(store, method, seed)
-            for start in range(0, len(to_do), _BATCH):
-                pool.map(remote, to_do[start : start + _BATCH], note)
-        wanted = {pair.id for pair in chosen}
-        present = {pair.id for pair in available}
-        pairs = [
-            finished[pair.id]
-            if pair.id in wanted
-            else blank_record(pair, "not-run" if pair.id in present else "missing")
-            for pair in expected
-        ]
-        result = _result(store, method, split, pairs, seed)
-        save_result(result, folder / RESULT)
-    except filelock.Timeout as error:
-        raise ResultError(
-            Problem(
-                "another run is writing this folder", str(folder),
-                fix="wait for it, or choose another with --out DIR",
-            )
-        ) from error  # fmt: skip
+            if pool is None:
+                evaluate = PairEvaluator(store, method, seed)
+                for pair in to_do:
+                    note(pair, evaluate(pair))
+            else:
+                remote = RemoteEvaluator.of(store, method, seed)
+                for start in range(0, len(to_do), _BATCH):
+                    pool.map(remote, to_do[start : start + _BATCH], note)
+            wanted = {pair.id for pair in chosen}
+            present = {pair.id for pair in available}
+            pairs = [
+                finished[pair.id]
+                if pair.id in wanted
+                else blank_record(pair, "not-run" if pair.id in present else "missing")
+                for pair in expected
+            ]
+            result = _result(store, method, split, pairs, seed)
+            save_result(result, folder / RESULT)
     except OSError as error:
         raise ResultError(
             Problem(
@@ -164,8 +169,6 @@ def run_method(
                 "the same command goes on where it stopped",
             )
         ) from error  # fmt: skip
-    finally:
-        lock.release()
     return Run(result, folder, reused, set_aside)
 
 
@@ -181,6 +184,7 @@ def _identity(
         "source_sha256": method.source_sha256,
         "parameters": method.parameters,
         "weights_sha256": method.weights_sha256,
+        "files_sha256": method.files_sha256,
         "protocols": [protocol.as_dict() for protocol in PROTOCOLS.values()],
         "network_crop": store.manifest.network_crop,
         "keep_predictions": keep_predictions,
@@ -231,6 +235,7 @@ def _result(store: Store, method: Method, split: str, pairs: list[PairResult], s
             uses=list(method.uses),
             trained_on=trained_on,
             weights_sha256=method.weights_sha256,
+            files_sha256=method.files_sha256,
             paper=method.paper,
         ),
         environment=describe_environment(),
@@ -243,6 +248,10 @@ def _result(store: Store, method: Method, split: str, pairs: list[PairResult], s
 
 def _shared(value: Any) -> Any:
     # As for entries: of a file, its name.
+    if isinstance(value, list):
+        return [_shared(part) for part in value]
+    if isinstance(value, dict):
+        return {name: _shared(part) for name, part in value.items()}
     is_file = isinstance(value, str) and Path(value).is_absolute()
     return Path(value).name if is_file else value
 

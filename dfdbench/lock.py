@@ -19,6 +19,11 @@ from upath import UPath
 from dfdbench.errors import DfdbenchError
 from dfdbench.location import exists, is_local
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 #: Seconds after which a lease that nobody renews has ended.
 LEASE = 60.0
 
@@ -30,10 +35,10 @@ Check = Callable[[], None]
 def hold(location: UPath, taken: DfdbenchError, lease: float = LEASE) -> Iterator[Check]:
     """Hold a place while the block runs; give it free at its end, however it ends.
 
-    On disk this is a file lock, which ends with its process. Object stores have none: there an
-    object is created that must not exist yet, and renewed while it is held. One that its holder
-    left behind is taken over when its lease has ended, or at once where the holder was a process
-    of this machine that is no more.
+    On disk this is a file lock, which ends with its process, and whose file goes with the work.
+    Object stores have none: there an object is created that must not exist yet, and renewed while
+    it is held. One that its holder left behind is taken over when its lease has ended, or at once
+    where the holder was a process of this machine that is no more.
 
     Parameters
     ----------
@@ -50,21 +55,64 @@ def hold(location: UPath, taken: DfdbenchError, lease: float = LEASE) -> Iterato
         Raises `taken` if the place was lost to another process.
     """
     if is_local(location):
-        lock = filelock.FileLock(location.path)
-        try:
-            lock.acquire(timeout=0)
-        except filelock.Timeout as error:
-            if exists(location):
-                raise taken from error
-            # No file was made, so nobody holds it: the folder takes none.
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(location)) from error
-        try:
+        # Absolute: the block may change the working directory.
+        with _locked_file(os.path.abspath(location.path), taken):
             yield lambda: None
-        finally:
-            lock.release()
         return
     with _leased(location, taken, lease) as check:
         yield check
+
+
+@contextlib.contextmanager
+def _locked_file(path: str, taken: DfdbenchError) -> Iterator[None]:
+    try:
+        handle = _lock(path, taken)
+    except OSError as error:
+        if error.errno != errno.ENOSYS:
+            raise
+        with _locked_without_flock(path, taken):
+            yield
+        return
+    try:
+        yield
+    finally:
+        # First the file, then the lock: who waits with the old file open sees that it is gone.
+        # Afterwards the name may be another's.
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(path)
+        fcntl.flock(handle, fcntl.LOCK_UN)
+        os.close(handle)
+
+
+def _lock(path: str, taken: DfdbenchError) -> int:
+    if fcntl is None:
+        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS), path)
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Between opening and locking, its holder may have ended and removed the file: a lock
+            # on what has no name any more holds off nobody.
+            with contextlib.suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(handle), os.stat(path)):
+                    return handle
+        except BlockingIOError as error:
+            os.close(handle)
+            raise taken from error
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
+
+
+@contextlib.contextmanager
+def _locked_without_flock(path: str, taken: DfdbenchError) -> Iterator[None]:
+    # Windows, and network file systems without locks.
+    try:
+        with filelock.FileLock(path, timeout=0):
+            yield
+    except filelock.Timeout as error:
+        raise taken from error
 
 
 @contextlib.contextmanager

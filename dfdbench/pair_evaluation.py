@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import random
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -20,6 +19,7 @@ from dfdbench.fingerprint import array_digest
 from dfdbench.location import is_local
 from dfdbench.manifest import Pair
 from dfdbench.methods import Method, Prediction, call, entry_of, load_method
+from dfdbench.methods.isolation import seeded
 from dfdbench.protocol import PROTOCOLS, score
 from dfdbench.result import PairResult, PairScores
 from dfdbench.store import PairImages, Store
@@ -121,11 +121,11 @@ class PairEvaluator:
         # Seeds and standard output belong to the whole process.
         with self._one_at_a_time:
             if not self._warm and self._method.warm_up:
-                _seed(self._seed)
-                call(self._method.warm_up, images.infocus, images.defocus)
+                with seeded(self._seed):
+                    call(self._method.warm_up, images.infocus, images.defocus)
             self._warm = True
-            _seed(self._seed)
-            prediction = call(self._method.predict, images.infocus, images.defocus)
+            with seeded(self._seed):
+                prediction = call(self._method.predict, images.infocus, images.defocus)
         return _record(self._store, images, prediction), prediction.depth
 
 
@@ -204,8 +204,3 @@ def _record(store: Store, images: PairImages, prediction: Prediction) -> PairRes
 def blank_record(pair: Pair, status: str) -> PairResult:
     """Return the record of a pair that was not evaluated."""
     return PairResult(id=pair.id, scene=pair.scene, coordinates=pair.at, status=status)  # type: ignore[arg-type]
-
-
-def _seed(seed: int) -> None:
-    random.seed(seed)
-    np.random.seed(seed)

@@ -82,7 +82,11 @@ class DatasetRecord(Model):
 
 
 class MethodRecord(Model):
-    """Which method was run, and how."""
+    """Which method was run, and how.
+
+    `files_sha256` is of what parameters name: files, and folders by their files' names and
+    contents.
+    """
 
     name: str
     entry: str
@@ -92,6 +96,7 @@ class MethodRecord(Model):
     trained_on: str | None
     paper: str | None
     weights_sha256: Sha256 | None = None
+    files_sha256: dict[str, Sha256] = Field(default_factory=dict)
 
 
 class Environment(Model):

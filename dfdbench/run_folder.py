@@ -1,4 +1,4 @@
-"""The folder of a run: its identity, a journal of finished pairs, the predicted depth maps."""
+"""The folder of a run: its identity, finished pairs, depth maps, and where its store is."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.files import write_whole
+from dfdbench.location import Place, as_location, is_local
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.result import PairResult
 
 _IDENTITY = "run.json"
 _JOURNAL = "pairs.jsonl"
+_STORE = "store.txt"
 PREDICTIONS = "predictions.zarr"
 
 
@@ -90,6 +92,18 @@ def add_to_journal(folder: Path, record: PairResult) -> None:
     """Note a pair as finished."""
     with (folder / _JOURNAL).open("a", encoding="utf-8") as journal:
         journal.write(record.model_dump_json() + "\n")
+
+
+def keep_store_place(folder: Path, place: Place) -> None:
+    """Note on this machine where the data set lies; results, which are shared, do not say it."""
+    location = as_location(place)
+    write_whole(folder / _STORE, f"{location.absolute() if is_local(location) else location}\n")
+
+
+def read_store_place(folder: Path) -> str | None:
+    """Return where the run's data set lay, or None where no run in the folder noted it."""
+    path = folder / _STORE
+    return path.read_text(encoding="utf-8").strip() if path.is_file() else None
 
 
 def keep_prediction(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from dfdbench.errors import DfdbenchError, Problem, ResultError
 from dfdbench.manifest import Pair
 from dfdbench.result import RESULT, PairResult, Result, load_result
-from dfdbench.run_folder import PREDICTIONS, read_prediction
+from dfdbench.run_folder import PREDICTIONS, read_prediction, read_store_place
 from dfdbench.store import PairImages, Store, open_store
 from dfdbench.submission import method_label
 
@@ -59,7 +60,8 @@ def open_run(path: Path, dataset: str | None = None) -> SavedRun:
     path : Path
         ``result.json``, or the folder that it lies in.
     dataset : str, optional
-        The store's path; the data set that the result names, in the default place, if not given.
+        The store's path; if not given, the place that the run noted in its folder, or else the
+        data set that the result names, in the default place.
 
     Raises
     ------
@@ -74,22 +76,37 @@ def open_run(path: Path, dataset: str | None = None) -> SavedRun:
     result = load_result(file)
     if not (file.parent / PREDICTIONS).is_dir():
         return SavedRun(file, result, None, "no depth maps lie beside the result")
-    try:
-        store = open_store(dataset or result.dataset.short)
-    except DfdbenchError as error:
-        if dataset:
-            raise
-        return SavedRun(file, result, None, error.problems[0].what)
-    if store.fingerprint == result.dataset.fingerprint:
-        return SavedRun(file, result, store, "")
     if dataset:
-        raise ResultError(
-            Problem(
-                "the store holds other data than the run was made with", str(file),
-                result.dataset.fingerprint, store.fingerprint,
-            )
-        )  # fmt: skip
-    return SavedRun(file, result, None, f"the built {result.dataset.short} set holds other data")
+        store = open_store(dataset)
+        if store.fingerprint != result.dataset.fingerprint:
+            raise ResultError(
+                Problem(
+                    "the store holds other data than the run was made with", str(file),
+                    result.dataset.fingerprint, store.fingerprint,
+                )
+            )  # fmt: skip
+        return SavedRun(file, result, store, "")
+    return SavedRun(file, result, *_find_store(file.parent, result))
+
+
+def _find_store(folder: Path, result: Result) -> tuple[Store | None, str]:
+    """Return the store that a run was made with, or None and why there is none."""
+    wanted = result.dataset.fingerprint
+    noted = read_store_place(folder)
+    without = ""
+    if noted:
+        with contextlib.suppress(DfdbenchError):
+            store = Store(noted)
+            if store.fingerprint == wanted:
+                return store, ""
+        without = "the data that it was run on are not where they were: --dataset PATH names them"
+    try:
+        store = open_store(result.dataset.short)
+    except DfdbenchError as error:
+        return None, without or error.problems[0].what
+    if store.fingerprint == wanted:
+        return store, ""
+    return None, without or f"the built {result.dataset.short} set holds other data"
 
 
 def _no_run(folder: Path) -> Problem:

@@ -1,5 +1,6 @@
 import hashlib
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from dfdbench.pair_evaluation import load_for, training_mean
 from dfdbench.parallel import Cluster, Pool, Processes
 from dfdbench.protocol import PROTOCOLS, score
 from dfdbench.result import RESULT, load_result
-from dfdbench.run_folder import PREDICTIONS, read_prediction
+from dfdbench.run_folder import PREDICTIONS, read_prediction, read_store_place
 from dfdbench.sources import open_source
 from dfdbench.sources.middlebury import MiddleburyScenes
 from dfdbench.store import Store
@@ -293,3 +294,74 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
     assert first is not None
     assert second is not None
     assert np.array_equal(first, second)
+
+
+FILTERED = """
+from pathlib import Path
+
+class Filtered:
+    def __init__(self, file, also=()):
+        self.level = int(Path(file).read_text())
+
+    def __call__(self, infocus, defocus):
+        return infocus[..., 0] * 0 + self.level
+"""
+
+
+def test_a_file_that_a_parameter_names_counts_by_its_content(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(FILTERED)
+    file = tmp_path / "level.txt"
+    parameters = {"file": str(file), "also": [{"deep": str(file)}]}
+    hashes = []
+    for level, reused in ((20, 0), (20, 7), (90, 0)):
+        file.write_text(str(level))
+        loaded = load_for(tiny_store, f"{tmp_path / 'mine.py'}:Filtered", parameters)
+        run = run_method(tiny_store, loaded, "test", tmp_path / "out")
+        assert run.reused == reused
+        hashes.append(load_result(tmp_path / "out" / RESULT).method.files_sha256)
+    assert hashes[0] == hashes[1] != hashes[2]
+    assert set(hashes[0]) == {"file", "also.0.deep"}
+    assert str(tmp_path) not in json.dumps(run.result.method.parameters)
+
+
+def test_a_run_leaves_no_lock_and_notes_where_the_data_lie(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    run_method(tiny_store, method(Counting()), "test", tmp_path / "runs/out")
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["out"]
+    assert read_store_place(tmp_path / "runs/out") == str(tiny_store.path)
+    assert str(tmp_path) not in (tmp_path / "runs/out" / RESULT).read_text()
+
+
+def test_what_a_method_does_to_the_process_ends_with_its_call(
+    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    seen = []
+
+    def spoiling(infocus: Any, defocus: Any) -> Any:
+        seen.append((Path.cwd(), os.environ.get("MINE"), np.geterr()["invalid"]))
+        os.chdir("/")
+        os.environ["MINE"] = "1"
+        np.seterr(all="raise")
+        np.random.seed(99)
+        infocus[:] = 255
+        defocus[:] = 255
+        return np.full(infocus.shape[:2], 100)
+
+    state = np.random.get_state(legacy=False)
+    # A relative folder: it must not wander with the method.
+    result = run_method(tiny_store, method(spoiling), "test", Path("out")).result
+    assert result.complete
+    assert set(seen) == {(tmp_path, None, "warn")}
+    assert load_result(tmp_path / "out" / RESULT) == result
+    after = np.random.get_state(legacy=False)
+    assert np.array_equal(after["state"]["key"], state["state"]["key"])
+
+
+def test_the_energy_of_graph_cuts_is_kept(tiny_store: Store, tmp_path: Path) -> None:
+    loaded = load_for(tiny_store, "graph-cuts", {"labels": 16})
+    result = run_method(tiny_store, loaded, "test", tmp_path / "out", limit=1).result
+    assert result.pairs[0].numbers["energy"] > 0

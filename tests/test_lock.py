@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import socket
 import subprocess
@@ -96,4 +97,61 @@ def test_a_lease_is_renewed_and_its_loss_is_noticed(place: Callable[[str], UPath
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that takes no file")
 def test_a_folder_that_takes_no_file_is_not_told_as_held_by_another() -> None:
     with pytest.raises(OSError), hold(UPath("/proc/no.lock"), TAKEN):  # noqa: PT011
+        pass
+
+
+def test_no_lock_file_stays(place: Callable[[str], UPath]) -> None:
+    lock = place(".a.lock")
+    with hold(lock, TAKEN):
+        assert exists(lock)
+        # Who is refused takes nothing away.
+        with pytest.raises(StoreError, match="taken"), hold(lock, TAKEN):
+            pass
+        assert exists(lock)
+    assert not exists(lock)
+    with pytest.raises(ValueError, match="mine"), hold(lock, TAKEN):
+        raise ValueError("mine")
+    assert not exists(lock)
+
+
+def test_a_file_that_an_earlier_version_left_is_no_obstacle(tmp_path: Path) -> None:
+    (tmp_path / ".a.lock").touch()
+    with hold(UPath(tmp_path / ".a.lock"), TAKEN):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def take_turns(folder: str, turns: int) -> None:
+    """Hold the place again and again; fails where another is there at the same time."""
+    inside = Path(folder, "inside")
+    done = 0
+    while done < turns:
+        try:
+            with hold(UPath(folder, ".a.lock"), TAKEN):
+                os.close(os.open(inside, os.O_CREAT | os.O_EXCL))
+                inside.unlink()
+                done += 1
+        except StoreError:
+            os.sched_yield()
+
+
+def test_processes_that_come_and_go_are_never_in_one_place_together(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("spawn")
+    processes = [context.Process(target=take_turns, args=(str(tmp_path), 300)) for _ in range(3)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    assert not any(process.exitcode for process in processes)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_where_the_file_system_has_no_locks_another_kind_is_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dfdbench.lock.fcntl", None)
+    lock = UPath(tmp_path / ".a.lock")
+    with hold(lock, TAKEN), pytest.raises(StoreError, match="taken"), hold(lock, TAKEN):
+        pass
+    with hold(lock, TAKEN):
         pass

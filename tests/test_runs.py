@@ -3,8 +3,11 @@ from pathlib import Path
 import pytest
 
 from dfdbench.errors import ResultError
+from dfdbench.evaluate import run_method
+from dfdbench.pair_evaluation import load_for
 from dfdbench.result import save_result
 from dfdbench.runs import open_run
+from dfdbench.store import Store
 from tests.results import make_result
 
 
@@ -19,3 +22,23 @@ def test_a_folder_of_runs_names_them(tmp_path: Path) -> None:
     for folder in (tmp_path, tmp_path / "demo-1-test"):
         with pytest.raises(ResultError, match=r"name the runs: .*demo-1-test/a, .*demo-1-test/b"):
             open_run(folder)
+
+
+def test_a_run_on_a_path_finds_its_store_again(
+    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run_method(Store(Path("tiny.zarr")), load_for(tiny_store, "constant", {}), "test", Path("out"))
+    monkeypatch.chdir("/")
+    found = open_run(tmp_path / "out")
+    assert found.store is not None
+    assert found.without == ""
+    assert found.images(found.result.pairs[0]) is not None
+    # Elsewhere, or overwritten by another build: told, not shown.
+    (tmp_path / "tiny.zarr").rename(tmp_path / "moved.zarr")
+    moved = open_run(tmp_path / "out")
+    assert moved.store is None
+    assert "--dataset" in moved.without
+    assert open_run(tmp_path / "out", str(tmp_path / "moved.zarr")).store is not None
+    (tmp_path / "out/store.txt").unlink()
+    assert "unknown data set" in open_run(tmp_path / "out").without

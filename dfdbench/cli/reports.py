@@ -26,7 +26,7 @@ from dfdbench.tables import Format, render
 _PANELS = 4
 _PICTURES = (".png", ".pdf", ".svg")
 Dataset = Annotated[
-    str | None, typer.Option(help="A store's path; default: the data set that a result names.")
+    str | None, typer.Option(help="A store's path; default: where the runs found it.")
 ]
 
 

@@ -117,6 +117,9 @@ def train(
     save_figure(training_figure(log.log(), title), folder / TRAINING_FIGURE)
     save_figure(levels_figure(log.levels(), title), folder / LEVELS_FIGURE)
     print_table(card_table(outcome.card))
+    if outcome.within_warm_up:
+        say("time was up before the warm-up had ended: these weights have hardly been trained")
+        say("--resume with a longer --max-time goes on; --fresh --set warm_up=N warms up faster")
     scores = "scores.csv, " if log.log().scores else ""
     say(f"log          {folder / 'losses.csv'}, {scores}depth_levels.csv")
     say(f"weights      {outcome.weights}, and their card {outcome.weights.with_suffix('.md')}")

@@ -21,9 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur import find_recipe
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.extras import absent, extra_of
+from dfdbench.methods.isolation import process_kept
+from dfdbench.methods.parameters import files_sha256, read_parameters
 
 Image = NDArray[np.uint8]
 Predict = Callable[[Image, Image], Any]
@@ -54,7 +55,7 @@ class Method:
     predict : callable
         ``predict(infocus, defocus) -> depth``.
     parameters : dict
-        What the user set, as given.
+        What the user set, fit for JSON.
     uses : tuple of str
         Which facts of the data set it was handed, of those offered to `load_method`.
     source_sha256 : str or None
@@ -90,6 +91,11 @@ class Method:
         """The SHA-256 of the weights it was given, where it says so."""
         digest = getattr(self.predict, "weights_sha256", None)
         return str(digest) if digest else None
+
+    @functools.cached_property
+    def files_sha256(self) -> dict[str, str]:
+        """The SHA-256 of the files and folders that parameters name."""
+        return files_sha256(self.parameters)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -147,7 +153,14 @@ def load(name: str, **params: Any) -> Predict:
     name : str
         A registered name, ``module:attribute`` or ``path/to/file.py:attribute``.
     **params
-        Handed to a class when it is constructed, or to a function at each call.
+        Handed to a class when it is constructed, or to a function at each call. `recipe` may be
+        a blur recipe's name, its fields as a mapping, a TOML file of them, or a `BlurRecipe`.
+
+    Returns
+    -------
+    callable
+        ``predict(infocus, defocus)``, of two RGB images of uint8, shape (y, x, 3); it returns
+        depth levels 0 to 255, shape (y, x).
 
     Raises
     ------
@@ -195,9 +208,7 @@ def load_method(
             )
         entry = registered[name]
     target, source = _import(entry)
-    given = dict(parameters)
-    if isinstance(given.get("recipe"), str):
-        given["recipe"] = find_recipe(given["recipe"])
+    given, recorded = read_parameters(parameters)
     if inspect.isclass(target):
         accepted = _parameters(target)
         uses = tuple(key for key in offers if key in accepted and key not in given)
@@ -224,7 +235,7 @@ def load_method(
                 type(predict).__name__,
             )
         )  # fmt: skip
-    return Method(name, entry, predict, dict(parameters), uses, source)
+    return Method(name, entry, predict, recorded, uses, source)
 
 
 def entry_of(target: Callable[..., Any]) -> str:
@@ -269,7 +280,10 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
 
     Notes
     -----
-    A method may return ``(depth, numbers)``, numbers by name that a result is to keep.
+    Numbers that a result is to keep, an energy for example, are read after the call from the
+    method's attribute ``numbers``, a mapping of names to what the last call came to.
+
+    What the method changes of the process is put back: see `process_kept`.
 
     Examples
     --------
@@ -285,15 +299,15 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
     numbers: dict[str, float] = {}
     begin = time.perf_counter()
     try:
-        with contextlib.redirect_stdout(printed):
+        with process_kept(), contextlib.redirect_stdout(printed):
+            begin = time.perf_counter()
             returned = predict(*copies)
+            seconds = time.perf_counter() - begin
+            numbers = _finite_numbers(getattr(predict, "numbers", None))
     except (Exception, SystemExit) as raised:
         error = f"raised {_describe(raised)}"
         seconds = time.perf_counter() - begin
     else:
-        seconds = time.perf_counter() - begin
-        if isinstance(returned, tuple) and len(returned) == 2 and isinstance(returned[1], Mapping):
-            returned, numbers = returned[0], _finite_numbers(returned[1])
         depth, error = check_depth(returned, infocus.shape[:2])
     return Prediction(depth, seconds, error, printed.getvalue(), numbers)
 
@@ -306,6 +320,11 @@ def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float
     >>> check_depth(np.full((2, 2), 300), (2, 2))
     (None, 'returned levels from 300 to 300; expected 0 to 255')
     """
+    if isinstance(returned, tuple) and any(isinstance(part, Mapping) for part in returned):
+        return None, (
+            "returned a depth map and numbers; expected the depth map alone: "
+            "keep numbers in the method's attribute `numbers`, from which a result takes them"
+        )
     try:
         array = np.asarray(returned)
     except Exception as error:
@@ -323,10 +342,10 @@ def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float
     return np.clip(array.astype(np.float32), 0, 255), ""
 
 
-def _finite_numbers(given: Mapping[Any, Any]) -> dict[str, float]:
+def _finite_numbers(given: Any) -> dict[str, float]:
     # Strings, infinities and the like are no numbers that a result could average: left out.
     numbers = {}
-    for name, value in given.items():
+    for name, value in given.items() if isinstance(given, Mapping) else ():
         if isinstance(value, (int, float, np.integer, np.floating)) and np.isfinite(value):
             numbers[str(name)] = float(value)
     return numbers

@@ -84,9 +84,10 @@ class GraphCuts:
     >>> depth = np.full((40, 40), 120, np.uint8)
     >>> depth[:, 20:] = 180
     >>> defocus = synthesize(image, depth, RECIPES["published"])
-    >>> found, numbers = GraphCuts()(image, defocus)
-    >>> bool(np.abs(found - depth).mean() < 1)
-    True
+    >>> method = GraphCuts()
+    >>> found = method(image, defocus)
+    >>> bool(np.abs(found - depth).mean() < 1), list(method.numbers)
+    (True, ['energy'])
     """
 
     paper = (
@@ -151,14 +152,18 @@ class GraphCuts:
         # A thread's pairs share the memory of their costs, the largest array by far.
         self._memory = threading.local()
 
+    @property
+    def numbers(self) -> Mapping[str, float]:
+        """Of the last call in this thread: ``energy``, with a bound ``lower_bound`` and its gap."""
+        numbers: Mapping[str, float] = getattr(self._memory, "numbers", {})
+        return numbers
+
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
         self(infocus[:32, :32].copy(), defocus[:32, :32].copy())
 
-    def __call__(
-        self, infocus: Image, defocus: Image
-    ) -> tuple[NDArray[np.float32], dict[str, float]]:
-        """Return depth levels, shape (y, x), and the energy reached.
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return depth levels, shape (y, x); `numbers` then holds the energy reached.
 
         Parameters
         ----------
@@ -171,8 +176,9 @@ class GraphCuts:
             numbers["lower_bound"] = float(solution.lower_bound)
             gap = solution.energy - solution.lower_bound
             numbers["gap_percent"] = 100 * gap / max(solution.lower_bound, 1)
+        self._memory.numbers = numbers
         depth = self._recipe.depth_of_level(self._levels[solution.labels])
-        return np.minimum(depth + self._offset, 255).astype(np.float32), numbers
+        return np.asarray(np.minimum(depth + self._offset, 255), np.float32)
 
     def solve(self, infocus: Image, defocus: Image) -> mrf.Solution:
         """Return the solver's labels, energy and history, and the bound if it was asked for."""

@@ -19,7 +19,7 @@ from dfdbench.tables import Table
 from dfdbench.training.checkpoint import WEIGHTS
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
 from dfdbench.training.task import Task, require_trainable, task_of
-from dfdbench.training.trainer import train
+from dfdbench.training.trainer import TIME_LIMIT, train
 
 #: What an experiment changes where it changes no choice of the configuration.
 FOLD = "fold"
@@ -196,7 +196,7 @@ def run_trial(
                 )
             )  # fmt: skip
         ended_early = max_seconds is None or card.seconds < max_seconds
-        if not (card.ended_by == "its time limit" and ended_early):
+        if not (card.ended_by.startswith(TIME_LIMIT) and ended_early):
             return card
     return train(trial.task, trial.folder, max_seconds, device, on_step).card
 

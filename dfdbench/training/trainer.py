@@ -33,7 +33,9 @@ from dfdbench.training.scoring import evenly_spaced, mean_scores, same_threads
 from dfdbench.training.task import Task, require_trainable
 
 _SAVE_SECONDS = 60.0
-_TIME_LIMIT = "its time limit"
+#: How `ended_by` begins where time was up.
+TIME_LIMIT = "its time limit"
+_WITHIN_WARM_UP = f"{TIME_LIMIT}, within the warm-up"
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,11 @@ class Outcome:
 
     weights: Path
     card: Card
+
+    @property
+    def within_warm_up(self) -> bool:
+        """True where time was up before the learning rate had reached its height."""
+        return self.card.ended_by.startswith(_WITHIN_WARM_UP)
 
 
 def train(
@@ -152,7 +159,7 @@ class _Session:
             self._save()
         ended = self._schedule.ended
         if not ended and max_seconds is not None and self._seconds >= max_seconds:
-            ended = _TIME_LIMIT
+            ended = self._time_is_up()
         while not ended:
             loss = self._one_step()
             if on_step:
@@ -163,11 +170,18 @@ class _Session:
             self._seconds = now - begin
             ended = self._schedule.ended
             if not ended and max_seconds is not None and self._seconds >= max_seconds:
-                ended = _TIME_LIMIT
+                ended = self._time_is_up()
             if ended or now - saved >= _SAVE_SECONDS:
                 self._save()
                 saved = now
         return self._finish(ended)
+
+    def _time_is_up(self) -> str:
+        choices = self._task.configuration
+        if choices.schedule != "cosine" or self._step >= choices.warm_up:
+            return TIME_LIMIT
+        # Such weights have hardly been trained, and their scores say nothing of the network.
+        return f"{_WITHIN_WARM_UP}, at step {self._step:,} of {choices.warm_up:,}"
 
     def _one_step(self) -> float:
         pixels, levels = self._cropper.draw(self._step)

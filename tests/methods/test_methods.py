@@ -1,3 +1,7 @@
+import hashlib
+import os
+import re
+import warnings
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 from typing import Any
@@ -7,7 +11,7 @@ import pytest
 
 from dfdbench.blur import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, UnknownNameError
-from dfdbench.methods import call, load, load_method, registered_methods
+from dfdbench.methods import Method, call, load, load_method, registered_methods
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 
@@ -145,12 +149,43 @@ def test_a_bad_answer_is_said_not_scored(answer: object, told: str) -> None:
     assert told in prediction.error
 
 
-def test_numbers_beside_the_depth_are_kept_if_they_are_numbers() -> None:
-    said = {"energy": 12, "gap": np.float32(0.5), "note": "x", "bad": float("nan")}
-    prediction = call(lambda *_: (np.zeros((4, 6)), said), IMAGE, IMAGE)
+class Saying:
+    """Says of its second answer what it did not of its first."""
+
+    numbers: Any = None
+
+    def __call__(self, infocus: Any, defocus: Any) -> Any:
+        if infocus.max() > 9:
+            raise RuntimeError("too bright")
+        self.numbers = {"energy": 12, "gap": np.float32(0.5), "note": "x", "bad": float("nan")}
+        return np.zeros((4, 6))
+
+
+def test_numbers_of_the_last_call_are_kept_if_they_are_numbers() -> None:
+    method = Saying()
+    prediction = call(method, IMAGE, IMAGE)
     assert prediction.error == ""
     assert prediction.numbers == {"energy": 12.0, "gap": 0.5}
+    # A pair that failed has none, least of all those of the pair before.
+    assert call(method, IMAGE + np.uint8(20), IMAGE).numbers == {}
+    method.numbers = "many"
+    assert call(lambda *_: np.zeros((4, 6)), IMAGE, IMAGE).numbers == {}
+
+
+def test_numbers_beside_the_depth_are_refused_with_what_to_do() -> None:
+    prediction = call(lambda *_: (np.zeros((4, 6)), {"energy": 1.0}), IMAGE, IMAGE)
+    assert prediction.depth is None
+    assert "attribute `numbers`" in prediction.error
     assert call(lambda *_: (np.zeros((4, 6)), 3), IMAGE, IMAGE).depth is None
+
+
+@pytest.mark.parametrize("name", ["constant", "local", "graph-cuts", "graph-cuts-rounded"])
+def test_what_is_loaded_returns_a_depth_map(name: str) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (24, 30, 3)).astype(np.uint8)
+    given = {"training_mean": 90.0} if name == "constant" else {}
+    depth = load(name, **given)(image, image)
+    assert isinstance(depth, np.ndarray)
+    assert (depth.shape, depth.dtype) == ((24, 30), np.float32)
 
 
 def leaving(*_: object) -> None:
@@ -193,3 +228,93 @@ def test_a_method_cannot_spoil_the_images() -> None:
     image = IMAGE.copy()
     call(writing, image, image)
     assert image.max() == 0
+
+
+def test_a_method_cannot_spoil_the_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def spoiling(infocus: Any, defocus: Any) -> Any:
+        os.chdir(tmp_path)
+        os.environ["MINE"] = "1"
+        os.environ["KEPT"] = "changed"
+        del os.environ["GONE"]
+        np.set_printoptions(precision=1)
+        np.seterr(all="raise")
+        warnings.simplefilter("error")
+        if infocus.max():
+            raise RuntimeError("boom")
+        return infocus[..., 0]
+
+    monkeypatch.setenv("KEPT", "as it was")
+    monkeypatch.setenv("GONE", "not gone")
+
+    def state() -> tuple[Any, ...]:
+        filters = list(warnings.filters)
+        return Path.cwd(), dict(os.environ), np.get_printoptions(), np.geterr(), filters
+
+    before = state()
+    for image in (IMAGE, IMAGE + np.uint8(1)):
+        call(spoiling, image, image)
+        assert state() == before
+
+
+FIELDS = {"sigma_min": 0.2, "sigma_step": 0.006}
+
+
+@pytest.mark.parametrize("form", ["mapping", "file", "path", "recipe"])
+def test_a_recipe_may_be_given_in_many_forms(tmp_path: Path, form: str) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("sigma_min = 0.2\nsigma_step = 0.006\n")
+    expected = BlurRecipe(**FIELDS)  # type: ignore[arg-type]
+    given: dict[str, Any] = {"mapping": FIELDS, "file": str(file), "path": file, "recipe": expected}
+    method = load_method("local", {"recipe": given[form]}, {})
+    assert method.predict._recipe == expected  # type: ignore[attr-defined]
+    assert method.predict(IMAGE, IMAGE).shape == (4, 6)
+    recorded = expected.as_dict() if form == "recipe" else FIELDS
+    assert method.parameters == {"recipe": recorded}
+
+
+@pytest.mark.parametrize(
+    ("fields", "told"),
+    [
+        ({"sigma_min": 0.2}, "sigma_step"),
+        (FIELDS | {"sigma_mni": 1}, "sigma_mni"),
+        (FIELDS | {"sigma_min": "0.2"}, "parameter recipe: sigma_min"),
+        (FIELDS | {"sigma_min": True}, "parameter recipe: sigma_min"),
+        (FIELDS | {"sigma_min": float("nan")}, "parameter recipe: sigma_min"),
+        (FIELDS | {"sigma_step": float("inf")}, "parameter recipe: sigma_step"),
+        (FIELDS | {"sigma_step": 10**400}, "parameter recipe: sigma_step"),
+        (FIELDS | {"sigma_step": -0.1}, "parameter recipe: sigma_step"),
+        (FIELDS | {"levels": 128.5}, "parameter recipe: levels"),
+        (FIELDS | {"kernel_size": 27.0}, "parameter recipe: kernel_size"),
+        (FIELDS | {"invert": "no"}, "parameter recipe: invert"),
+        ("nowhere.toml", "No such file"),
+        ("broken.toml", "cannot read the blur recipe"),
+        ("negative.toml", "negative.toml: sigma_min"),
+        (5, "not a blur recipe"),
+        (None, "not a blur recipe"),
+    ],
+)
+def test_a_recipe_that_is_none_is_refused_by_name(module: Path, fields: Any, told: str) -> None:
+    module.with_name("broken.toml").write_text("sigma_min =")
+    module.with_name("negative.toml").write_text("sigma_min = -1\nsigma_step = 1\n")
+    with pytest.raises(MethodError, match=re.escape(told)):
+        load("local", recipe=fields)
+
+
+def test_files_that_parameters_name_are_hashed(module: Path) -> None:
+    folder = module.with_name("prior")
+    (folder / "in").mkdir(parents=True)
+    (folder / "in" / "a.txt").write_text("a")
+    given = {"prior": "prior", "more": ["mine.py", {"deep": "mine.py"}], "window": 9, "word": "x"}
+
+    def hashes() -> dict[str, str]:
+        return Method("m", "m:m", raising, given).files_sha256
+
+    first = hashes()
+    assert set(first) == {"prior", "more.0", "more.1.deep"}
+    digest = hashlib.sha256(module.read_bytes()).hexdigest()
+    assert first["more.0"] == first["more.1.deep"] == digest
+    (folder / "in" / "a.txt").rename(folder / "in" / "b.txt")
+    renamed = hashes()
+    (folder / "in" / "b.txt").write_text("b")
+    assert len({first["prior"], renamed["prior"], hashes()["prior"]}) == 3
+    assert hashes()["more.0"] == digest

@@ -96,6 +96,12 @@ def test_seeds_differ_and_repeat(tiny_store: Store, tmp_path: Path) -> None:
 def test_time_is_up(tiny_store: Store, tmp_path: Path) -> None:
     outcome = train(task(tiny_store), tmp_path / "t", 1e-9, "cpu")
     assert (outcome.card.steps, outcome.card.ended_by) == (1, "its time limit")
+    assert not outcome.within_warm_up
+    early = task(tiny_store, schedule="cosine", warm_up=5)
+    outcome = train(early, tmp_path / "early", 1e-9, "cpu")
+    assert outcome.card.ended_by == "its time limit, within the warm-up, at step 1 of 5"
+    assert outcome.within_warm_up
+    assert not train(early, tmp_path / "early", None, "cpu").within_warm_up
 
 
 def test_another_configuration_in_the_same_folder_is_refused(

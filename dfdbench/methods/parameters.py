@@ -1,0 +1,170 @@
+"""What a user sets of a method: blur recipes, and the content of files that are named."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dfdbench.blur import RECIPES, BlurRecipe, find_recipe
+from dfdbench.errors import DfdbenchError, MethodError, Problem, UnknownNameError, unknown_name
+
+
+def read_parameters(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return parameters as a method takes them, and as a result records them.
+
+    Of these, `recipe` is made a `BlurRecipe`; a recipe in a file is recorded by what the file
+    says, so that the result can be run again without it.
+
+    Parameters
+    ----------
+    given : mapping
+        By name. `recipe` may be a recipe's name, its fields, a TOML file of them, or a
+        `BlurRecipe`.
+
+    Raises
+    ------
+    UnknownNameError
+        Where no blur recipe has that name.
+    MethodError
+        Where fields of a recipe are unknown, lacking or wrong, or its file cannot be read.
+
+    Examples
+    --------
+    >>> taken, recorded = read_parameters({"recipe": {"sigma_min": 0.2, "sigma_step": 0.006}})
+    >>> taken["recipe"].levels, recorded
+    (256, {'recipe': {'sigma_min': 0.2, 'sigma_step': 0.006}})
+    """
+    taken = dict(given)
+    recorded = {name: _plain(value) for name, value in given.items()}
+    if "recipe" in given:
+        recipe, where = given["recipe"], "parameter recipe"
+        if isinstance(recipe, str | Path) and recipe not in RECIPES:
+            where = str(recipe)
+            recipe = _read_fields(recipe)
+        taken["recipe"] = _recipe_of(recipe, where)
+        recorded["recipe"] = _plain(recipe)
+    return taken, recorded
+
+
+def files_sha256(parameters: Mapping[str, Any]) -> dict[str, str]:
+    """Return the SHA-256 of each file or folder that parameters name, by the parameter's name.
+
+    Parameters
+    ----------
+    parameters : mapping
+        By name; paths within lists and mappings count too, as ``NAME.0`` and ``NAME.KEY``. A
+        folder's hash is that of its files' names and contents.
+
+    Raises
+    ------
+    MethodError
+        Where one of them cannot be read.
+
+    Examples
+    --------
+    >>> files_sha256({"window": 9, "weights": "no/such/file"})
+    {}
+    """
+    return {name: _digest(Path(text)) for name, text in _strings(parameters) if _is_there(text)}
+
+
+def _recipe_of(given: Any, where: str) -> BlurRecipe:
+    if not isinstance(given, str | Mapping | BlurRecipe):
+        raise MethodError(
+            Problem(
+                what="not a blur recipe", where=where,
+                expected=f"{', '.join(RECIPES)}, fields such as sigma_min, or FILE.toml",
+                got=repr(given),
+            )
+        )  # fmt: skip
+    try:
+        return find_recipe(given)
+    except UnknownNameError:
+        raise
+    except DfdbenchError as error:
+        raise MethodError(
+            Problem(
+                what=problem.what, where=f"{where}: {problem.where}" if problem.where else where,
+                expected=problem.expected, got=problem.got, fix=problem.fix,
+            )
+            for problem in error.problems
+        ) from error  # fmt: skip
+
+
+def _read_fields(file: str | Path) -> dict[str, Any]:
+    path = Path(file)
+    if path.suffix != ".toml":
+        raise unknown_name(
+            "blur recipe", str(file), RECIPES, "A recipe of your own: its fields, or FILE.toml"
+        )
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        raise MethodError(
+            Problem(
+                what="cannot read the blur recipe", where=str(file),
+                expected="a TOML file with sigma_min, sigma_step, ...", got=reason,
+            )
+        ) from error  # fmt: skip
+
+
+def _plain(value: Any) -> Any:
+    # Fit for JSON, in which runs and results keep it.
+    if isinstance(value, BlurRecipe):
+        return value.as_dict()
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Mapping):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    return value
+
+
+def _strings(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
+    if isinstance(value, str):
+        yield name, value
+    elif isinstance(value, Mapping | list):
+        parts = value.items() if isinstance(value, Mapping) else enumerate(value)
+        for key, part in parts:
+            yield from _strings(part, f"{name}.{key}" if name else str(key))
+
+
+def _is_there(text: str) -> bool:
+    return os.path.isfile(text) or os.path.isdir(text)
+
+
+def _digest(path: Path) -> str:
+    try:
+        return _of_file(path) if path.is_file() else _of_folder(path)
+    except OSError as error:
+        raise MethodError(
+            Problem(
+                what="cannot read what a parameter names", where=str(error.filename or path),
+                got=error.strerror or str(error),
+                fix="a run keeps the SHA-256 of files and folders that parameters name",
+            )
+        ) from error  # fmt: skip
+
+
+def _of_file(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _of_folder(folder: Path) -> str:
+    lines = sorted(
+        f"{_of_file(path)}  {path.relative_to(folder).as_posix()}\n"
+        for path in folder.rglob("*")
+        if path.is_file()
+    )
+    return hashlib.sha256("".join(lines).encode("utf-8", "surrogateescape")).hexdigest()
