@@ -24,7 +24,7 @@ from dfdbench.cli import (
     splits,
     training,
 )
-from dfdbench.cli.screen import say
+from dfdbench.cli.screen import say, spell_out_what_cannot_be_shown
 from dfdbench.errors import DfdbenchError, Problem
 
 __all__ = ["app", "main"]
@@ -72,6 +72,7 @@ def version_option(
 
 def main() -> None:
     """Run the command line; a user's mistake ends with a message and status 2."""
+    spell_out_what_cannot_be_shown()
     try:
         try:
             app()
