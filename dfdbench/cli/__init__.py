@@ -87,6 +87,11 @@ def main() -> None:
         sys.stderr.close()
         os._exit(0)
     except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            # It may have come in by any option, argument, manifest or variable.
+            name = str(error.filename or "")
+            say(f"error: {Problem(what='too long a name for this file system', where=name)}")
+            sys.exit(2)
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
         say(f"error: {Problem('cannot write', str(error.filename or ''), got=str(error.strerror))}")

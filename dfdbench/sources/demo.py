@@ -102,7 +102,9 @@ class DemoScenes:
 
 
 def _problems_of(manifest: Manifest) -> Iterator[Problem]:
-    made = {"view": _VIEWS, "illumination": _LIGHTS, "exposure": _GAINS}
+    made: dict[str, tuple[int, ...]] = {
+        "view": tuple(_VIEWS), "illumination": tuple(_LIGHTS), "exposure": tuple(_GAINS),
+    }  # fmt: skip
     fields = (("axes", list(manifest.axes), list(made)),
               ("depth.axes", manifest.depth.axes, ["view"]))  # fmt: skip
     for field, named, needed in fields:
