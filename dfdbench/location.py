@@ -28,7 +28,7 @@ def as_location(place: Place) -> UPath:
     Raises
     ------
     InputError
-        Where no installed library reaches places of this kind.
+        Where no installed library reaches places of this kind, or the host does not answer.
 
     Examples
     --------
@@ -45,6 +45,14 @@ def as_location(place: Place) -> UPath:
             Problem(
                 "cannot reach places of this kind", str(place), got=str(error),
                 fix="install what fsspec needs for it; for s3:// that is dfdbench[s3]",
+            )
+        ) from error  # fmt: skip
+    except OSError as error:
+        # Some libraries connect at once.
+        raise InputError(
+            Problem(
+                what="cannot reach the host", where=str(place), got=error.strerror or str(error),
+                fix="check the URL and the network",
             )
         ) from error  # fmt: skip
     if location.protocol in _LOCAL:

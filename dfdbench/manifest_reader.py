@@ -14,6 +14,12 @@ from pydantic import TypeAdapter, ValidationError
 from dfdbench.errors import ManifestError, Problem, unknown_name
 from dfdbench.manifest import ALL_PAIRS, Manifest, Pair, excluded_pairs, grid_of_pairs
 
+_AXIS = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+# What the arrays and dimensions of a scene in a store are called, besides the axes.
+_STORE_NAMES = ("available", "channel", "defocus", "depth", "infocus", "valid", "x", "y")
+# In the folder of a store, beside the scenes' own.
+_STORE_FILE = "zarr.json"
+
 
 def read_manifest(path: str | Path) -> Manifest:
     """Read a manifest file and check it whole.
@@ -118,6 +124,11 @@ def _check_scenes(sections: dict[str, Any], file: str) -> Iterator[Problem]:
     for name, times in Counter(names).items():
         if times > 1:
             yield Problem("scene is listed twice", f"{file}: scenes", "each scene once", name)
+        if name.casefold() == _STORE_FILE:
+            yield Problem(
+                what="scene is named as a file of the store", where=f"{file}: scenes", got=name,
+                fix="choose another name",
+            )  # fmt: skip
     sources = [source.name for source in sections["sources"]]
     for number, scene in enumerate(sections["scenes"]):
         if scene.source not in sources:
@@ -132,6 +143,12 @@ def _check_scenes(sections: dict[str, Any], file: str) -> Iterator[Problem]:
 def _check_axes(sections: dict[str, Any], file: str) -> Iterator[Problem]:
     axes = sections["axes"]
     for axis, values in axes.items():
+        if axis in _STORE_NAMES or not _AXIS.fullmatch(axis):
+            yield Problem(
+                what="no name for an axis", where=f"{file}: axes", got=repr(axis),
+                expected="letters, digits and _, a letter first, and none of "
+                + ", ".join(_STORE_NAMES),
+            )  # fmt: skip
         if len(set(values)) != len(values):
             yield Problem("value is listed twice", f"{file}: axes.{axis}", got=str(values))
     table = sections["table"]

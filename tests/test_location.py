@@ -50,6 +50,8 @@ def test_places_that_cannot_be_reached() -> None:
         as_location("nosuch://bucket/a.zarr")
     with pytest.raises(InputError, match="names no folder"):
         as_location("memory://")
+    with pytest.raises(InputError, match="cannot reach the host"):
+        as_location("ftp://nowhere.invalid/a.zarr")
 
 
 def test_file_urls_are_local(tmp_path: Path) -> None:

@@ -202,3 +202,17 @@ def test_pairs_are_the_grid_without_the_exclusions(views: list[int], exposures: 
     assert set(manifest.pairs("train")) | set(manifest.pairs("test")) == set(pairs)
     assert not set(manifest.pairs("train")) & set(manifest.pairs("test"))
     assert len({pair.id for pair in pairs}) == len(pairs)
+
+
+@pytest.mark.parametrize(
+    "axis", ["available", "channel", "defocus", "depth", "infocus", "valid", "x", "y",
+             "", ".", "..", "a/b", "zarr.json"],
+)  # fmt: skip
+def test_an_axis_is_not_named_as_what_a_store_holds(axis: str) -> None:
+    told = problems_of(TINY_TOML.replace("[axes]", f'[axes]\n"{axis}" = [1]'))
+    assert "no name for an axis" in told
+    assert repr(axis) in told
+
+
+def test_a_scene_is_not_named_as_a_file_of_the_store() -> None:
+    assert "named as a file of the store" in problems_of(TINY_TOML.replace('"Two"', '"zarr.json"'))

@@ -24,7 +24,7 @@ from dfdbench.cli import (
     splits,
     training,
 )
-from dfdbench.cli.screen import say
+from dfdbench.cli.screen import say, spell_out_what_cannot_be_shown
 from dfdbench.errors import DfdbenchError, Problem
 
 __all__ = ["app", "main"]
@@ -72,6 +72,7 @@ def version_option(
 
 def main() -> None:
     """Run the command line; a user's mistake ends with a message and status 2."""
+    spell_out_what_cannot_be_shown()
     try:
         try:
             app()
@@ -86,6 +87,11 @@ def main() -> None:
         sys.stderr.close()
         os._exit(0)
     except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            # It may have come in by any option, argument, manifest or variable.
+            name = str(error.filename or "")
+            say(f"error: {Problem(what='too long a name for this file system', where=name)}")
+            sys.exit(2)
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
         say(f"error: {Problem('cannot write', str(error.filename or ''), got=str(error.strerror))}")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from io import TextIOWrapper
 from pathlib import Path
 
 import typer
@@ -29,6 +31,14 @@ from dfdbench.tables import Table, as_rich, least_width
 _INTERRUPTED = 130
 
 
+def spell_out_what_cannot_be_shown() -> None:
+    r"""Print characters that the terminal's encoding lacks as Python spells them: ``\u2193``."""
+    for stream in (sys.stdout, sys.stderr):
+        # A test or a caller may have put something else in their place.
+        if isinstance(stream, TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def say(text: str) -> None:
     """Print to standard error: what is not the answer itself."""
     print(text, file=sys.stderr)
@@ -43,11 +53,24 @@ class _Console(Console):
 def print_table(table: Table) -> None:
     """Print a table to standard output."""
     console = _Console()
+    table = _spelt_out(table, console.encoding)
     # Piped or captured there is no terminal to fit: lines are as long as they need be. On a
     # narrow one the terminal wraps them, which loses nothing.
     width = max(console.width, least_width(table)) if sys.stdout.isatty() else 200
     console.width = width
     console.print(as_rich(table))
+
+
+def _spelt_out(table: Table, encoding: str) -> Table:
+    # Before the columns are measured, so that they stay in line.
+    def spelt(text: str) -> str:
+        return text.encode(encoding, "backslashreplace").decode(encoding)
+
+    return replace(
+        table, title=spelt(table.title), columns=tuple(map(spelt, table.columns)),
+        rows=tuple(tuple(map(spelt, row)) for row in table.rows),
+        notes=tuple(map(spelt, table.notes)),
+    )  # fmt: skip
 
 
 def save_figure(figure: Figure, path: Path) -> None:

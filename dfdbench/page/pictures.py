@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import re
 from typing import Any
 from warnings import catch_warnings, filterwarnings
 from xml.etree import ElementTree
@@ -19,6 +20,8 @@ from dfdbench.figures.runs import ERROR_LIMIT
 _UNKNOWN = (191, 191, 191)
 _PHOTO_QUALITY = 80
 _MAP_QUALITY = 90
+# Characters that XML cannot hold, not even escaped.
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 # Stands for the text's colour while matplotlib draws, so that dark mode can change it.
 _INK = "#010203"
 
@@ -63,11 +66,11 @@ def inline_svg(figure: Figure, name: str) -> str:
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     ElementTree.register_namespace("", "http://www.w3.org/2000/svg")
     ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
-    root = ElementTree.fromstring(text.getvalue())
+    root = ElementTree.fromstring(_NOT_XML.sub("\N{REPLACEMENT CHARACTER}", text.getvalue()))
     for unwanted in root.findall("{http://www.w3.org/2000/svg}metadata"):
         root.remove(unwanted)
     root.set("role", "img")
-    root.set("aria-label", name)
+    root.set("aria-label", _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", name))
     return ElementTree.tostring(root, encoding="unicode").replace(_INK, "currentColor")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ _SEED = 20191206
 _SHAPE = (240, 320)
 _FOCAL_LENGTH = 330.0  # pixels
 _BASELINE = 0.25  # metres between the views
+_VIEWS = {1: -_BASELINE / 2, 5: _BASELINE / 2}  # left and right, in metres
 _LEVEL_AT_ONE_METRE = 3 * _FOCAL_LENGTH * _BASELINE  # level = 3 x disparity, as Middlebury's
 _OCCLUSION = 0.02  # relative difference in distance above which a point is hidden
 
@@ -44,12 +45,20 @@ class DemoScenes:
     Parameters
     ----------
     manifest : Manifest
-        The demo manifest.
+        The demo manifest, or one with some of its scenes, views, illuminations and exposures.
+
+    Raises
+    ------
+    SourceError
+        With every scene, axis and value that there is none of here.
     """
 
     options: Mapping[str, Any] = {}
 
     def __init__(self, manifest: Manifest) -> None:
+        problems = tuple(_problems_of(manifest))
+        if problems:
+            raise SourceError(problems)
         self._manifest = manifest
 
     def available_pairs(self) -> tuple[Pair, ...]:
@@ -74,15 +83,14 @@ class DemoScenes:
         axes = self._manifest.axes
         surfaces = SCENES[scene]
         photographs = {s.texture.photograph: photograph(s.texture.photograph) for s in surfaces}
-        offsets = dict(zip(axes["view"], (-_BASELINE / 2, _BASELINE / 2), strict=True))
-        views = {view: _look(surfaces, photographs, offset) for view, offset in offsets.items()}
+        views = {view: _look(surfaces, photographs, offset) for view, offset in _VIEWS.items()}
         extent = tuple(len(values) for values in axes.values())
         infocus = np.zeros((*extent, *_SHAPE, 3), np.uint8)
         depth = np.zeros((extent[0], *_SHAPE), np.uint8)
         number = self._manifest.scene_names.index(scene)
         for v, view in enumerate(axes["view"]):
-            other = views[next(name for name in axes["view"] if name != view)]
-            shift = 1 if v == 0 else -1
+            other = views[next(name for name in _VIEWS if name != view)]
+            shift = 1 if _VIEWS[view] < 0 else -1
             depth[v] = _depth_levels(views[view].distance, other.distance, shift)
             for i, illumination in enumerate(axes["illumination"]):
                 light = _lit(views[view], illumination)
@@ -91,6 +99,38 @@ class DemoScenes:
                     infocus[v, i, e] = photograph_light(light * _GAINS[exposure], seed)
         unknown = self._manifest.depth.unknown
         return SceneImages(infocus, depth, depth != unknown, np.ones(extent, bool))
+
+
+def _problems_of(manifest: Manifest) -> Iterator[Problem]:
+    made: dict[str, tuple[int, ...]] = {
+        "view": tuple(_VIEWS), "illumination": tuple(_LIGHTS), "exposure": tuple(_GAINS),
+    }  # fmt: skip
+    fields = (("axes", list(manifest.axes), list(made)),
+              ("depth.axes", manifest.depth.axes, ["view"]))  # fmt: skip
+    for field, named, needed in fields:
+        if named != needed:
+            yield Problem(
+                what="the demo scenes have other axes", where=f"{manifest.stem}: {field}",
+                expected=", ".join(needed), got=", ".join(named) or "none",
+            )  # fmt: skip
+    for axis, values in made.items():
+        strange = [value for value in manifest.axes.get(axis, ()) if value not in values]
+        if strange:
+            yield Problem(
+                what=f"the demo scenes have no such {axis}",
+                where=f"{manifest.stem}: axes.{axis}", expected=f"of {_listed(values)}",
+                got=_listed(strange), fix="leave it out",
+            )  # fmt: skip
+    for scene in manifest.scene_names:
+        if scene not in SCENES:
+            yield Problem(
+                what="no such demo scene", where=f"{manifest.stem}: scenes",
+                expected=f"of {_listed(SCENES)}", got=scene,
+            )  # fmt: skip
+
+
+def _listed(names: Iterable[object]) -> str:
+    return ", ".join(map(str, names))
 
 
 def photograph_light(light: Floats, seed: tuple[int, ...]) -> NDArray[np.uint8]:

@@ -41,3 +41,12 @@ def test_a_figure_is_one_svg_element_named_for_who_cannot_see_it() -> None:
     assert text.startswith("<svg")
     assert 'aria-label="n &quot;q&quot; &lt;x&gt;"' in text
     assert "a &lt; b" in text
+
+
+@pytest.mark.parametrize("strange", ["\x00", "\x1b", "\ufffe"])
+def test_characters_that_svg_cannot_hold_are_shown_as_replaced(strange: str) -> None:
+    figure = Figure()
+    figure.subplots().set_title(f"a{strange}b")
+    text = inline_svg(figure, f"c{strange}d")
+    assert "a\ufffdb" in text
+    assert 'aria-label="c\ufffdd"' in text

@@ -1,9 +1,12 @@
 import numpy as np
+import pytest
 
+from dfdbench.catalog import find_manifest
+from dfdbench.errors import SourceError
 from dfdbench.manifest import Manifest
 from dfdbench.methods.baselines import Local
 from dfdbench.metrics import nmae
-from dfdbench.sources.demo import photograph_light
+from dfdbench.sources.demo import DemoScenes, photograph_light
 from dfdbench.sources.demo_scenes import SCENES
 from dfdbench.store import Store
 
@@ -85,3 +88,39 @@ def test_the_camera_saturates_quantises_and_is_seeded() -> None:
     assert photograph_light(np.zeros((40, 40, 3)), (1,)).max() < 20
     dim = photograph_light(np.full((50, 50, 3), 0.02), (1,)).astype(float)
     assert dim.std() / dim.mean() > 2 * first.std() / first.mean()
+
+
+def with_axes(**axes: list[int]) -> Manifest:
+    manifest = find_manifest("demo")
+    return manifest.model_copy(update={"axes": {**manifest.axes, **axes}})
+
+
+def test_lights_exposures_views_and_scenes_that_there_are_none_of_are_told_at_once() -> None:
+    strange = with_axes(view=[1, 3], illumination=[4], exposure=[0, 9])
+    scenes = [strange.scenes[0].model_copy(update={"name": "Cellar"})]
+    with pytest.raises(SourceError) as caught:
+        DemoScenes(strange.model_copy(update={"scenes": scenes}))
+    told = {problem.where: problem.got for problem in caught.value.problems}
+    assert told == {
+        "demo-1: axes.view": "3",
+        "demo-1: axes.illumination": "4",
+        "demo-1: axes.exposure": "9",
+        "demo-1: scenes": "Cellar",
+    }
+
+
+def test_other_axes_are_told() -> None:
+    with pytest.raises(SourceError, match="other axes"):
+        DemoScenes(with_axes(aperture=[1]))
+    manifest = find_manifest("demo")
+    depth = manifest.depth.model_copy(update={"axes": ["exposure"]})
+    with pytest.raises(SourceError, match="other axes"):
+        DemoScenes(manifest.model_copy(update={"depth": depth}))
+
+
+def test_one_view_and_one_light_make_the_same_images_as_all(demo_store: Store) -> None:
+    few = DemoScenes(with_axes(view=[5], illumination=[3], exposure=[1])).read("Attic")
+    scene = demo_store.scene("Attic")
+    at = {"view": 5, "illumination": 3, "exposure": 1}
+    assert np.array_equal(few.infocus[0, 0, 0], scene["infocus"].sel(at).values)
+    assert np.array_equal(few.depth[0], scene["depth"].sel(view=5).values)

@@ -1,0 +1,142 @@
+"""The wheel, as somebody installs it who has no checkout."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import pytest
+
+from dfdbench import __version__
+
+ROOT = Path(__file__).parents[1]
+#: Where a file of the checkout lies in the wheel, by how its path begins.
+PACKAGES = {"dfdbench/": "dfdbench/", "manifests/": "dfdbench/manifests/"}
+BUILT_FROM = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE")
+
+
+def require_backend() -> None:
+    try:
+        found = version("setuptools")
+    except PackageNotFoundError:
+        found = "0"
+    if int(found.partition(".")[0]) < 77:
+        pytest.skip("no setuptools of version 77 or newer to build with: install dfdbench[test]")
+
+
+def sources() -> list[str]:
+    """The files that git knows and that are there; outside a checkout, all that are no leavings."""
+    listed = subprocess.run(
+        ["git", "ls-files", "--", *PACKAGES], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if listed.returncode == 0 and listed.stdout:
+        return [name for name in listed.stdout.splitlines() if (ROOT / name).is_file()]
+    found = (path for folder in PACKAGES for path in (ROOT / folder).rglob("*") if path.is_file())
+    return [path.relative_to(ROOT).as_posix() for path in found if path.suffix != ".pyc"]
+
+
+def python(*arguments: str | Path, cwd: Path) -> str:
+    """Run Python's or the command's words outside the checkout; return what they print."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHONPATH", "GIT_"))}
+    done = subprocess.run(
+        list(map(str, arguments)), cwd=cwd, env=environment, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def wheel_of(source: Path, folder: Path) -> Path:
+    words = ("--no-deps", "--no-index", "--no-build-isolation", "--disable-pip-version-check")
+    python(sys.executable, "-m", "pip", "wheel", *words, "-w", folder, source, cwd=source)
+    (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+@pytest.fixture(scope="module")
+def clean_tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the sources alone: what an earlier build left in the checkout must not help."""
+    require_backend()
+    tree = tmp_path_factory.mktemp("tree")
+    for name in (*BUILT_FROM, *sources()):
+        target = tree / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, target)
+    return tree
+
+
+@pytest.fixture(scope="module")
+def wheel(clean_tree: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return wheel_of(clean_tree, tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def elsewhere(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A virtual environment with the wheel, and with our third-party packages in reach."""
+    folder = tmp_path_factory.mktemp("elsewhere") / "venv"
+    python(sys.executable, "-m", "venv", "--without-pip", folder, cwd=wheel.parent)
+    inside = folder / "bin" / "python"
+    (own,) = python(
+        inside, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=wheel.parent
+    ).splitlines()
+    # Python runs no .pth file of a folder that a .pth file names: our editable install stays away.
+    packages = [path for path in sys.path if path.endswith(("site-packages", "dist-packages"))]
+    (Path(own) / "third_party.pth").write_text("\n".join(packages), encoding="utf-8")
+    words = ("--no-deps", "--no-index", "--disable-pip-version-check")
+    python(
+        sys.executable, "-m", "pip", "--python", inside, "install", *words, wheel, cwd=wheel.parent
+    )
+    return folder
+
+
+def held_by(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return {name for name in archive.namelist() if ".dist-info/" not in name}
+
+
+def expected() -> set[str]:
+    return {
+        inside + name.removeprefix(folder)
+        for name in sources()
+        for folder, inside in PACKAGES.items()
+        if name.startswith(folder)
+    }
+
+
+def test_the_wheel_holds_every_file_and_no_other(wheel: Path) -> None:
+    assert {"dfdbench/py.typed", "dfdbench/manifests/demo-1.toml"} <= held_by(wheel)
+    assert held_by(wheel) == expected()
+
+
+def test_the_wheel_of_an_unpacked_sdist_is_the_same(clean_tree: Path, tmp_path: Path) -> None:
+    build = "import sys, setuptools.build_meta as b; print(b.build_sdist(sys.argv[1]))"
+    python(sys.executable, "-c", build, tmp_path, cwd=clean_tree)
+    (archive,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(archive) as packed:
+        packed.extractall(tmp_path, filter="data")
+    unpacked = archive.with_name(archive.name.removesuffix(".tar.gz"))
+    assert held_by(wheel_of(unpacked, tmp_path / "wheel")) == expected()
+
+
+def test_the_installed_wheel_works_without_the_checkout(elsewhere: Path, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "leaderboard", tmp_path / "board")
+    where = "import dfdbench, dfdbench.manifests as m; print(dfdbench.__file__, m.__file__)"
+    imported = python(elsewhere / "bin" / "python", "-c", where, cwd=tmp_path).split()
+    assert all(Path(file).is_relative_to(elsewhere) for file in imported)
+
+    def dfdbench(*words: str) -> str:
+        return python(elsewhere / "bin" / "dfdbench", *words, cwd=tmp_path)
+
+    assert dfdbench("--version").split() == ["dfdbench", __version__]
+    assert "realworld-synthetic-1" in dfdbench("list")
+    assert "162" in dfdbench("info", "demo")
+    assert "162 pairs" in dfdbench("build", "demo")
+    assert "NRMSE" in dfdbench("run", "--method", "constant", "--dataset", "demo")
+    assert (tmp_path / "results/demo-1-test/constant/result.json").is_file()
+    assert "README up to date" in dfdbench("leaderboard", "--folder", "board", "--check")
