@@ -48,7 +48,7 @@ def main(store_path: str, name: str, out: str, repeats: str = "3") -> None:
     axis = figure.subplots()
     axis.errorbar(pixels, means, yerr=spreads, marker="o", capsize=3)
     axis.set(
-        title=f"graph-cuts on crops of {name}: mean and standard deviation of {repeats}",
+        title=f"graph-cuts on crops of {name}:\nmean and standard deviation of {repeats}",
         xlabel="pixels", ylabel="seconds", xlim=(0, None), ylim=(0, None),
     )  # fmt: skip
     axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))

@@ -87,7 +87,7 @@ def patches_figure(drawn: Selections, title: str) -> Figure:
     maps = {number: drawn.uses(number) for number in sorted(names, key=lambda n: patches[n])}
     figure = Figure(figsize=(13, 8), layout="constrained")
     figure.suptitle(f"{title}: {patches.sum():,} patches of {drawn.size} x {drawn.size}")
-    top, bottom = figure.subfigures(2, 1)
+    top, bottom = figure.subfigures(2, 1, squeeze=False)[:, 0]
     axis = top.subplots()
     axis.stairs(patches, np.arange(len(patches) + 1) + 0.5, fill=True, color=_TRAIN)
     axis.axhline(patches.mean(), color=_TEST)
