@@ -1,4 +1,4 @@
-"""The verbs coverage, split and difficulty, end to end."""
+"""The verbs depths, coverage, split and difficulty, end to end."""
 
 import json
 import shutil
@@ -115,6 +115,22 @@ def test_what_training_lacks_is_named_kept_and_ends_with_status_1(
     assert (folder / "coverage.png").stat().st_size > 10_000
     printed = dfdbench("coverage", uneven, "--criterion", "thesis", "--format", "json")
     assert json.loads(printed.out) == record
+
+
+def test_depths_are_counted_and_drawn(dfdbench: Command, uneven: str) -> None:
+    whole = dfdbench("depths", uneven, "--format", "csv", "--figure", "figures/depths.png")
+    lines = whole.out.splitlines()
+    assert lines[0] == "level,pixels,share"
+    assert len(lines) == 257
+    # Three: 3 pairs of 4 rows of 32 pixels, of which 11 columns are 36.
+    assert lines[37].split(",")[:2] == ["36", str(3 * 4 * 11)]
+    assert Path("figures/depths.png").stat().st_size > 10_000
+    scene = dfdbench("depths", uneven, "--split", "One", "--format", "markdown")
+    assert "| 96-111 | 2,760 | 100.0 % | 96-99, 101-111 |" in scene.out
+    assert "| 32-47 | 0 | 0 % | all |" in scene.out
+    wrong = dfdbench("depths", uneven, "--split", "Ome")
+    assert wrong.status == 2
+    assert "did you mean One" in wrong.err
 
 
 def test_a_covered_test_ends_with_status_0(dfdbench: Command, uneven: str) -> None:

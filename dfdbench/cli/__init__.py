@@ -14,6 +14,7 @@ from dfdbench.cli import (
     building,
     coverage,
     datasets,
+    depths,
     difficulty,
     leaderboard,
     methods,
@@ -55,6 +56,7 @@ app.add_typer(leaderboard.app, name="leaderboard")
 app.command("register")(registering.register_scenes)
 app.add_typer(optics.app, name="optics", no_args_is_help=True)
 app.add_typer(simulation.app, name="simulate", no_args_is_help=True)
+app.command()(depths.depths)
 app.command()(coverage.coverage)
 app.command()(splits.split)
 app.command()(difficulty.difficulty)

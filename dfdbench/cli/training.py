@@ -21,6 +21,7 @@ from dfdbench.tables import Format, Table, render
 if TYPE_CHECKING:
     from dfdbench.methods.weights import Card
     from dfdbench.training.checkpoint import TrainingFolder
+    from dfdbench.training.selections import Selections
 
 _RESUMED = "--resume goes on from the last checkpoint, at most a minute back"
 _SECONDS = {"h": 3600, "m": 60, "s": 1}
@@ -90,10 +91,16 @@ def train(
     """Train a network; write its weights, a model card, a log and figures."""
     limit = seconds_of(max_time)
     with needed():
-        from dfdbench.figures.training import levels_figure, training_figure
+        from dfdbench.figures.training import levels_figure, patches_figure, training_figure
         from dfdbench.methods.weights import find_weights
-        from dfdbench.training.checkpoint import LEVELS_FIGURE, TRAINING_FIGURE, TrainingFolder
+        from dfdbench.training.checkpoint import (
+            LEVELS_FIGURE,
+            PATCHES_FIGURE,
+            TRAINING_FIGURE,
+            TrainingFolder,
+        )
         from dfdbench.training.configuration import read_configuration
+        from dfdbench.training.selections import selections_of
         from dfdbench.training.task import task_of
         from dfdbench.training.trainer import train as train_task
     use_threads(threads)
@@ -116,12 +123,18 @@ def train(
     title = f"{method.value}, {task.trained_on}, seed {seed}"
     save_figure(training_figure(log.log(), title), folder / TRAINING_FIGURE)
     save_figure(levels_figure(log.levels(), title), folder / LEVELS_FIGURE)
+    names = [pair.id for pair in task.train]
+    with progress("counting patches", _RESUMED) as bar:
+        drawn = selections_of(outcome.cropper, names, outcome.card.steps, bar)
+    log.write_patches(drawn.rows())
+    save_figure(patches_figure(drawn, title), folder / PATCHES_FIGURE)
     print_table(card_table(outcome.card))
+    print_table(patches_table(drawn))
     if outcome.within_warm_up:
         say("time was up before the warm-up had ended: these weights have hardly been trained")
         say("--resume with a longer --max-time goes on; --fresh --set warm_up=N warms up faster")
     scores = "scores.csv, " if log.log().scores else ""
-    say(f"log          {folder / 'losses.csv'}, {scores}depth_levels.csv")
+    say(f"log          {folder / 'losses.csv'}, {scores}depth_levels.csv, patches.csv")
     say(f"weights      {outcome.weights}, and their card {outcome.weights.with_suffix('.md')}")
     say(f"next         dfdbench run --method {method.value} --dataset {dataset} "
         f"--param weights={outcome.weights}")  # fmt: skip
@@ -227,6 +240,16 @@ def card_table(card: Card) -> Table:
           for name, value in card.scores.items()),
     ]  # fmt: skip
     return Table(f"{card.method}, seed {card.seed}", ("", ""), tuple(rows), "ll")
+
+
+def patches_table(drawn: Selections) -> Table:
+    """Return from which pair the fewest and the most patches were drawn."""
+    patches = drawn.patches
+    rows = [("mean", f"{patches.mean():,.2f}", f"{len(patches)} pairs")]
+    for name, number in (("least", int(patches.argmin())), ("most", int(patches.argmax()))):
+        rows.append((name, f"{patches[number]:,}", drawn.pairs[number]))
+    title = f"{patches.sum():,} patches drawn, by pair"
+    return Table(title, ("", "patches", "pair"), tuple(rows), "lrl")
 
 
 def seconds_of(text: str | None) -> float | None:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from dfdbench.compare import PairChange
 from dfdbench.figures.runs import ERROR_LIMIT
-from dfdbench.figures.style import COLOURS, MARKERS, plain_text
+from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text, wrapped
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult
 from dfdbench.runs import SavedRun
@@ -61,7 +61,8 @@ def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
     )  # fmt: skip
     for box in boxes["boxes"]:
         box.set(facecolor=COLOURS[4], alpha=0.7)
-    axis.set_yticks(range(1, len(timed) + 1), [plain_text(label) for label, _ in timed])
+    names = [wrapped(plain_text(label), 40) for label, _ in timed]
+    axis.set_yticks(range(1, len(timed) + 1), names)
     axis.invert_yaxis()
     axis.set_xscale("log")
     axis.set_xlabel("seconds a pair: quartiles and extremes")
@@ -121,7 +122,9 @@ def _scene_figure(
     levels = sorted({pair.coordinates[dataset.blocks] for pair in pairs})
     scenes = list(dict.fromkeys(pair.scene for pair in pairs))
     width = max(3.2, 0.3 * len(scenes) + 1.5)
-    figure = Figure(figsize=(width * len(levels), 7.5), layout="constrained")
+    # One exposure alone would leave no room for the names below it.
+    whole = max(width * len(levels), 8.0)
+    figure = Figure(figsize=(whole, 7.5), layout="constrained")
     grid = figure.subplots(len(METRICS), len(levels), squeeze=False, sharey="row", sharex=True)
     for line, (metric, up) in enumerate(METRICS.items()):
         for column, level in enumerate(levels):
@@ -144,8 +147,7 @@ def _scene_figure(
                 axis.set_ylabel(f"{metric.upper()} ({'higher' if up else 'lower'} is better)")
             if line == 0:
                 axis.set_title(f"{dataset.blocks} {level}")
-    handles, labels = grid[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(runs)))
+    legend_below(figure, grid[0][0])
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Figures of depth coverage, of errors on uncovered levels, and of difficulty."""
+"""Figures of depths and their coverage, of errors on uncovered levels, and of difficulty."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dfdbench.coverage import LEVELS, Verdict, runs
 from dfdbench.coverage_errors import ErrorJoin, pair_of
 from dfdbench.coverage_record import CoverageRecord, SideRecord
+from dfdbench.depths import Side
 from dfdbench.difficulty import STEPS, Difficulty
 from dfdbench.result import PairResult, Result
 from dfdbench.run_folder import read_prediction
@@ -63,6 +64,24 @@ def coverage_figure(record: CoverageRecord) -> Figure:
     bottom.legend(loc="best", fontsize=9)
     for axis in (top, middle, bottom):
         axis.grid(alpha=0.3)
+    return figure
+
+
+def depths_figure(side: Side) -> Figure:
+    """Draw how often each depth level occurs in some scenes, as Figs 3.5, 3.9 and 7.4."""
+    histogram = side.histogram
+    figure = Figure(figsize=(11, 5), layout="constrained")
+    axis = figure.subplots()
+    axis.stairs(histogram.counts, np.arange(LEVELS + 1) - 0.5, fill=True, color=_TRAIN)
+    scenes = f"{len(side.scenes)} scene{'s' * (len(side.scenes) != 1)}"
+    axis.set(
+        title=f"depths of {side.dataset}, {side.name}: {histogram.known:,} pixels of known depth, "
+        f"{histogram.pairs} pairs of {scenes}",
+        xlabel=f"depth level, grows with {side.store.manifest.depth.grows_with}",
+        ylabel="pixels of all pairs", xlim=(-1, LEVELS),
+    )  # fmt: skip
+    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+    axis.grid(alpha=0.3)
     return figure
 
 

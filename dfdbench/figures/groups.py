@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from dfdbench.figures.style import COLOURS, MARKERS, plain_text
+from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text
 from dfdbench.manifest import Scene
 from dfdbench.protocol import METRICS
 from dfdbench.result import PairResult, Result
@@ -95,6 +95,5 @@ def _figure(
         fontsize=10,
     )
     if several:
-        handles, names = grid[0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside lower center", ncols=min(3, len(names)))
+        legend_below(figure, grid[0])
     return figure

@@ -1,4 +1,4 @@
-"""Figures out of a run: panels of pairs, scores by scene, by what parts them, depths."""
+"""Figures out of a run: panels of pairs, scores by scene, by what parts them, depths, times."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
 from dfdbench.figures.groups import group_figures
@@ -52,6 +53,7 @@ def draw_run(
         "best.png": panel_figure(store, result, folder, order[:_PANELS], protocol, "best"),
         "worst.png": panel_figure(store, result, folder, order[::-1][:_PANELS], protocol, "worst"),
         "depths.png": depth_figure(store, result, folder),
+        "time_by_pixels.png": pixel_time_figure(store, result),
     }
     runs = {result.method.name: result}
     for what, parted in group_figures(runs, protocol, store.manifest.scenes).items():
@@ -203,6 +205,46 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
         xlabel="depth level", ylabel="known pixels (%)", xlim=(0, 255),
         title=f"depths of {result.dataset.name}, split {result.dataset.split}",
     )  # fmt: skip
+    axis.grid(alpha=0.3)
+    axis.legend()
+    return figure
+
+
+def pixel_time_figure(store: Store, result: Result) -> Figure | None:
+    """Draw seconds by number of pixels, as Fig. 4.4; None where all pairs are of one size.
+
+    Times that were not taken alone are left out.
+    """
+    times: dict[int, list[float]] = {}
+    for pair in result.pairs:
+        if pair.status == "ok" and pair.timed_alone and pair.seconds is not None:
+            rows, columns = store.shape_of(pair.scene)
+            times.setdefault(rows * columns, []).append(pair.seconds)
+    if len(times) < 2:
+        return None
+    pixels = np.array([size for size, taken in times.items() for _ in taken])
+    seconds = np.array([one for taken in times.values() for one in taken])
+    sizes = np.array(sorted(times))
+    # A line with an intercept would say nothing where sizes are much alike, as Middlebury's.
+    rate = seconds.sum() / pixels.sum()
+    figure = Figure(figsize=(9, 5), layout="constrained")
+    axis = figure.subplots()
+    axis.plot(pixels, seconds, ".", color=COLOURS[0], alpha=0.4, label="a pair")
+    axis.plot(
+        sizes, [np.mean(times[size]) for size in sizes], "D", color=COLOURS[5],
+        fillstyle="none",
+        label="mean of the pairs of a size",
+    )  # fmt: skip
+    axis.plot(
+        sizes, rate * sizes, color="black", linewidth=1,
+        label=f"in proportion: {1e5 * rate:.3g} s for 100,000 pixels",
+    )  # fmt: skip
+    axis.set(
+        xlabel="pixels of an image", ylabel="seconds a pair", ylim=(0, None),
+        title=f"time of {plain_text(result.method.name)} on {result.dataset.name}, "
+        f"split {result.dataset.split}",
+    )  # fmt: skip
+    axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     axis.grid(alpha=0.3)
     axis.legend()
     return figure

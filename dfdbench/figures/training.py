@@ -1,4 +1,4 @@
-"""Figures of a training: loss, learning rate and scores by step; the levels trained on."""
+"""Figures of a training: loss, learning rate and scores by step; levels and patches trained on."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from dfdbench.figures.style import COLOURS
 from dfdbench.methods.weights import Card
 from dfdbench.protocol import METRICS
 from dfdbench.training.checkpoint import Log, Row
+from dfdbench.training.selections import Selections
 
 _TRAIN, _TEST = COLOURS[0], COLOURS[5]
 _POINTS = 400
@@ -73,6 +75,40 @@ def levels_figure(rows: Sequence[Row], title: str) -> Figure:
     axis.set(title=title, xlabel="depth level", ylabel="pixels (%)", xlim=(-1, 256))
     axis.grid(alpha=0.3)
     axis.legend()
+    return figure
+
+
+def patches_figure(drawn: Selections, title: str) -> Figure:
+    """Draw how often each pair was drawn from, and each pixel of three of them, as Fig. 5.8."""
+    patches = drawn.patches
+    median = int(np.argsort(patches, kind="stable")[len(patches) // 2])
+    # With less than three pairs, the least and the most are shown.
+    names = {median: "median", int(patches.argmax()): "most", int(patches.argmin()): "least"}
+    maps = {number: drawn.uses(number) for number in sorted(names, key=lambda n: patches[n])}
+    figure = Figure(figsize=(13, 8), layout="constrained")
+    figure.suptitle(f"{title}: {patches.sum():,} patches of {drawn.size} x {drawn.size}")
+    top, bottom = figure.subfigures(2, 1, squeeze=False)[:, 0]
+    axis = top.subplots()
+    axis.stairs(patches, np.arange(len(patches) + 1) + 0.5, fill=True, color=_TRAIN)
+    axis.axhline(patches.mean(), color=_TEST)
+    # A legend would lie on the bars.
+    axis.set_title(f"line: the mean, {patches.mean():,.2f} patches a pair", fontsize=9)
+    axis.set(xlabel="training pair, by number", ylabel="patches drawn", xlim=(0, len(patches) + 1))
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+    axis.grid(axis="y", alpha=0.3)
+    axes = bottom.subplots(1, len(maps), squeeze=False)[0]
+    highest = max(1, *(int(uses.max()) for uses in maps.values()))
+    for axis, (number, uses) in zip(axes, maps.items(), strict=True):
+        image = axis.imshow(uses, cmap="viridis", vmin=0, vmax=highest, interpolation="nearest")
+        axis.set_title(
+            f"{names[number]}: pair {number + 1}, {patches[number]:,} patches\n"
+            f"{drawn.pairs[number]}",
+            fontsize=9,
+        )
+        axis.set_xticks([])
+        axis.set_yticks([])
+    bottom.colorbar(image, ax=axes, label="patches that a pixel lay in", fraction=0.05)
     return figure
 
 

@@ -25,9 +25,11 @@ _SCORES = "scores.csv"
 LEVELS = "depth_levels.csv"
 TRAINING_FIGURE = "training.png"
 LEVELS_FIGURE = "depth_levels.png"
+PATCHES = "patches.csv"
+PATCHES_FIGURE = "patches.png"
 _OWN = (
     _CHECKPOINT, WEIGHTS, Path(WEIGHTS).with_suffix(".md").name, _LOSSES, _SCORES, LEVELS,
-    TRAINING_FIGURE, LEVELS_FIGURE,
+    TRAINING_FIGURE, LEVELS_FIGURE, PATCHES, PATCHES_FIGURE,
 )  # fmt: skip
 #: What reading a damaged checkpoint comes to, by where it is damaged.
 _DAMAGED = (
@@ -145,6 +147,10 @@ class TrainingFolder:
     def levels(self) -> list[Row]:
         """Return what `write_levels` wrote."""
         return _read(self.path / LEVELS)
+
+    def write_patches(self, rows: list[Row]) -> None:
+        """Write how often patches were drawn from each pair."""
+        _write(self.path / PATCHES, rows)
 
 
 def _up_to(step: int, rows: list[Row]) -> list[Row]:

@@ -62,6 +62,29 @@ class TrainingImages:
         return sum((count_levels(levels) for levels in self.levels), np.zeros(256, np.int64))
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where a patch is taken from.
+
+    Parameters
+    ----------
+    index : int
+        Which of the training's images.
+    top, left : int
+        The patch's first row and column in it.
+    orientation : int
+        One of eight, where patches are not given in all of them.
+    depth : tuple of float, optional
+        Slope down, slope to the right and mean level, where patches are given other depths.
+    """
+
+    index: int
+    top: int
+    left: int
+    orientation: int = 0
+    depth: tuple[float, float, float] | None = None
+
+
 class Redraw:
     """Gives a patch another depth map, and the defocus image that belongs to it.
 
@@ -87,16 +110,24 @@ class Redraw:
         #: Pixels around a patch that its blur depends on.
         self.margin = margin_of(recipe)
 
+    def choose(self, random: np.random.Generator) -> tuple[float, float, float]:
+        """Draw a patch's slope down, its slope to the right and its mean level."""
+        down, right = random.uniform(-self._tilt, self._tilt, 2)
+        return float(down), float(right), float(random.uniform(*self._range))
+
     def __call__(
-        self, infocus: NDArray[np.uint8], depth: NDArray[np.uint8], random: np.random.Generator
+        self,
+        infocus: NDArray[np.uint8],
+        depth: NDArray[np.uint8],
+        chosen: tuple[float, float, float],
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Return another depth map, uint8 (y, x), and the image blurred by it, (y, x, 3)."""
         known = depth != self._unknown
         mean = depth[known].mean() if known.any() else 0.0
-        down, right = random.uniform(-self._tilt, self._tilt, 2)
+        down, right, level = chosen
         rows, columns = np.ogrid[: depth.shape[0], : depth.shape[1]]
         plane = down * (rows - depth.shape[0] / 2) + right * (columns - depth.shape[1] / 2)
-        moved = depth + (random.uniform(*self._range) - mean) + plane
+        moved = depth + (level - mean) + plane
         levels = np.clip(np.rint(moved), self._unknown + 1, 255)
         redrawn = np.where(known, levels, depth).astype(np.uint8)
         return redrawn, synthesize(infocus, redrawn, self._recipe)
@@ -139,10 +170,12 @@ class Cropper:
         redraw: Redraw | None = None,
     ) -> None:
         self._margin = redraw.margin if redraw else 0
-        require_fit(size, (tuple(levels.shape) for levels in images.levels), self._margin)
+        #: Rows and columns of each pair's images.
+        self.shapes = tuple((levels.shape[0], levels.shape[1]) for levels in images.levels)
+        require_fit(size, self.shapes, self._margin)
         self._images = images
-        self._size = size
-        self._count = count
+        self.size = size
+        self.count = count
         self._expand = expand
         self._noise = noise
         self._seed = seed
@@ -152,9 +185,9 @@ class Cropper:
         """Return pixels, float32 (n, 6, size, size), and levels, int64 (n, size, size)."""
         random = np.random.default_rng((self._seed, step))
         pixels, levels = [], []
-        for _ in range(self._count):
-            patch, truth = self._patch(random)
-            chosen = range(8) if self._expand else [int(random.integers(8))]
+        for place in self._places(random):
+            patch, truth = self._patch(place)
+            chosen = range(8) if self._expand else [place.orientation]
             pixels += [oriented(patch, orientation) for orientation in chosen]
             levels += [oriented(truth, orientation) for orientation in chosen]
         batch = torch.stack(pixels)
@@ -163,24 +196,42 @@ class Cropper:
             batch = (batch + self._noise * torch.from_numpy(drawn)).clamp(0, 255)
         return batch, torch.stack(levels)
 
-    def _patch(self, random: np.random.Generator) -> tuple[Tensor, Tensor]:
-        index = int(random.integers(len(self._images.pixels)))
-        rows, columns = self._images.levels[index].shape
-        side = self._size + 2 * self._margin
-        top = int(random.integers(rows - side + 1))
-        left = int(random.integers(columns - side + 1))
-        here = slice(top, top + side), slice(left, left + side)
-        patch = self._images.pixels[index][:, here[0], here[1]]
-        truth = self._images.levels[index][here]
-        if self._redraw is None:
-            return patch.float(), truth.long()
-        infocus = np.ascontiguousarray(patch[:3].permute(1, 2, 0).numpy())
-        redrawn, defocus = self._redraw(infocus, truth.clamp(min=0).byte().numpy(), random)
+    def places(self, step: int) -> list[Place]:
+        """Return where the patches of a step are taken from, without taking them."""
+        return self._places(np.random.default_rng((self._seed, step)))
+
+    def _places(self, random: np.random.Generator) -> list[Place]:
+        places = []
+        for _ in range(self.count):
+            index = int(random.integers(len(self.shapes)))
+            # A patch that is given another depth lies inside what its blur depends on.
+            side = self.size + 2 * self._margin
+            top, left = (
+                int(random.integers(extent - side + 1)) + self._margin
+                for extent in self.shapes[index]
+            )
+            depth = self._redraw.choose(random) if self._redraw else None
+            orientation = 0 if self._expand else int(random.integers(8))
+            places.append(Place(index, top, left, orientation, depth))
+        return places
+
+    def _patch(self, place: Place) -> tuple[Tensor, Tensor]:
+        inner = tuple(slice(start, start + self.size) for start in (place.top, place.left))
+        around = tuple(
+            slice(start - self._margin, start + self.size + self._margin)
+            for start in (place.top, place.left)
+        )
+        pixels, levels = self._images.pixels[place.index], self._images.levels[place.index]
+        if self._redraw is None or place.depth is None:
+            return pixels[:, inner[0], inner[1]].float(), levels[inner].long()
+        infocus = pixels[:3, around[0], around[1]].permute(1, 2, 0).contiguous().numpy()
+        truth = levels[around]
+        redrawn, defocus = self._redraw(infocus, truth.clamp(min=0).byte().numpy(), place.depth)
         both = torch.from_numpy(np.concatenate([infocus, defocus], axis=2)).permute(2, 0, 1)
-        levels = torch.from_numpy(redrawn).long()
-        levels[truth == IGNORED] = IGNORED
-        inner = slice(self._margin, side - self._margin)
-        return both[:, inner, inner].float(), levels[inner, inner]
+        found = torch.from_numpy(redrawn).long()
+        found[truth == IGNORED] = IGNORED
+        kept = slice(self._margin, self._margin + self.size)
+        return both[:, kept, kept].float(), found[kept, kept]
 
 
 def margin_of(recipe: BlurRecipe) -> int:

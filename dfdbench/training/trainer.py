@@ -48,10 +48,13 @@ class Outcome:
         The file that was written.
     card : Card
         What it says.
+    cropper : Cropper
+        What drew its patches.
     """
 
     weights: Path
     card: Card
+    cropper: Cropper
 
     @property
     def within_warm_up(self) -> bool:
@@ -270,7 +273,7 @@ class _Session:
         )
         path = self._folder.path / WEIGHTS
         save_weights(path, self._network, card)
-        return Outcome(path, card)
+        return Outcome(path, card, self._cropper)
 
 
 def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str]:

@@ -21,10 +21,14 @@ def test_train_then_run(dfdbench: Command, tiny_store: Store) -> None:
     folder = Path("training/tiny-train/dfd-net-published")
     assert {path.name for path in folder.iterdir()} == {
         "checkpoint.pt", "depth_levels.csv", "depth_levels.png", "losses.csv", "scores.csv",
-        "training.png", "weights.md", "weights.safetensors",
+        "patches.csv", "patches.png", "training.png", "weights.md", "weights.safetensors",
     }  # fmt: skip
     assert "ended by its number of steps" in done.out
     assert "NMAE on test, 7 pairs" in done.out
+    assert "4 patches drawn, by pair" in done.out
+    rows = (folder / "patches.csv").read_text().splitlines()
+    assert rows[0] == "pair,patches,pixel_least,pixel_mean,pixel_most"
+    assert sum(int(row.split(",")[1]) for row in rows[1:]) == 4
     weights = f"weights={folder / 'weights.safetensors'}"
     run = dfdbench("run", "--method", "dfd-net", "--param", weights, *store)
     assert run.status == 0, run.err

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 
 from dfdbench.figures.comparison import change_figure, lighting_figures, time_figure
+from dfdbench.figures.style import plain_text
 from dfdbench.runs import SavedRun
 from tests.results import limited, make_result
 
@@ -24,6 +25,20 @@ def test_a_figure_an_illumination_with_each_metric_by_scene_and_exposure() -> No
     assert [axis.get_title() for axis in axes[:2]] == ["exposure 0", "exposure 1"]
     # Two methods a panel, in each two scenes from two views.
     assert [len(np.asarray(line.get_xdata())) for line in axes[0].get_lines()] == [4, 4]
+
+
+def test_one_exposure_alone_shows_every_method_in_a_legend_that_is_whole() -> None:
+    one = {("a", 1, 1, 2): 0.1, ("b", 1, 1, 2): 0.2}
+    names = ["constant", "graph-cuts (published_offset=true, recipe=text)", "x" * 150, r"\$" * 90]
+    runs = [SavedRun(Path("r.json"), make_result(one, name), None, "") for name in names]
+    figure = lighting_figures(runs, "thesis")["illumination 1"]
+    figure.draw_without_rendering()
+    legend = figure.legends[0]
+    shown = ["".join(text.get_text().split()) for text in legend.get_texts()]
+    assert shown == [plain_text("".join(name.split())) for name in names]
+    whole, frame = figure.bbox, legend.get_window_extent()
+    assert whole.x0 <= frame.x0 < frame.x1 <= whole.x1
+    assert whole.y0 <= frame.y0 < frame.y1 <= figure.axes[-1].bbox.y0
 
 
 def test_names_that_matplotlib_would_take_for_more_are_shown_as_they_are() -> None:

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from dfdbench.evaluate import run_method
-from dfdbench.figures.runs import draw_run, score_figure
+from dfdbench.figures.runs import draw_run, pixel_time_figure, score_figure
 from dfdbench.pair_evaluation import load_for
 from dfdbench.store import Store
 from tests.results import make_result
@@ -14,6 +14,7 @@ def test_a_run_is_drawn(demo_store: Store, tmp_path: Path) -> None:
     method = load_for(demo_store, "constant", {})
     run = run_method(demo_store, method, "test", tmp_path, limit=4)
     paths = draw_run(demo_store, run.result, tmp_path, "thesis")
+    # All images of the demo set are of one size: there are no times to draw by pixels.
     assert [path.name for path in paths] == ["scores.png", "best.png", "worst.png", "depths.png"]
     for path in paths:
         image = cv2.imread(str(path))
@@ -36,3 +37,23 @@ def test_axes_are_labelled_and_colours_tell_apart() -> None:
     assert labels[2] == "SSIM (higher is better)"
     lines = figure.axes[0].get_lines()
     assert len({line.get_marker() for line in lines}) == len(lines) == 2
+
+
+def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Store) -> None:
+    # One's images have 24 x 30 pixels, Two's 24 x 31, Three's 24 x 32.
+    places = [(scene, 1, 1, exposure) for scene in ("One", "Two", "Three") for exposure in (0, 1)]
+    result = make_result(dict.fromkeys(places, 0.1))
+    pairs = [
+        pair.model_copy(update={"seconds": float(number), "timed_alone": number < 5})
+        for number, pair in enumerate(result.pairs)
+    ]
+    figure = pixel_time_figure(tiny_store, result.model_copy(update={"pairs": pairs}))
+    assert figure is not None
+    every, means, line = figure.axes[0].get_lines()
+    assert np.asarray(every.get_ydata()).tolist() == [0, 1, 2, 3, 4]
+    assert np.asarray(means.get_xdata()).tolist() == [720, 744, 768]
+    assert np.asarray(means.get_ydata()).tolist() == [0.5, 2.5, 4]
+    rate = 10 / (2 * 720 + 2 * 744 + 768)
+    assert np.allclose(np.asarray(line.get_ydata()), [720 * rate, 744 * rate, 768 * rate])
+    alone = result.model_copy(update={"pairs": pairs[:2]})
+    assert pixel_time_figure(tiny_store, alone) is None

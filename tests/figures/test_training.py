@@ -8,9 +8,11 @@ pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.figures.training import (
     experiment_figure,
     levels_figure,
+    patches_figure,
     training_figure,
 )
 from dfdbench.training.checkpoint import Log
+from dfdbench.training.selections import Selections
 from tests.methods.test_learned import card
 
 
@@ -47,6 +49,19 @@ def test_levels_are_shares_of_their_pixels() -> None:
     present, trained = levels_figure(rows, "title").axes[0].patches
     assert max(trained.get_data().values) == 100  # type: ignore[attr-defined]
     assert max(present.get_data().values) == pytest.approx(100 / 256)  # type: ignore[attr-defined]
+
+
+def test_patches_are_drawn_by_pair_and_by_pixel_of_the_least_and_the_most() -> None:
+    places = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 1], [2, 1, 1], [1, 0, 0], [1, 1, 0]], np.int32)
+    drawn = Selections(("a", "b", "c"), ((4, 5),) * 3, 2, places)
+    figure = patches_figure(drawn, "title")
+    assert "6 patches of 2 x 2" in figure.get_suptitle()
+    bars, *maps = [axis for axis in figure.axes if axis.get_title()]
+    assert bars.patches[0].get_data().values.tolist() == [1, 2, 3]  # type: ignore[attr-defined]
+    assert [axis.get_title().split(":")[0] for axis in maps] == ["least", "median", "most"]
+    assert np.asarray(maps[2].images[0].get_array())[1, 1] == 3
+    alone = Selections(("a",), ((4, 5),), 2, places[:1])
+    assert len(patches_figure(alone, "title").axes) == 3
 
 
 def test_an_experiment_has_a_dot_a_training_and_their_mean() -> None:

@@ -118,7 +118,8 @@ def test_redrawn_depth_is_the_blur_of_the_patch() -> None:
     depth[:5] = 0
     means = []
     for _ in range(200):
-        redrawn, defocus = Redraw(SMALL_BLUR, 60, 160, 0.5, 0)(infocus, depth, random)
+        redraw = Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
+        redrawn, defocus = redraw(infocus, depth, redraw.choose(random))
         assert np.array_equal(redrawn == 0, depth == 0)
         means.append(redrawn[depth > 0].mean())
     assert np.array_equal(synthesize(infocus, redrawn, SMALL_BLUR), defocus)

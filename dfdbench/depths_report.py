@@ -1,0 +1,52 @@
+"""How often each depth level occurs, as a table."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dfdbench.coverage import LEVELS, as_ranges
+from dfdbench.depths import Side
+from dfdbench.tables import Table, percent
+
+_BAND = 16
+
+
+def depth_table(side: Side) -> Table:
+    """Return how often levels occur: 16 of them a row, as records each by itself.
+
+    Parameters
+    ----------
+    side : Side
+        The scenes of a built set that are counted.
+    """
+    histogram = side.histogram
+    counts, known = histogram.counts, histogram.known
+    rows = []
+    for first in range(0, LEVELS, _BAND):
+        inside = np.zeros(LEVELS, bool)
+        inside[first : first + _BAND] = True
+        pixels = int(counts[inside].sum())
+        absent = inside & (counts == 0)
+        gaps = "all" if not pixels else as_ranges(absent) or "–"
+        rows.append(
+            (f"{first}-{first + _BAND - 1}", f"{pixels:,}", percent(pixels / known), gaps)
+        )  # fmt: skip
+    everything = known + histogram.unknown
+    notes = [
+        f"{known:,} pixels of known depth; unknown, and left out, are "
+        f"{percent(histogram.unknown / everything)} of all",
+        "pixels: each depth map once for each of its pairs in the manifest; the level "
+        f"grows with {side.store.manifest.depth.grows_with}",
+        "--format csv and --format json have each level by itself",
+    ]
+    if side.absent:
+        notes.append(f"not in the store, so not counted: {', '.join(side.absent)}")
+    scenes = f"{len(side.scenes)} scene{'s' * (len(side.scenes) != 1)}"
+    return Table(
+        f"depths of {side.dataset}, {side.name} ({histogram.pairs} pairs of {scenes})",
+        ("levels", "pixels", "share", "do not occur"), tuple(rows), "lrrl", tuple(notes),
+        records=tuple(
+            {"level": level, "pixels": int(count), "share": int(count) / known}
+            for level, count in enumerate(counts)
+        ),
+    )  # fmt: skip
