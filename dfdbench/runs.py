@@ -75,7 +75,7 @@ def open_run(path: Path, dataset: str | None = None) -> SavedRun:
     if not (file.parent / PREDICTIONS).is_dir():
         return SavedRun(file, result, None, "no depth maps lie beside the result")
     try:
-        store = open_store(dataset or result.dataset.short)
+        store = open_store(dataset or result.dataset.name)
     except DfdbenchError as error:
         if dataset:
             raise

@@ -48,6 +48,7 @@ class DemoScenes:
     """
 
     options: Mapping[str, Any] = {}
+    captures_defocus = False
 
     def __init__(self, manifest: Manifest) -> None:
         self._manifest = manifest
