@@ -155,8 +155,9 @@ def voltage_pair_stores(
                 got=", ".join(left), fix="name the folder of the captures: --source DIR",
             )
         )  # fmt: skip
-    for pair in left:
-        files = open_source(manifest, source, pair=steps[pair])
+    # A step that does not exist is told before the first set is built.
+    sources = {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
+    for pair, files in sources.items():
         with progress(f"building {manifest.stem}, steps {pair}") as step:
             report = build_store(manifest, files, places[pair], None, pool_of(None), step)
         say(f"built        {report.path}: {report.pairs} pairs, {len(report.missing)} missing")

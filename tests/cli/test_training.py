@@ -129,8 +129,10 @@ def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -
     command = ["experiment", "voltage-pairs", "--values", "135-129,141-129", *QUICK]
     unnamed = dfdbench(*command)
     assert (unnamed.status, "--source DIR" in unnamed.err) == (2, True), unnamed.err
-    wrong = dfdbench("experiment", "voltage-pairs", "--values", "135", "--source", "site")
-    assert (wrong.status, "as 141-129,140-130" in wrong.err) == (2, True), wrong.err
+    for values, told in (("135", "as 141-129,140-130"), ("135-129,135-150", "two of 127 to 143")):
+        wrong = dfdbench("experiment", "voltage-pairs", "--values", values, "--source", "site")
+        assert (wrong.status, told in wrong.err) == (2, True), wrong.err
+    assert "--source DIR" in dfdbench(*command).err  # nothing was built before it was told
     done = dfdbench(*command, "--source", "site", "--format", "csv")
     assert done.status == 0, done.err
     folder = Path("training/realworld-2-experiments/voltage-pairs-dfd-net")
