@@ -141,7 +141,7 @@ def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
                 means["nrmse"] or 0.0,
                 (
                     method, *map(_number, means.values()), *by_exposure,
-                    _published_seconds(tables, method), f"Table {table.table}", "published",
+                    _published_seconds(tables, method), table.name, "published",
                 ),
             )
         )  # fmt: skip
@@ -164,11 +164,13 @@ def published_table(table: PublishedTable) -> Table:
     spread = any(row.std for row in table.rows)
     timed = any(row.seconds is not None for row in table.rows)
     metrics = [metric for metric in METRICS if any(metric in row.scores for row in table.rows)]
+    others = tuple(dict.fromkeys(name for row in table.rows for name in row.values))
     several = len({row.method for row in table.rows}) > 1
     columns = ["method"] if several else []
     columns += places
     for metric in metrics:
         columns += [_HEADS[metric], "std"] if spread else [_HEADS[metric]]
+    columns += others
     columns += ["seconds", "device"] if timed else []
     rows = []
     for row in table.rows:
@@ -178,6 +180,7 @@ def published_table(table: PublishedTable) -> Table:
             cells.append(_printed(row.scores.get(metric)))
             if spread:
                 cells.append(_printed(row.std.get(metric)))
+        cells += [_printed(row.values.get(name)) for name in others]
         if timed:
             cells += [_printed(row.seconds), row.device or ""]
         rows.append(tuple(cells))
@@ -185,11 +188,12 @@ def published_table(table: PublishedTable) -> Table:
     align = "l" * lead + "r" * (len(columns) - lead - timed) + "l" * timed
     where = f"page {table.page}" if table.page else f"section {table.section}"
     pairs = f", {table.pairs} pairs" if table.pairs else ""
+    what = f"Numbers: {table.quantity}. " if table.quantity else ""
     notes = (
-        f"Trained on: {table.training}. Protocol: {table.protocol}.",
+        f"{what}Trained on: {table.training}. Protocol: {table.protocol}.",
         f"Our note: {table.note}",
     )
-    title = f"Table {table.table} ({where}): {table.title}; {table.dataset}, {table.scope}{pairs}"
+    title = f"{table.name} ({where}): {table.title}; {table.dataset}, {table.scope}{pairs}"
     return Table(title, tuple(columns), tuple(rows), align, notes)
 
 

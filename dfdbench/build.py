@@ -68,7 +68,7 @@ def build_store(
     place : str, Path or UPath
         The store to write: a local path or a URL.
     recipe : str, optional
-        A blur recipe's name; by default the manifest's.
+        A blur recipe's name; by default the manifest's. Captured defocus has none.
     pool : Pool, optional
         Where scenes are made, and how many at once; one after the other by default. The store
         does not depend on it. The workers of a cluster need to reach source and store.
@@ -78,11 +78,12 @@ def build_store(
     Raises
     ------
     SourceError
-        Where files are damaged (all of them are named) or nothing is there at all.
+        Where files are damaged (all of them are named) or nothing is there at all; where the
+        source's defocus is captured and a recipe named, or neither.
     StoreError
         Where the store cannot be written, or another build is writing it.
     """
-    recipe_name, blur = _blur_of(manifest, recipe)
+    recipe_name, blur = _blur_of(manifest, source, recipe)
     available = set(source.available_pairs())
     missing = tuple(pair for pair in manifest.pairs() if pair not in available)
     scenes = [name for name in manifest.scene_names if any(p.scene == name for p in available)]
@@ -100,6 +101,7 @@ def build_store(
         "recipe": {"name": recipe_name, "parameters": blur.as_dict() if blur else {}},
         "degradation": manifest.degradation,
         "depth_unit": manifest.depth.unit,
+        "depth_grows_with": manifest.depth.grows_with,
         "options": dict(source.options),
     }
     with StoreWriter(place, manifest, attributes) as writer:
@@ -165,10 +167,23 @@ def scene_dataset(
     """Return a scene's arrays; defocus images that were not captured are made.
 
     Where the depth grows with distance it is inverted before the blur (Eq. 7.1 of the thesis).
+
+    Raises
+    ------
+    SourceError
+        Where there are a recipe and captured images, or neither.
     """
     axes = manifest.axes
     defocus = images.defocus
-    if defocus is None and blur is not None:
+    if (defocus is None) == (blur is None):
+        raise SourceError(
+            Problem(
+                "either the source captures defocus or a recipe makes it", manifest.stem,
+                got="neither" if blur is None else "both",
+                fix="the source's captures_defocus must say what its read gives",
+            )
+        )  # fmt: skip
+    if blur is not None:
         defocus = _synthesised(manifest, images, blur)
     pair_axes, depth_axes = tuple(axes), tuple(manifest.depth.axes)
     variables: dict[str, tuple[tuple[str, ...], Any]] = {
@@ -182,18 +197,21 @@ def scene_dataset(
     return xarray.Dataset(variables, coords=coordinates)
 
 
-def _blur_of(manifest: Manifest, recipe: str | None) -> tuple[str, BlurRecipe | None]:
+def _blur_of(
+    manifest: Manifest, source: Source, recipe: str | None
+) -> tuple[str, BlurRecipe | None]:
     """Return the blur recipe and its name: none where the defocus images are captured."""
     name = recipe or manifest.recipe
-    captured = manifest.capture is not None and manifest.recipe is None
-    if captured and recipe:
+    if source.captures_defocus and name:
+        # A store must not name a blur that its images do not have.
         raise SourceError(
             Problem(
-                f"the defocus images of {manifest.short} are captured", "--recipe", got=recipe,
-                fix="leave it out, or build realworld-synthetic",
+                f"the defocus images of {manifest.short} are captured: no recipe made them",
+                "--recipe" if recipe else f"{manifest.stem}: recipe", got=name,
+                fix="leave it out; realworld-synthetic blurs the thesis's captures",
             )
         )  # fmt: skip
-    if captured:
+    if source.captures_defocus:
         return "", None
     if name is None:
         raise SourceError(Problem(f"{manifest.short} names no blur recipe", fix="--recipe NAME"))

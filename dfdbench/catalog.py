@@ -16,7 +16,8 @@ def released_manifests() -> tuple[Manifest, ...]:
     Examples
     --------
     >>> [manifest.stem for manifest in released_manifests()]
-    ['demo-1', 'middlebury-default-1', 'middlebury-third-1', 'realworld-1', 'realworld-synthetic-1']
+    ['demo-1', 'middlebury-default-1', 'middlebury-third-1', 'realworld-1', 'realworld-2', \
+'realworld-synthetic-1', 'realworld-synthetic-2']
     """
     folder = resources.files("dfdbench.manifests")
     files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]
@@ -55,3 +56,17 @@ def find_manifest(name: str) -> Manifest:
     if name not in by_name:
         raise unknown_name("data set", name, by_name, "`dfdbench list` shows them all.")
     return by_name[name]
+
+
+def typed_name(manifest: Manifest) -> str:
+    """Return what to type for this very manifest: its short name, unless a newer one has it.
+
+    Examples
+    --------
+    >>> typed_name(find_manifest("realworld-1")), typed_name(find_manifest("realworld-2"))
+    ('realworld-1', 'realworld')
+    """
+    newest = max(
+        (known.version for known in released_manifests() if known.name == manifest.name), default=0
+    )
+    return manifest.short if manifest.version >= newest else manifest.stem

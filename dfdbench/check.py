@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from dfdbench.blur import RECIPES, synthesize
 from dfdbench.methods import Method, call
+from dfdbench.metrics import AGAINST, correlation
 
 Image = NDArray[np.uint8]
+
+_ORDINARY = "an ordinary pair, 240 × 320"
 
 
 @dataclass(frozen=True)
@@ -27,8 +30,9 @@ def check_method(method: Method, seed: int = 0) -> tuple[Trial, ...]:
     """Call a method on awkward pairs and say what is wrong with its answers.
 
     Tried are odd sizes, tall and wide images, a flat, a black and a saturated pair, a pair
-    without any blur; the same pair twice (the answers must be equal); and whether the method
-    writes into the images it is handed.
+    without any blur; the same pair twice (the answers must be equal); whether the method
+    writes into the images it is handed; and whether its depth is brighter for nearer, which
+    shows on a slope whose near side is less blurred.
 
     Parameters
     ----------
@@ -39,13 +43,13 @@ def check_method(method: Method, seed: int = 0) -> tuple[Trial, ...]:
     """
     pairs = _awkward_pairs(seed)
     if method.warm_up:
-        call(method.warm_up, *pairs["an ordinary pair, 240 × 320"])
+        call(method.warm_up, *pairs[_ORDINARY])
     trials = []
     for name, (infocus, defocus) in pairs.items():
         prediction = call(method.predict, infocus, defocus)
         warning = "printed to standard output" if prediction.printed else ""
         trials.append(Trial(name, prediction.seconds, prediction.error, warning))
-    infocus, defocus = pairs["an ordinary pair, 240 × 320"]
+    infocus, defocus = pairs[_ORDINARY]
     first = call(method.predict, infocus, defocus)
     second = call(method.predict, infocus, defocus)
     if first.depth is not None and second.depth is not None:
@@ -53,6 +57,10 @@ def check_method(method: Method, seed: int = 0) -> tuple[Trial, ...]:
         if not np.array_equal(first.depth, second.depth):
             odd = "two answers to one pair differ: fix its seeds, or its scores cannot be rerun"
         trials.append(Trial("the same pair twice", second.seconds, "", odd))
+        likeness = correlation(_slope(*first.depth.shape), first.depth)
+        turned = "depth seems to grow with distance: every set wants brighter for nearer"
+        odd = turned if likeness < AGAINST else ""
+        trials.append(Trial("brighter for nearer", first.seconds, "", odd))
     trials.append(_try_writing(method, infocus, defocus))
     return tuple(trials)
 
@@ -63,8 +71,7 @@ def _awkward_pairs(seed: int) -> dict[str, tuple[Image, Image]]:
 
     def noise(height: int, width: int) -> tuple[Image, Image]:
         image = random.integers(0, 256, (height, width, 3)).astype(np.uint8)
-        slope = np.linspace(40, 220, width).astype(np.uint8)
-        return image, synthesize(image, np.broadcast_to(slope, (height, width)).copy(), recipe)
+        return image, synthesize(image, _slope(height, width), recipe)
 
     def flat(value: int) -> tuple[Image, Image]:
         image = np.full((120, 160, 3), value, np.uint8)
@@ -72,7 +79,7 @@ def _awkward_pairs(seed: int) -> dict[str, tuple[Image, Image]]:
 
     sharp = noise(120, 160)[0]
     return {
-        "an ordinary pair, 240 × 320": noise(240, 320),
+        _ORDINARY: noise(240, 320),
         "odd sizes, 241 × 317": noise(241, 317),
         "a tall image, 200 × 60": noise(200, 60),
         "a wide image, 60 × 200": noise(60, 200),
@@ -82,6 +89,11 @@ def _awkward_pairs(seed: int) -> dict[str, tuple[Image, Image]]:
         "a saturated pair": flat(255),
         "a pair without blur": (sharp, sharp.copy()),
     }
+
+
+def _slope(height: int, width: int) -> Image:
+    levels = np.linspace(40, 220, width).astype(np.uint8)
+    return np.broadcast_to(levels, (height, width)).copy()
 
 
 def _try_writing(method: Method, infocus: Image, defocus: Image) -> Trial:

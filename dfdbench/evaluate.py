@@ -15,7 +15,14 @@ from dfdbench.location import as_location
 from dfdbench.lock import hold
 from dfdbench.manifest import Pair
 from dfdbench.methods import Method
-from dfdbench.pair_evaluation import Evaluated, PairEvaluator, RemoteEvaluator, blank_record
+from dfdbench.pair_evaluation import (
+    PRINTED,
+    TURNED,
+    Evaluated,
+    PairEvaluator,
+    RemoteEvaluator,
+    blank_record,
+)
 from dfdbench.parallel import Pool
 from dfdbench.protocol import PROTOCOLS
 from dfdbench.result import (
@@ -201,9 +208,16 @@ def _result(store: Store, method: Method, split: str, pairs: list[PairResult], s
     if trained_on is None and "training_mean" in method.uses:
         trained_on = f"{manifest.stem}, split train"
     warnings = []
-    printed = sum(bool(pair.warnings) for pair in pairs)
+    printed = _warned(pairs, PRINTED)
     if printed:
         warnings.append(f"the method printed to standard output on {printed} pairs")
+    turned = _warned(evaluated, TURNED)
+    # A flat board tells no direction: half the pairs of a set that has some are enough.
+    if turned and 2 * turned >= len(evaluated):
+        warnings.append(
+            f"{TURNED} on {turned} of {len(evaluated)} pairs: {manifest.stem} wants brighter for "
+            f"{manifest.depth.direction}"
+        )
     together = sum(not pair.timed_alone for pair in evaluated)
     if together:
         warnings.append(f"{together} pairs were run several at once: times are not comparable")
@@ -244,6 +258,10 @@ def _result(store: Store, method: Method, split: str, pairs: list[PairResult], s
         averages=average(evaluated, list(PROTOCOLS)) if complete else None,
         warnings=warnings,
     )
+
+
+def _warned(pairs: list[PairResult], begins: str) -> int:
+    return sum(any(text.startswith(begins) for text in pair.warnings) for pair in pairs)
 
 
 def _shared(value: Any) -> Any:

@@ -91,7 +91,7 @@ def _board_context(board: Board, folder: Path) -> dict[str, object]:
 
 def _published_context(table: PublishedTable) -> dict[str, str]:
     return {
-        "summary": escape_markdown(f"Table {table.table}: {table.title}"),
+        "summary": escape_markdown(f"{table.name}: {table.title}"),
         "text": as_markdown(published_table(table)),
     }
 

@@ -55,6 +55,11 @@ class Depth(Model):
     grows_with: Literal["nearness", "distance"]
     unit: str
 
+    @property
+    def direction(self) -> str:
+        """Which way the levels go, in words."""
+        return "nearer" if self.grows_with == "nearness" else "farther"
+
 
 class Table(Model):
     """How a score table is laid out: a block for each value of `blocks`, a row for `rows`."""

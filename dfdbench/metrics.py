@@ -1,4 +1,4 @@
-"""The three scores of a depth map: NRMSE, NMAE and SSIM."""
+"""The three scores of a depth map: NRMSE, NMAE and SSIM; and whether it goes the wrong way."""
 
 from __future__ import annotations
 
@@ -16,6 +16,34 @@ _SSIM_RADIUS = 5
 _SSIM_WEIGHTS = np.exp(-(np.arange(_SSIM_RADIUS + 1) ** 2) / (2 * _SSIM_SIGMA**2))
 _SSIM_WEIGHTS /= _SSIM_WEIGHTS[0] + 2 * _SSIM_WEIGHTS[1:].sum()
 _SSIM_K1, _SSIM_K2 = 0.01, 0.03
+
+#: A correlation below this says that a depth map goes the wrong way.
+AGAINST = -0.3
+
+
+def correlation(truth: ArrayLike, estimate: ArrayLike) -> float:
+    """Return how two depth maps go together: Pearson's correlation, -1 to 1.
+
+    Parameters
+    ----------
+    truth, estimate : array_like of real numbers, of one shape
+        Depth levels of the pixels that count.
+
+    Returns
+    -------
+    float
+        NaN where one of them is flat, or no pixel counts.
+
+    Examples
+    --------
+    >>> truth = np.array([10, 20, 40])
+    >>> round(correlation(truth, 255 - truth), 6), correlation(truth, [7, 7, 7])
+    (-1.0, nan)
+    """
+    a, b = (np.asarray(levels, np.float64).ravel() for levels in (truth, estimate))
+    if not a.size or np.ptp(a) == 0 or np.ptp(b) == 0:
+        return math.nan
+    return float(np.corrcoef(a, b)[0, 1])
 
 
 def nrmse(

@@ -20,9 +20,14 @@ from dfdbench.location import is_local
 from dfdbench.manifest import Pair
 from dfdbench.methods import Method, Prediction, call, entry_of, load_method
 from dfdbench.methods.isolation import seeded
+from dfdbench.metrics import AGAINST, correlation
 from dfdbench.protocol import PROTOCOLS, score
 from dfdbench.result import PairResult, PairScores
 from dfdbench.store import PairImages, Store
+
+#: How a pair's warning begins where the method printed, and where its depth goes the wrong way.
+PRINTED = "printed"
+TURNED = "depth falls where the truth rises"
 
 #: What became of a pair, and its depth map where there is one.
 Evaluated = tuple[PairResult, NDArray[np.float32] | None]
@@ -172,10 +177,13 @@ def _record(store: Store, images: PairImages, prediction: Prediction) -> PairRes
     warnings = []
     if prediction.printed:
         first = prediction.printed.strip().splitlines()[:1]
-        warnings.append(f"printed {len(prediction.printed)} characters: {''.join(first)[:80]}")
+        warnings.append(f"{PRINTED} {len(prediction.printed)} characters: {''.join(first)[:80]}")
     blank = blank_record(images.pair, "failed")
     if prediction.depth is None:
         return blank.model_copy(update={"error": prediction.error, "warnings": warnings})
+    likeness = correlation(images.depth[images.valid], prediction.depth[images.valid])
+    if likeness < AGAINST:
+        warnings.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")
     crop = store.manifest.network_crop
     scores = {
         name: score(protocol, images.depth, images.valid, prediction.depth, crop)

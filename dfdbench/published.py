@@ -9,7 +9,7 @@ from math import fsum
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from dfdbench.board_folder import PUBLISHED
 from dfdbench.errors import Problem, ResultError
@@ -24,21 +24,24 @@ class PublishedRow(Model):
     """One printed row.
 
     `at` says what it is of, in the table's own words: a lighting, a fold, a pair, a statistic;
-    ``all`` stands for all values together. `std` are printed standard deviations. Numbers are
-    kept with the digits that were printed.
+    ``all`` stands for all values together. `std` are printed standard deviations, `values` what
+    is no score, by the table's own columns: its `quantity` says what they are. Numbers are kept
+    with the digits that were printed.
     """
 
     method: Text
     at: dict[str, str]
     scores: dict[Metric, Printed] = Field(default_factory=dict)
     std: dict[Metric, Printed] = Field(default_factory=dict)
+    values: dict[str, Printed] = Field(default_factory=dict)
     seconds: Printed | None = None
     device: str | None = None
 
 
 class PublishedTable(Model):
-    """A printed table.
+    """A printed table, or numbers of a figure that the text gives.
 
+    `table` is its number, `kind` whether it is one; `quantity` what the rows' `values` are.
     `page` is null where the copy that it was carried over from has no page numbers; table and
     section find it there. `compare` names the set of rows that the publication itself sets
     side by side; `training` what the methods were trained on; `protocol` how they were scored,
@@ -48,7 +51,8 @@ class PublishedTable(Model):
     schema_version: Literal[1]
     citation: Text
     doi: Text
-    table: Text
+    kind: Literal["table", "figure"] = "table"
+    table: Annotated[str, Field(pattern=r"^(\d+|[A-Z])\.\d+$")]
     section: Text
     page: Annotated[int, Field(ge=1)] | None
     title: Text
@@ -57,14 +61,28 @@ class PublishedTable(Model):
     pairs: Annotated[int, Field(ge=1)] | None
     compare: str | None
     training: Text
+    quantity: Text | None = None
     protocol: Text
     note: Text
     rows: Annotated[list[PublishedRow], Field(min_length=1)]
 
+    @model_validator(mode="after")
+    def _values_are_of_something(self) -> PublishedTable:
+        if any(row.values for row in self.rows) != (self.quantity is not None):
+            raise ValueError("quantity says what the rows' values are: both or neither")
+        return self
+
     @property
-    def order(self) -> tuple[int, ...]:
-        """The table's number, to sort by."""
-        return tuple(int(part) for part in self.table.split("."))
+    def order(self) -> tuple[bool, int, int, str]:
+        """What to sort by: chapters before appendices, their numbers, figures before tables."""
+        chapter, number = self.table.split(".")
+        appendix = not chapter.isdigit()
+        return appendix, ord(chapter) if appendix else int(chapter), int(number), self.kind
+
+    @property
+    def name(self) -> str:
+        """What it is called: ``Table 5.6``, ``Figure 6.5``."""
+        return f"{self.kind.capitalize()} {self.table}"
 
 
 def load_published(folder: Path) -> list[PublishedTable]:

@@ -101,7 +101,7 @@ def _find_store(folder: Path, result: Result) -> tuple[Store | None, str]:
                 return store, ""
         without = "the data that it was run on are not where they were: --dataset PATH names them"
     try:
-        store = open_store(result.dataset.short)
+        store = open_store(result.dataset.name)
     except DfdbenchError as error:
         return None, without or error.problems[0].what
     if store.fingerprint == wanted:

@@ -18,7 +18,7 @@ from zarr.errors import GroupNotFoundError
 
 from dfdbench.blur import BlurRecipe, find_recipe
 from dfdbench.cache import STORES, cache_folder
-from dfdbench.catalog import find_manifest
+from dfdbench.catalog import find_manifest, typed_name
 from dfdbench.errors import DfdbenchError, Problem, StoreError, UnknownNameError, unknown_name
 from dfdbench.location import Place, as_location, exists, is_local, zarr_store
 from dfdbench.manifest import Manifest, Pair
@@ -251,8 +251,8 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
         other = "" if manifest.short == "demo" else ", or name the small one, demo, instead"
         raise StoreError(
             Problem(
-                f"data set {manifest.short} is not built", str(default),
-                fix=f"dfdbench build {manifest.short}{other}",
+                f"data set {typed_name(manifest)} is not built", str(default),
+                fix=f"dfdbench build {typed_name(manifest)}{other}",
             )
         )  # fmt: skip
     return Store(default)

@@ -95,7 +95,7 @@ def verify(
             Problem(
                 "the result was made with other data", f"{path}: dataset.fingerprint",
                 f"{store.fingerprint} ({store.path})", result.dataset.fingerprint,
-                f"dfdbench build {result.dataset.short}, or name the store: --dataset PATH",
+                f"dfdbench build {result.dataset.name}, or name the store: --dataset PATH",
             )
         )  # fmt: skip
     if problems := entry_problems(result.method, path):

@@ -2,7 +2,10 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +16,7 @@ from dfdbench.build import build_store, scene_dataset
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import SourceError, UnknownNameError
 from dfdbench.fetching.checksums import known_checksums
-from dfdbench.manifest import Manifest
+from dfdbench.manifest import Manifest, Pair
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.parallel import Cluster, Pool, Processes, Threads
 from dfdbench.sources import SceneImages, open_source
@@ -164,6 +167,47 @@ def test_depth_that_grows_with_distance_is_inverted_before_the_blur() -> None:
     expected = synthesize(infocus[1, 0, 1], 255 - depth[1], RECIPES["published"])
     assert np.array_equal(scene["defocus"].values[1, 0, 1], expected)
     assert np.array_equal(scene["depth"].values, depth)
+
+
+class Captured:
+    """A source of captured pairs that no rig's manifest describes."""
+
+    options: Mapping[str, Any] = MappingProxyType({})
+    captures_defocus = True
+
+    def __init__(self, manifest: Manifest, gives_defocus: bool = True) -> None:
+        self.manifest, self.gives_defocus = manifest, gives_defocus
+
+    def available_pairs(self) -> tuple[Pair, ...]:
+        return self.manifest.pairs("One")
+
+    def signature(self, scene: str) -> str:
+        return "0" * 64
+
+    def read(self, scene: str) -> SceneImages:
+        images = np.full((2, 1, 2, 12, 13, 3), 90, np.uint8)
+        depth = np.full((2, 12, 13), 7, np.uint8)
+        defocus = images // 2 if self.gives_defocus else None
+        return SceneImages(images, depth, depth > 0, np.ones((2, 1, 2), bool), defocus)
+
+    def missing_help(self, missing: tuple[Pair, ...]) -> str:
+        return ""
+
+
+def test_a_captured_set_bears_no_recipe(tmp_path: Path) -> None:
+    place = tmp_path / "s.zarr"
+    with_recipe = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
+    manifest = parse_manifest(TINY_TOML.replace('recipe = "published"', "").encode(), "tiny-1.toml")
+    for wrong, recipe in ((manifest, "published"), (with_recipe, None)):
+        with pytest.raises(SourceError, match="are captured: no recipe made them"):
+            build_store(wrong, Captured(wrong), place, recipe=recipe)
+    with pytest.raises(SourceError, match=r"got +neither"):
+        build_store(manifest, Captured(manifest, gives_defocus=False), place)
+    assert not place.exists()
+    build_store(manifest, Captured(manifest), place)
+    store = Store(place)
+    assert (store.recipe_name, store.recipe) == ("", None)
+    assert (store.read(store.pairs("One")[0]).defocus == 45).all()
 
 
 def test_recipes_and_data_sets_that_cannot_be_built(

@@ -53,3 +53,10 @@ def test_chance_writing_and_printing_are_found_out() -> None:
 @pytest.mark.parametrize("answer", [None, 3])
 def test_nonsense_is_found_out_everywhere(answer: Any) -> None:
     assert len(problems(lambda *_: answer)) >= 9
+
+
+def test_depth_that_grows_with_distance_is_found_out() -> None:
+    local = load_method("local", {"window": 3}, {})
+    found = problems(lambda *images: 255 - np.asarray(local.predict(*images)))
+    assert "every set wants brighter for nearer" in found.pop("brighter for nearer")
+    assert found == {}

@@ -365,3 +365,22 @@ def test_the_energy_of_graph_cuts_is_kept(tiny_store: Store, tmp_path: Path) -> 
     loaded = load_for(tiny_store, "graph-cuts", {"labels": 16})
     result = run_method(tiny_store, loaded, "test", tmp_path / "out", limit=1).result
     assert result.pairs[0].numbers["energy"] > 0
+
+
+def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Store, tmp_path: Path) -> None:
+    depths = {
+        images.infocus.tobytes(): images.depth.astype(np.float32)
+        for images in map(tiny_store.read, tiny_store.pairs("test"))
+    }
+
+    def right(infocus: Any, defocus: Any) -> Any:
+        return depths[infocus.tobytes()]
+
+    def turned(infocus: Any, defocus: Any) -> Any:
+        return 255 - right(infocus, defocus)
+
+    assert not run_method(tiny_store, method(right), "test", tmp_path / "right").result.warnings
+    (told,) = run_method(tiny_store, method(turned), "test", tmp_path / "turned").result.warnings
+    assert told == (
+        "depth falls where the truth rises on 7 of 7 pairs: tiny-1 wants brighter for nearer"
+    )

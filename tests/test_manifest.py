@@ -21,7 +21,9 @@ RELEASED = {
     "middlebury-default-1": "f8d8ba91fae967c2b0363b69566ee7f323ada1be8ff12c52d2ee04b82475283d",
     "middlebury-third-1": "5efa8c101606001b3df58039f67e2311cf41cb67ace5abb14fbc90c0b51db3cc",
     "realworld-1": "741267aff01aa194c306d188a55192cbbfb28fa0b27d3917916e00171c81b656",
+    "realworld-2": "88ab8a431c59102a33abc0f093d01d3b3bce06cb437be057dfca7c19664dd77e",
     "realworld-synthetic-1": "7ead23e57f88e9500ef1a5604051a8cbcc91d2ce117d81ba4493c50cb48e1cfe",
+    "realworld-synthetic-2": "21da5d7708784076e666132d0f4dfb887451c2ec1786522e178909908b367c26",
 }
 
 
@@ -89,10 +91,20 @@ def test_middlebury_in_default_lighting_has_the_thesis_scenes_and_splits() -> No
     assert all(manifest.checksums[name] == digest for name, digest in known if "Illum" not in name)
 
 
+def test_brighter_is_nearer_in_the_newest_version_of_every_set() -> None:
+    newest = {manifest.short: find_manifest(manifest.short) for manifest in released_manifests()}
+    assert {manifest.depth.grows_with for manifest in newest.values()} == {"nearness"}
+    assert newest["realworld"].stem == "realworld-2"
+
+
 def test_realworld_is_that_of_the_thesis() -> None:
     manifest = find_manifest("realworld")
     counts = {split.name: len(manifest.pairs(split.name)) for split in manifest.splits}
-    assert counts == {"train": 392, "test": 56, "train-pruned": 294, "test-pruned": 42}
+    assert counts == {
+        "train": 392, "test": 56, "train-pruned": 294, "test-pruned": 42, "all-pruned": 336,
+    }  # fmt: skip
+    pruned = manifest.scenes_of("train-pruned") + manifest.scenes_of("test-pruned")
+    assert set(manifest.scenes_of("all-pruned")) == set(pruned)
     assert len(manifest.pairs()) == 448
     for number, scene in enumerate(manifest.scenes):
         assert scene.name == f"k{number:02d}"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -22,7 +23,7 @@ from dfdbench.fetching.download import SET_ASIDE
 from dfdbench.location import as_location
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.sources import Source, download_middlebury, open_source
-from dfdbench.store import default_store, open_store
+from dfdbench.store import Store, default_store, open_store
 
 
 def build(
@@ -106,6 +107,47 @@ def export(
     with progress("writing pairs") as step:
         count = export_png(store, png, split, step)
     print(f"{count} pairs lie in {png}")
+
+
+def voltage_pair_stores(
+    manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None
+) -> dict[str, Store]:
+    """Return the set of each pair of voltage steps, ``135-141``, built where it is not there.
+
+    They lie beside the set of the manifest's own pair, in the cache.
+
+    Raises
+    ------
+    InputError
+        Where one is no such pair; where a set is not built and no folder of captures is named.
+    SourceError
+        Where the captures lack a pair's voltage steps altogether.
+    """
+    steps: dict[str, tuple[int, int]] = {}
+    for pair in map(str, pairs):
+        parts = re.fullmatch(r"(\d+)-(\d+)", pair)
+        if not parts:
+            raise InputError(
+                Problem("not a pair of voltage steps", "--values", "as 141-129,140-130", pair)
+            )
+        steps[pair] = int(parts[1]), int(parts[2])
+    usual = default_store(manifest, cache)
+    places = {pair: usual.with_name(f"{manifest.stem}-{pair}.zarr") for pair in steps}
+    left = [pair for pair, place in places.items() if not place.exists()]
+    if left and source is None:
+        raise InputError(
+            Problem(
+                "the sets of these voltage steps are not built", str(usual.parent),
+                got=", ".join(left), fix="name the folder of the captures: --source DIR",
+            )
+        )  # fmt: skip
+    # A step that does not exist is told before the first set is built.
+    sources = {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
+    for pair, files in sources.items():
+        with progress(f"building {manifest.stem}, steps {pair}") as step:
+            report = build_store(manifest, files, places[pair], None, pool_of(None), step)
+        say(f"built        {report.path}: {report.pairs} pairs, {len(report.missing)} missing")
+    return {pair: Store(place) for pair, place in places.items()}
 
 
 def _voltage_steps(

@@ -92,7 +92,7 @@ def coverage(
     run = load_result(result) if result else None
     named = {"--train": train, "--test": test, "--fold": fold, "--test-dataset": test_dataset}
     _refuse_mixtures(dataset, run, each, [option for option, name in named.items() if name])
-    store = open_store(dataset or (run.dataset.short if run else ""))
+    store = open_store(dataset or (run.dataset.name if run else ""))
     if each:
         _answer_each(store, each, rule, out, format)
     elif run and result:

@@ -10,7 +10,7 @@ import typer
 from rich.filesize import decimal
 
 from dfdbench.cache import KINDS, cache_entries, cache_folder, remove_entries
-from dfdbench.catalog import find_manifest, released_manifests
+from dfdbench.catalog import find_manifest, released_manifests, typed_name
 from dfdbench.cli.options import Cache, Workers, pool_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError, Problem, unknown_name
@@ -26,7 +26,8 @@ def list_datasets(cache: Cache = None) -> None:
     """List the data sets and the registered methods."""
     rows = tuple(
         (
-            manifest.short, manifest.stem, str(manifest.scene_count), str(manifest.pair_count),
+            typed_name(manifest), manifest.stem, str(manifest.scene_count),
+            str(manifest.pair_count),
             "yes" if default_store(manifest, cache).exists() else "no", manifest.title,
         )
         for manifest in released_manifests()
@@ -78,8 +79,9 @@ def verify(
     if not found.sound:
         usual = str(store.path) == str(default_store(store.manifest, cache))
         place = "" if usual else f" --store {store.path}"
+        build = f"dfdbench build {typed_name(store.manifest)}{place}"
         say(f"error: the store is not what was built\n"
-            f"  fix       dfdbench build {store.manifest.short}{place}, with the options it was "
+            f"  fix       {build}, with the options it was "
             "built with, writes the scenes that differ again")  # fmt: skip
         raise typer.Exit(1)
     print("sound        the store holds what was built")
@@ -150,7 +152,7 @@ def _show_store(store: Store) -> None:
         if recipe["name"]
         else "  recipe       none: both images are captured",
         f"  degradation  {attributes['degradation']}",
-        f"  depth        {attributes['depth_unit']}",
+        f"  depth        {_depth_text(store.manifest)}",
         f"  options      {options or 'none'}",
         f"  built by     dfdbench {attributes['dfdbench_version']}",
         f"  pairs        {len(store.pairs('all'))} of {store.manifest.pair_count}, "
@@ -175,6 +177,10 @@ def _show_store(store: Store) -> None:
     print_table(Table("scenes", heading, tuple(rows), "lrrll"))
 
 
+def _depth_text(manifest: Manifest) -> str:
+    return f"brighter is {manifest.depth.direction}; {manifest.depth.unit}"
+
+
 def _option(name: str, value: Any) -> str:
     if isinstance(value, dict):
         value = ", ".join(f"{key} {inner}" for key, inner in value.items())
@@ -188,6 +194,7 @@ def _show_manifest(manifest: Manifest, cache: Path | None) -> None:
         f"  scenes     {manifest.scene_count}",
         f"  pairs      {manifest.pair_count}",
         f"  recipe     {manifest.recipe or 'none: both images are captured'}",
+        f"  depth      {_depth_text(manifest)}",
     ]
     lines += [
         f"  axis       {axis}: {', '.join(map(str, values))}"

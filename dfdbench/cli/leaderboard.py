@@ -85,7 +85,7 @@ def _verify_one(
     problems = data_set_problems(claimed, folder, str(path))
     if problems:
         raise ResultError(problems)
-    store = open_store(dataset or claimed.dataset.short)
+    store = open_store(dataset or claimed.dataset.name)
     with progress(f"verifying {claimed.method.name}") as step:
         found = verify(claimed, path, store, *how, on_pair=step)
     count = len(found.pairs)

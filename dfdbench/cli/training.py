@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dfdbench.catalog import find_manifest
+from dfdbench.cli.building import voltage_pair_stores
 from dfdbench.cli.options import Cache, value_of, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.errors import InputError, Problem
 from dfdbench.extras import needed
 from dfdbench.files import write_whole
-from dfdbench.store import open_store
+from dfdbench.store import Store, open_store
 from dfdbench.tables import Format, Table, render
 
 if TYPE_CHECKING:
@@ -144,13 +146,22 @@ def experiment(
     name: Annotated[
         str,
         typer.Argument(
-            help="repeatability, cross-validation, patch-size, noise, sampling-size or expansion."
+            help="repeatability, cross-validation, patch-size, noise, sampling-size, expansion, "
+            "sharpest-step or voltage-pairs."
         ),
     ],
     method: Annotated[Network, typer.Option(help="What is trained.")] = Network.dfd_net,
     dataset: Annotated[
-        str, typer.Option(help="A data set's name or a store's path.")
-    ] = "middlebury",
+        str | None,
+        typer.Option(
+            help="A data set's name or a store's path; default: middlebury, for voltage steps "
+            "realworld."
+        ),
+    ] = None,
+    source: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the captures, where the voltage steps vary."),
+    ] = None,
     config: Configuration = "published",
     changes: Changes = None,
     values: Annotated[
@@ -174,15 +185,30 @@ def experiment(
     limit = seconds_of(max_time)
     with needed():
         from dfdbench.figures.training import experiment_figure
-        from dfdbench.training.experiments import find_experiment, run_trial, score_table, trials
+        from dfdbench.training.experiments import (
+            PAIR,
+            find_experiment,
+            run_trial,
+            score_table,
+            trials,
+        )
     use_threads(threads)
     asked = find_experiment(name)
-    store = open_store(dataset, cache=cache)
-    folder = out or Path("training") / f"{store.path.stem}-experiments" / f"{name}-{method.value}"
+    chosen = _listed(values)
+    store: Store | dict[str, Store]
+    if asked.varies == PAIR:
+        manifest = find_manifest(dataset or "realworld")
+        store = voltage_pair_stores(manifest, chosen or asked.values, source, cache)
+        stem = manifest.stem
+    else:
+        if source:
+            raise InputError(Problem(f"{name} reads a built data set", "--source", "--dataset"))
+        store = open_store(dataset or "middlebury", cache=cache)
+        stem = store.path.stem
+    folder = out or Path("training") / f"{stem}-experiments" / f"{name}-{method.value}"
     planned = trials(
-        asked, method.value, store, config, values_of(changes, "--set"), folder,
-        _listed(values), repeats,
-    )  # fmt: skip
+        asked, method.value, store, config, values_of(changes, "--set"), folder, chosen, repeats
+    )
     cards = []
     for number, trial in enumerate(planned, 1):
         label = f"{number} of {len(planned)}: {trial.folder.name}"

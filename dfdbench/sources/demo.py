@@ -54,6 +54,7 @@ class DemoScenes:
     """
 
     options: Mapping[str, Any] = {}
+    captures_defocus = False
 
     def __init__(self, manifest: Manifest) -> None:
         problems = tuple(_problems_of(manifest))

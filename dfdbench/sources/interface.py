@@ -44,6 +44,10 @@ class Source(Protocol):
     def options(self) -> Mapping[str, Any]:
         """What was asked for and changes the arrays; the store records it."""
 
+    @property
+    def captures_defocus(self) -> bool:
+        """Whether `read` gives defocus images; where not, the build makes them by a recipe."""
+
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return the pairs whose image and depth map are there, in the manifest's order."""
 

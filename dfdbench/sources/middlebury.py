@@ -43,6 +43,8 @@ class MiddleburyScenes:
         Where the folder holds no scene of the manifest.
     """
 
+    captures_defocus = False
+
     def __init__(
         self,
         manifest: Manifest,

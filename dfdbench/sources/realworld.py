@@ -65,6 +65,11 @@ class RealworldFolder:
         return {"pair": "sharpest" if self._synthetic else list(self._steps)}
 
     @property
+    def captures_defocus(self) -> bool:
+        """Whether the defocus image is a voltage step, not made."""
+        return not self._synthetic
+
+    @property
     def problems(self) -> tuple[Problem, ...]:
         """All that keeps pairs from being built, of every scene that is there."""
         # Scenes may share a calibration: what is wrong with it is one problem.
@@ -111,9 +116,8 @@ class RealworldFolder:
             chosen = (images[sharpest(images)],) if self._synthetic else images
             infocus[place], defocus[place] = chosen[0], chosen[-1]
             available[place] = True
-        return SceneImages(
-            infocus, self._as_told(levels), valid, available, None if self._synthetic else defocus
-        )
+        depth = self._as_told(levels, valid)
+        return SceneImages(infocus, depth, valid, available, None if self._synthetic else defocus)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
         """Return what is wrong with the scenes that are there, and how to go on."""
@@ -174,6 +178,11 @@ class RealworldFolder:
             )  # fmt: skip
         return steps
 
-    def _as_told(self, levels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        # Eq. 7.1: what is near is bright, as in Middlebury's maps.
-        return 255 - levels if self._manifest.depth.grows_with == "nearness" else levels
+    def _as_told(self, levels: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        # The rig's files hold distances; Eq. 7.1: what is near is bright, as in Middlebury's maps.
+        depth = self._manifest.depth
+        if depth.grows_with == "distance":
+            return levels
+        turned = 255 - levels
+        # What is blurred was turned whole, as in the thesis: pixels without a return too.
+        return turned if self._synthetic else np.where(valid, turned, np.uint8(depth.unknown))

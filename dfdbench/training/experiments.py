@@ -1,4 +1,4 @@
-"""The experiments of chapter 5: one training for each value and seed, and a table of scores."""
+"""The experiments of chapters 5 and 7: a training for each value and seed, a table of scores."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ from dfdbench.training.trainer import TIME_LIMIT, train
 
 #: What an experiment changes where it changes no choice of the configuration.
 FOLD = "fold"
+#: The pair of voltage steps: each value has a data set of its own.
+PAIR = "pair"
 
 
 @dataclass(frozen=True)
@@ -34,11 +36,13 @@ class Experiment:
     name, title : str
         As it is asked for, and as its table is headed.
     varies : str
-        A choice of the configuration, ``"fold"``, or nothing: the seed alone.
+        A choice of the configuration, ``"fold"``, ``"pair"``, or nothing: the seed alone.
     values : tuple
         What it takes; for folds those of the data set.
     repeats : int
         Trainings of each value, with seeds from 0.
+    split : str
+        What trains, where no fold does.
     """
 
     name: str
@@ -46,6 +50,7 @@ class Experiment:
     varies: str
     values: tuple[Any, ...]
     repeats: int
+    split: str = "train"
 
 
 def experiments() -> dict[str, Experiment]:
@@ -61,7 +66,7 @@ def experiments() -> dict[str, Experiment]:
     return {
         name: Experiment(
             name, item["title"], item.get("varies", ""), tuple(item.get("values", ())),
-            item["repeats"],
+            item["repeats"], item.get("split", "train"),
         )
         for name, item in content.items()
     }  # fmt: skip
@@ -108,7 +113,7 @@ class Trial:
 def trials(
     experiment: Experiment,
     method: str,
-    store: Store,
+    store: Store | Mapping[str, Store],
     config: str,
     changes: Mapping[str, Any],
     folder: Path,
@@ -123,8 +128,8 @@ def trials(
         Which.
     method : str
         What is trained.
-    store : Store
-        On what.
+    store : Store or mapping of str to Store
+        On what; the set of each pair of voltage steps by its value where those vary.
     config : str
         The configuration to start from: a file or a shipped name.
     changes : mapping
@@ -140,7 +145,9 @@ def trials(
         Where a value is none that the configuration takes, or the network cannot be trained.
     """
     chosen = tuple(values or experiment.values)
-    if experiment.varies == FOLD:
+    if not isinstance(store, Store):
+        chosen = tuple(store)
+    elif experiment.varies == FOLD:
         chosen = tuple(values or folds_of(store.manifest))
     elif not experiment.varies:
         if values:
@@ -157,10 +164,12 @@ def trials(
     # A value given twice is one value: its trainings would be counted twice.
     for value in dict.fromkeys(chosen):
         fold = str(value) if experiment.varies == FOLD else None
-        varied = {experiment.varies: value} if experiment.varies and not fold else {}
+        choice = experiment.varies not in ("", FOLD, PAIR)
+        varied = {experiment.varies: value} if choice else {}
         configuration = read_configuration(config, {**changes, **varied})
         for seed in range(repeats or experiment.repeats):
-            task = task_of(method, store, configuration, "train", fold, seed)
+            data = store if isinstance(store, Store) else store[str(value)]
+            task = task_of(method, data, configuration, experiment.split, fold, seed)
             require_trainable(task)
             name = "-".join(str(part) for part in (value, f"seed{seed}") if part != "")
             found.append(Trial(str(value), task, folder / name))

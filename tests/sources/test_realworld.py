@@ -11,6 +11,8 @@ from dfdbench.catalog import find_manifest
 from dfdbench.errors import SourceError
 from dfdbench.parallel import Threads
 from dfdbench.rig.lidar_files import write_ranges
+from dfdbench.rig.registration_file import NAME as REGISTRATION
+from dfdbench.simulated_captures import Settings, write_captures
 from dfdbench.sources import open_source
 from dfdbench.sources.captures import average_frames
 from dfdbench.sources.realworld import RealworldFolder
@@ -79,6 +81,38 @@ def test_another_pair_of_voltage_steps(published: Path) -> None:
         build_store(CAPTURED, open_source(CAPTURED, published), published / "s", recipe="text")
 
 
+def test_brighter_is_nearer_and_unknown_stays_0(published: Path, tmp_path: Path) -> None:
+    levels = np.linspace(150, 220, 630).astype(np.uint8)
+    for name, expected in (("realworld", 255 - levels), ("realworld-1", levels)):
+        manifest = find_manifest(name)
+        place = tmp_path / f"{name}.zarr"
+        build_store(manifest, open_source(manifest, published), place)
+        store = Store(place)
+        images = store.read(store.pairs("k33")[0])
+        assert (images.depth[20:] == expected).all()
+        assert (images.depth[:9] == 0).all()
+        assert store.attributes["depth_grows_with"] == manifest.depth.grows_with
+    # Version 1 is pinned as it was: what the file says, its marks of the unknown too.
+    assert (images.depth[9:20] == 255).all()
+    assert find_manifest("realworld").depth.grows_with == "nearness"
+
+
+def test_the_board_at_1_5_m_is_brighter_than_the_one_at_2_5_m(
+    captures: Path, tmp_path: Path
+) -> None:
+    raw = tmp_path / "raw"
+    assert CAPTURED.capture is not None
+    write_captures(raw, ("k00",), CAPTURED.capture, Settings((129, 141), (40,)))
+    shutil.copy(raw / "truth/k00" / REGISTRATION, raw / "k00" / REGISTRATION)
+    (raw / "k03").symlink_to(captures / "k03")
+    build_store(CAPTURED, open_source(CAPTURED, raw), tmp_path / "s.zarr")
+    store = Store(tmp_path / "s.zarr")
+    far, near = (store.read(store.pairs(name)[0]) for name in ("k00", "k03"))
+    assert np.median(far.depth[far.valid]) == pytest.approx(5, abs=2)
+    assert np.median(near.depth[near.valid]) == pytest.approx(105, abs=2)
+    assert not far.depth[~far.valid].any()
+
+
 def test_raw_captures_give_back_the_truth(captures: Path, tmp_path: Path) -> None:
     report = build_store(CAPTURED, open_source(CAPTURED, captures), tmp_path / "s.zarr")
     assert report.pairs == 2
@@ -87,7 +121,7 @@ def test_raw_captures_give_back_the_truth(captures: Path, tmp_path: Path) -> Non
         images = store.read(pair)
         truth = cv2.imread(str(captures / "truth" / pair.scene / "distance_mm.png"), -1)
         assert truth is not None
-        near = np.abs(images.depth.astype(int) - truth.astype(int) // 10) <= 2
+        near = np.abs(255 - images.depth.astype(int) - truth.astype(int) // 10) <= 2
         assert near[images.valid].mean() > 0.95
         assert images.valid.mean() > 0.9
         assert images.infocus.shape == (630, 630, 3)

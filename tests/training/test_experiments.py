@@ -27,8 +27,12 @@ def test_the_thesis_experiments_are_there() -> None:
     known = experiments()
     assert set(known) == {
         "repeatability", "cross-validation", "patch-size", "noise", "sampling-size", "expansion",
+        "sharpest-step", "voltage-pairs",
     }  # fmt: skip
     assert known["repeatability"].repeats == 30
+    steps = {int(pair.removeprefix("135-")) for pair in known["sharpest-step"].values}
+    assert steps == set(range(127, 144)) - {135}
+    assert len(known["voltage-pairs"].values) == 9
     assert known["noise"].repeats == known["sampling-size"].repeats == 10
     with pytest.raises(UnknownNameError, match="did you mean noise"):
         find_experiment("nois")
