@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from dfdbench.manifest import Scene
-from dfdbench.protocol import METRICS
+from dfdbench.protocol import METRICS, title_of
 from dfdbench.result import Result
 from dfdbench.summary import scene_labels, summarise_scenes
 from dfdbench.tables import Table
@@ -55,7 +55,7 @@ def _table(result: Result, protocol: str, what: str, label_of: Mapping[str, str]
     dataset = result.dataset
     title = (
         f"{result.method.name} on {dataset.name}, split {dataset.split}, by {what}, "
-        f"protocol {protocol}"
+        f"protocol {title_of(protocol)}"
     )
     columns = (what, "scenes", *heads, "pairs")
     return Table(title, columns, tuple(rows), "ll" + "r" * (len(columns) - 2), notes)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from dfdbench.board_tables import lighting_table, ranking_table, runs_table
-from dfdbench.errors import unknown_name
 from dfdbench.figures.comparison import lighting_figures, time_figure
 from dfdbench.figures.groups import group_figures
 from dfdbench.leaderboard import Entry, boards
+from dfdbench.protocol import require_scored
 from dfdbench.report import run_tables
 from dfdbench.report_scenes import scene_tables
 from dfdbench.result import PairResult
@@ -96,9 +96,7 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         Where a run was not scored under that protocol.
     """
     for run in runs:
-        if protocol not in run.result.protocol_names:
-            known = run.result.protocol_names
-            raise unknown_name(f"protocol of {run.path}", protocol, known)
+        require_scored(protocol, run.result.protocol_names, str(run.path))
     found = boards([Entry(run.result, run.path, None) for run in runs])
     folder = runs[0].path.parent
     sections, summary, shown = [], [], []
