@@ -146,14 +146,15 @@ def run_as_csv(
             rows.append(
                 (
                     result.method.name, dataset.name, dataset.split, protocol, *where, metric,
-                    statistic.mean, statistic.std, statistic.low, statistic.high,
+                    statistic.mean, statistic.std, statistic.minimum, statistic.maximum,
+                    statistic.low, statistic.high,
                     None if statistic.low is None else interval_name(statistic.scenes),
                     statistic.defined, group.evaluated, group.expected,
                 )
             )  # fmt: skip
     columns = (
-        "method", "dataset", "split", "protocol", *places, "metric", "mean", "std", "low", "high",
-        "interval", "defined", "evaluated", "expected",
+        "method", "dataset", "split", "protocol", *places, "metric", "mean", "std", "min", "max",
+        "low", "high", "interval", "defined", "evaluated", "expected",
     )  # fmt: skip
     return as_csv(columns, rows)
 
@@ -202,6 +203,8 @@ def _group_as_dict(place: Mapping[str, object], group: Group) -> dict[str, Any]:
         return {
             "mean": value.mean,
             "std": value.std,
+            "min": value.minimum,
+            "max": value.maximum,
             "interval": None if value.low is None else [value.low, value.high],
             "interval_is": None if value.low is None else interval_name(value.scenes),
             "defined": value.defined,

@@ -20,7 +20,7 @@ from dfdbench.methods import load_method
 from dfdbench.pair_evaluation import load_for
 from dfdbench.protocol import find_protocol
 from dfdbench.report import run_as_csv, run_as_json, run_tables
-from dfdbench.report_scenes import scene_tables
+from dfdbench.report_scenes import scene_tables, spread_table
 from dfdbench.result import Result
 from dfdbench.run_folder import RESULT
 from dfdbench.store import open_store
@@ -85,6 +85,7 @@ def run(
         draw_run(data, done.result, folder, shown)
     tables = [
         *run_tables(done.result, shown),
+        spread_table(done.result, shown, data.manifest.splits),
         *scene_tables(done.result, shown, data.manifest.scenes),
     ]
     if format is Format.table:

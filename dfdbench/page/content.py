@@ -13,7 +13,7 @@ from dfdbench.figures.groups import group_figures
 from dfdbench.leaderboard import Entry, boards
 from dfdbench.protocol import require_scored
 from dfdbench.report import run_tables
-from dfdbench.report_scenes import scene_tables
+from dfdbench.report_scenes import scene_tables, spread_table
 from dfdbench.result import PairResult
 from dfdbench.runs import SavedRun
 from dfdbench.summary import ranked
@@ -107,11 +107,16 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         members = sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
         shown += members
         ranking = ranking_table(board, folder)
-        scenes = next((run.store.manifest.scenes for run in members if run.store), [])
+        manifest = next((run.store.manifest for run in members if run.store), None)
+        scenes, splits = (manifest.scenes, manifest.splits) if manifest else ([], [])
         details = tuple(
             (
                 run.label,
-                (*run_tables(run.result, protocol), *scene_tables(run.result, protocol, scenes)),
+                (
+                    *run_tables(run.result, protocol),
+                    spread_table(run.result, protocol, splits),
+                    *scene_tables(run.result, protocol, scenes),
+                ),
             )
             for run in members
         )

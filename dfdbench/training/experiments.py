@@ -39,6 +39,8 @@ class Experiment:
         What it takes; for folds those of the data set.
     repeats : int
         Trainings of each value, with seeds from 0.
+    baseline : str
+        The value, as text, whose spread the figure shades; empty for the seed alone.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Experiment:
     varies: str
     values: tuple[Any, ...]
     repeats: int
+    baseline: str = ""
 
 
 def experiments() -> dict[str, Experiment]:
@@ -61,7 +64,7 @@ def experiments() -> dict[str, Experiment]:
     return {
         name: Experiment(
             name, item["title"], item.get("varies", ""), tuple(item.get("values", ())),
-            item["repeats"],
+            item["repeats"], str(item.get("baseline", "")),
         )
         for name, item in content.items()
     }  # fmt: skip
