@@ -135,8 +135,9 @@ def _draw_values(axis: Axes, scores: Mapping[str, NDArray[np.float64]]) -> None:
         means = [groups[place].mean() for place in several]
         bars = [2 * groups[place].std(ddof=1) for place in several]
         axis.errorbar(several, means, bars, fmt="o", color=_TEST, capsize=4, label="mean ± 2 σ")
-        ends = [[end(groups[place]) for place in several] for end in (np.min, np.max)]
-        axis.plot(several * 2, [*ends[0], *ends[1]], "o", color=_ENDS, label="minimum, maximum")
+        ends = [groups[place].min() for place in several]
+        ends += [groups[place].max() for place in several]
+        axis.plot(several * 2, ends, "o", color=_ENDS, label="minimum, maximum")
     single = [place for place, found in enumerate(groups) if len(found) == 1]
     axis.plot(single, [groups[place][0] for place in single], "o", color="black")
     axis.set_xticks(range(len(groups)), list(scores))

@@ -219,11 +219,11 @@ class GraphCuts:
             return image[:, :, np.newaxis]
         if self._color_space == "rgb" or image.shape[2] != 3:
             return image
-        # In float OpenCV centres Cr and Cb on 0.5, not 128: the difference of two images has
-        # neither.
-        exact = self._color_space == "ycrcb-float"
-        source = image.astype(np.float32) if exact else image
-        return cv2.cvtColor(source, cv2.COLOR_RGB2YCrCb)
+        if self._color_space == "ycrcb-float":
+            # OpenCV centres these Cr and Cb on 0.5, not 128: the images' difference has neither.
+            exact = cv2.cvtColor(image.astype(np.float32), cv2.COLOR_RGB2YCrCb)
+            return np.asarray(exact, np.float32)
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb), np.uint8)
 
 
 def _wrong(name: str, expected: str, got: Any) -> Problem:
