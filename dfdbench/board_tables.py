@@ -10,7 +10,7 @@ from math import fsum
 from pathlib import Path
 
 from dfdbench.leaderboard import Board, Entry, Standing
-from dfdbench.protocol import METRICS
+from dfdbench.protocol import METRICS, RELEASED, title_of
 from dfdbench.published import PublishedTable, mean_over
 from dfdbench.result import RESULT, Result
 from dfdbench.summary import SCENES_TO_TELL, interval_name
@@ -59,7 +59,7 @@ def ranking_table(board: Board, folder: Path) -> Table:
         "", "method", _HEADS["nrmse"], interval_name(board.scenes), _HEADS["nmae"], _HEADS["ssim"],
         "behind the row above", "seconds a pair", "status",
     )  # fmt: skip
-    title = f"{board.dataset}, split {board.split}, protocol {protocol}"
+    title = f"{board.dataset}, split {board.split}, protocol {title_of(protocol)}"
     records = tuple(_record(board, standing, folder) for standing in board.standings)
     return Table(
         title, columns, tuple(rows), "rlrlrrlrl", tuple(notes), records=records,
@@ -232,6 +232,8 @@ def _record(board: Board, standing: Standing, folder: Path) -> dict[str, object]
     dataset = entry.result.dataset
     low, high = standing.interval or (None, None)
     above = standing.above
+    released = RELEASED.get(protocol)
+    newer = released.superseded_by if released else None
     by_level = {
         f"{metric} {dataset.blocks} {level}": _mean(
             entry.result, protocol, metric, dataset.blocks, level
@@ -243,6 +245,7 @@ def _record(board: Board, standing: Standing, folder: Path) -> dict[str, object]
         "dataset": board.dataset,
         "split": board.split,
         "protocol": protocol,
+        "superseded_by": newer.label if newer else None,
         "fingerprint": board.fingerprint,
         "rank": standing.rank,
         "method": entry.result.method.name,

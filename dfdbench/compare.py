@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dfdbench.errors import Problem, ResultError, unknown_name
-from dfdbench.protocol import METRICS
+from dfdbench.errors import Problem, ResultError
+from dfdbench.protocol import METRICS, label_of, require_scored
 from dfdbench.result import PairResult, Result
 from dfdbench.summary import SCENES_TO_TELL, scene_interval
 
@@ -87,11 +87,8 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
         raise ResultError(problems)
     definitions = []
     for result in (first, second):
-        if protocol not in result.protocol_names:
-            raise unknown_name(
-                f"protocol of {result.method.name}'s result", protocol, result.protocol_names
-            )
-        definitions += [known for known in result.protocols if known["name"] == protocol]
+        require_scored(protocol, result.protocol_names, f"{result.method.name}'s result")
+        definitions += [known for known in result.protocols if label_of(known) == protocol]
     if definitions[0] != definitions[1]:
         raise ResultError(
             Problem(

@@ -38,8 +38,8 @@ Array = NDArray[Any]
 
 
 def data_cost(
-    infocus: NDArray[np.uint8],
-    defocus: NDArray[np.uint8],
+    infocus: NDArray[np.uint8] | NDArray[np.float32],
+    defocus: NDArray[np.uint8] | NDArray[np.float32],
     sigmas: ArrayLike,
     weight: float = 12,
     limit: int = 1021,
@@ -55,7 +55,7 @@ def data_cost(
 
     Parameters
     ----------
-    infocus, defocus : (y, x, channel) uint8
+    infocus, defocus : (y, x, channel) uint8 or float32
         The two images, in the colour space to compare them in (the thesis: Y, Cr, Cb), with one
         to four channels.
     sigmas : (label,) float64
@@ -132,8 +132,8 @@ def _check(
                     f"got {image.shape}"
                 )
             )
-        if image.dtype != np.uint8:
-            raise InputError(Problem(f"{name}: expected uint8, got {image.dtype}"))
+        if image.dtype not in (np.uint8, np.float32):
+            raise InputError(Problem(f"{name}: expected uint8 or float32, got {image.dtype}"))
     if infocus.shape != defocus.shape:
         raise InputError(
             Problem(f"defocus: expected the shape {infocus.shape}, got {defocus.shape}")

@@ -11,7 +11,7 @@ from pathlib import Path
 from dfdbench.board_folder import RESULTS, require_leaderboard
 from dfdbench.compare import Difference, changes, paired_difference
 from dfdbench.errors import Problem, ResultError
-from dfdbench.protocol import PROTOCOLS
+from dfdbench.protocol import RELEASED
 from dfdbench.result import Result
 from dfdbench.submission import TIME_FORMAT, load_submission, method_label
 from dfdbench.summary import scene_interval
@@ -128,7 +128,7 @@ def boards(entries: Sequence[Entry]) -> list[Board]:
     for entry in entries:
         dataset = entry.result.dataset
         for protocol in entry.result.protocol_names:
-            order = list(PROTOCOLS).index(protocol) if protocol in PROTOCOLS else len(PROTOCOLS)
+            order = list(RELEASED).index(protocol) if protocol in RELEASED else len(RELEASED)
             key = (dataset.name, dataset.split, order, protocol, dataset.fingerprint)
             parted.setdefault(key, []).append(entry)
     return [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
@@ -21,7 +21,7 @@ from dfdbench.manifest import Pair
 from dfdbench.methods import Method, Prediction, call, entry_of, load_method
 from dfdbench.methods.isolation import seeded
 from dfdbench.metrics import AGAINST, correlation
-from dfdbench.protocol import PROTOCOLS, score
+from dfdbench.protocol import PROTOCOLS, Protocol, score
 from dfdbench.result import PairResult, PairScores
 from dfdbench.store import PairImages, Store
 
@@ -111,12 +111,21 @@ class PairEvaluator:
         From `load_for`.
     seed : int
         Set in `random` and `numpy.random` before each pair.
+    protocols : iterable of Protocol, optional
+        Under which to score; default: the current ones.
     """
 
-    def __init__(self, store: Store, method: Method, seed: int) -> None:
+    def __init__(
+        self,
+        store: Store,
+        method: Method,
+        seed: int,
+        protocols: Iterable[Protocol] = tuple(PROTOCOLS.values()),
+    ) -> None:
         self._store = store
         self._method = method
         self._seed = seed
+        self._protocols = tuple(protocols)
         self._warm = False
         self._one_at_a_time = threading.Lock()
 
@@ -131,7 +140,7 @@ class PairEvaluator:
             self._warm = True
             with seeded(self._seed):
                 prediction = call(self._method.predict, images.infocus, images.defocus)
-        return _record(self._store, images, prediction), prediction.depth
+        return _record(self._store, images, prediction, self._protocols), prediction.depth
 
 
 @dataclass(frozen=True)
@@ -173,7 +182,9 @@ def _evaluator_here(remote: RemoteEvaluator) -> PairEvaluator:
     return PairEvaluator(store, method, remote.seed)
 
 
-def _record(store: Store, images: PairImages, prediction: Prediction) -> PairResult:
+def _record(
+    store: Store, images: PairImages, prediction: Prediction, protocols: Iterable[Protocol]
+) -> PairResult:
     warnings = []
     if prediction.printed:
         first = prediction.printed.strip().splitlines()[:1]
@@ -186,8 +197,8 @@ def _record(store: Store, images: PairImages, prediction: Prediction) -> PairRes
         warnings.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")
     crop = store.manifest.network_crop
     scores = {
-        name: score(protocol, images.depth, images.valid, prediction.depth, crop)
-        for name, protocol in PROTOCOLS.items()
+        protocol.label: score(protocol, images.depth, images.valid, prediction.depth, crop)
+        for protocol in protocols
     }
     return blank.model_copy(
         update={

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Any, Literal
@@ -10,11 +11,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import unknown_name
+from dfdbench.errors import Problem, UnknownNameError, unknown_name
 from dfdbench.metrics import nmae, nrmse, ssim
 
 #: The metrics' names, and whether a larger value is better.
 METRICS: Mapping[str, bool] = MappingProxyType({"nrmse": False, "nmae": False, "ssim": True})
+# The published networks halve their images four times, so their program cuts images to this.
+_NETWORK_MULTIPLE = 16
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,20 @@ class Scores:
     ssim: float
 
 
+def label_of(protocol: Mapping[str, Any]) -> str:
+    """Return what results and folders call a protocol, given its definition by name.
+
+    It is the name and, from the second version on, the version.
+
+    Examples
+    --------
+    >>> label_of({"name": "mine", "version": 1}), label_of({"name": "mine", "version": 2})
+    ('mine', 'mine-2')
+    """
+    name, version = protocol.get("name"), protocol.get("version", 1)
+    return str(name) if version == 1 else f"{name}-{version}"
+
+
 @dataclass(frozen=True)
 class Protocol:
     """How a prediction is scored. A released protocol never changes; a change is a new version.
@@ -33,14 +50,15 @@ class Protocol:
     Parameters
     ----------
     name, version : str, int
-        Under which results name it.
+        Results name it by both, see `label`.
     pixels : {"all", "known"}
         Whether pixels without ground truth count (at their stored level) or are left out.
     divisor : {"own-range", "255"}
         What NRMSE and NMAE are divided by: the ground truth's range over the pixels that
         count, or 255.
-    crop : {"whole", "network"}
-        The whole image, or the centre square of the data set's `network_crop`.
+    crop : {"whole", "network", "network-of-16"}
+        The whole image; the centre square of the data set's `network_crop`; or that square of
+        the image cut to multiples of 16, at its lower and right edge.
     source : str
         Where the definition comes from.
     """
@@ -49,44 +67,132 @@ class Protocol:
     version: int
     pixels: Literal["all", "known"]
     divisor: Literal["own-range", "255"]
-    crop: Literal["whole", "network"]
+    crop: Literal["whole", "network", "network-of-16"]
     source: str
+
+    @property
+    def label(self) -> str:
+        """What results and folders call it, see `label_of`."""
+        return label_of(self.as_dict())
+
+    @property
+    def superseded_by(self) -> Protocol | None:
+        """The newest version, where this is an older one."""
+        newest = _newest(self.name)
+        return None if newest.version == self.version else newest
+
+    @property
+    def title(self) -> str:
+        """What tables call it; of an older version it says that there is a newer one.
+
+        Examples
+        --------
+        >>> find_protocol("thesis-networks").title
+        'thesis-networks, version 2'
+        >>> find_protocol("thesis-networks-1").title
+        'thesis-networks, version 1: superseded by version 2'
+        """
+        newest = _newest(self.name)
+        if newest.version == 1:
+            return self.name
+        version = f"{self.name}, version {self.version}"
+        return version if self == newest else f"{version}: superseded by version {newest.version}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the definition by name, fit for JSON."""
         return asdict(self)
 
 
-#: The protocols by name; a run scores under all of them.
-PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
-    {
-        protocol.name: protocol
-        for protocol in (
-            Protocol(
-                "thesis", 1, "all", "own-range", "whole",
-                "Emerson 2019, Eq. 3.11, 3.13, 3.14; unknown pixels count as depth 0",
-            ),
-            Protocol(
-                "thesis-networks", 1, "all", "255", "network",
-                "the scoring code published with the thesis's networks",
-            ),
-            Protocol("valid", 1, "known", "255", "whole", "dfdbench: known pixels only"),
-        )
-    }
+_ALL = (
+    Protocol(
+        "thesis", 1, "all", "own-range", "whole",
+        "Emerson 2019, Eq. 3.11, 3.13, 3.14; unknown pixels count as depth 0",
+    ),
+    Protocol(
+        "thesis-networks", 1, "all", "255", "network",
+        "the scoring code published with the thesis's networks",
+    ),
+    Protocol(
+        "thesis-networks", 2, "all", "255", "network-of-16",
+        "the scoring code published with the thesis's networks, which cuts images to multiples "
+        "of 16 before it takes their centre",
+    ),
+    Protocol("valid", 1, "known", "255", "whole", "dfdbench: known pixels only"),
 )  # fmt: skip
 
 
+def _newest(name: str) -> Protocol:
+    return max((p for p in _ALL if p.name == name), key=lambda protocol: protocol.version)
+
+
+#: The protocols that a run scores under, by label: the newest version of each.
+PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
+    {protocol.label: protocol for protocol in _ALL if protocol == _newest(protocol.name)}
+)
+#: Every protocol that was ever released, by label; the current ones first.
+RELEASED: Mapping[str, Protocol] = MappingProxyType(
+    {**PROTOCOLS, **{protocol.label: protocol for protocol in _ALL}}
+)
+
+
 def find_protocol(name: str) -> Protocol:
-    """Return the protocol of that name.
+    """Return the newest protocol of that name or, of ``NAME-VERSION``, that version.
 
     Raises
     ------
     UnknownNameError
         Where there is none; near misses are named.
+
+    Examples
+    --------
+    >>> find_protocol("thesis-networks").version, find_protocol("thesis-networks-1").version
+    (2, 1)
     """
-    if name not in PROTOCOLS:
-        raise unknown_name("protocol", name, PROTOCOLS)
-    return PROTOCOLS[name]
+    for protocol in _ALL:
+        if name == f"{protocol.name}-{protocol.version}":
+            return protocol
+    if name not in {protocol.name for protocol in _ALL}:
+        raise unknown_name("protocol", name, {protocol.name for protocol in _ALL})
+    return _newest(name)
+
+
+def title_of(label: str) -> str:
+    """Return what tables call a result's protocol: `Protocol.title`, where it is a released one."""
+    return RELEASED[label].title if label in RELEASED else label
+
+
+def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
+    """Refuse to show a result under a protocol that it was not scored under.
+
+    Parameters
+    ----------
+    label : str
+        The protocol asked for.
+    scored : iterable of str
+        The labels of those it was scored under.
+    whose : str
+        The result: its file, or its method's name.
+
+    Raises
+    ------
+    UnknownNameError
+        Where `label` is not among `scored`; another version that is gets named.
+    """
+    there = tuple(scored)
+    if label in there:
+        return
+    asked = RELEASED.get(label)
+    for other in (RELEASED[found] for found in there if found in RELEASED):
+        if asked and other.name == asked.name:
+            raise UnknownNameError(
+                Problem(
+                    what=f"scored under another version of protocol {asked.name}", where=whose,
+                    expected=asked.title, got=other.title,
+                    fix=f"`dfdbench run` scores under version {_newest(asked.name).version}; "
+                    f"--protocol {other.name}-{other.version} shows what is there",
+                )
+            )  # fmt: skip
+    raise unknown_name(f"protocol of {whose}", label, there)
 
 
 def score(
@@ -109,8 +215,14 @@ def score(
     prediction : ndarray of float32, shape (y, x)
         Estimated depth levels, 0 to 255.
     network_crop : int
-        Side of the centre square, in pixels, for protocols that crop; a smaller image is
-        taken whole.
+        Side of the centre square, in pixels, for protocols that crop; along an axis on which
+        the image is smaller all of it is taken.
+
+    Returns
+    -------
+    Scores
+        All NaN where nothing is left to score: ``network-of-16`` on fewer than 16 rows or
+        columns, an image that the published networks cannot take either.
 
     Examples
     --------
@@ -118,10 +230,10 @@ def score(
     >>> score(PROTOCOLS["thesis"], depth, depth > 0, depth.astype(np.float32), 32)
     Scores(nrmse=0.0, nmae=0.0, ssim=1.0)
     """
-    window = (slice(None), slice(None))
-    if protocol.crop == "network":
-        window = _centre(depth.shape, network_crop)
+    window = _window(protocol, depth.shape, network_crop)
     truth, test = depth[window], prediction[window]
+    if not truth.size:
+        return Scores(math.nan, math.nan, math.nan)
     mask = valid[window] if protocol.pixels == "known" else None
     data_range = 255.0 if protocol.divisor == "255" else None
     return Scores(
@@ -131,7 +243,12 @@ def score(
     )
 
 
-def _centre(shape: tuple[int, ...], side: int) -> tuple[slice, slice]:
-    height, width = (min(side, extent) for extent in shape)
-    top, left = (shape[0] - height) // 2, (shape[1] - width) // 2
-    return slice(top, top + height), slice(left, left + width)
+def _window(protocol: Protocol, shape: tuple[int, ...], side: int) -> tuple[slice, ...]:
+    if protocol.crop == "whole":
+        return tuple(slice(0, extent) for extent in shape)
+    if protocol.crop == "network-of-16":
+        shape = tuple(extent - extent % _NETWORK_MULTIPLE for extent in shape)
+    starts = (max(extent - side, 0) // 2 for extent in shape)
+    return tuple(
+        slice(start, min(start + side, extent)) for start, extent in zip(starts, shape, strict=True)
+    )

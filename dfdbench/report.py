@@ -6,8 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dfdbench.errors import unknown_name
-from dfdbench.protocol import METRICS
+from dfdbench.protocol import METRICS, require_scored, title_of
 from dfdbench.result import PairResult, Result
 from dfdbench.summary import (
     SCENES_TO_TELL,
@@ -33,8 +32,7 @@ def run_tables(result: Result, protocol: str) -> list[Table]:
     UnknownNameError
         Where the result was not scored under that protocol.
     """
-    if protocol not in result.protocol_names:
-        raise unknown_name("protocol of this result", protocol, result.protocol_names)
+    require_scored(protocol, result.protocol_names, f"{result.method.name}'s result")
     tables = [score_table(result, protocol)]
     if ranked(result, protocol):
         tables += [extremes_table(result, protocol), time_table(result, protocol)]
@@ -62,8 +60,8 @@ def score_table(result: Result, protocol: str) -> Table:
         columns.append("pairs")
     state = "" if result.complete else "PARTIAL, "
     title = (
-        f"{result.method.name} on {dataset.name}, split {dataset.split}, protocol {protocol} "
-        f"({state}{dataset.evaluated} of {dataset.expected} pairs)"
+        f"{result.method.name} on {dataset.name}, split {dataset.split}, "
+        f"protocol {title_of(protocol)} ({state}{dataset.evaluated} of {dataset.expected} pairs)"
     )
     align = "l" * len(labels) + "r" * (len(columns) - len(labels))
     return Table(
@@ -88,8 +86,9 @@ def extremes_table(result: Result, protocol: str) -> Table:
         for pair in pairs
     ]
     return Table(
-        f"best and worst pairs, protocol {protocol}", ("", "scene", *axes, *_ARROWS.values()),
-        tuple(rows), "ll" + "r" * (len(axes) + len(_ARROWS)), (), frozenset({len(top) - 1}),
+        f"best and worst pairs, protocol {title_of(protocol)}",
+        ("", "scene", *axes, *_ARROWS.values()), tuple(rows),
+        "ll" + "r" * (len(axes) + len(_ARROWS)), (), frozenset({len(top) - 1}),
     )  # fmt: skip
 
 
@@ -147,14 +146,15 @@ def run_as_csv(
             rows.append(
                 (
                     result.method.name, dataset.name, dataset.split, protocol, *where, metric,
-                    statistic.mean, statistic.std, statistic.low, statistic.high,
+                    statistic.mean, statistic.std, statistic.minimum, statistic.maximum,
+                    statistic.low, statistic.high,
                     None if statistic.low is None else interval_name(statistic.scenes),
                     statistic.defined, group.evaluated, group.expected,
                 )
             )  # fmt: skip
     columns = (
-        "method", "dataset", "split", "protocol", *places, "metric", "mean", "std", "low", "high",
-        "interval", "defined", "evaluated", "expected",
+        "method", "dataset", "split", "protocol", *places, "metric", "mean", "std", "min", "max",
+        "low", "high", "interval", "defined", "evaluated", "expected",
     )  # fmt: skip
     return as_csv(columns, rows)
 
@@ -203,6 +203,8 @@ def _group_as_dict(place: Mapping[str, object], group: Group) -> dict[str, Any]:
         return {
             "mean": value.mean,
             "std": value.std,
+            "min": value.minimum,
+            "max": value.maximum,
             "interval": None if value.low is None else [value.low, value.high],
             "interval_is": None if value.low is None else interval_name(value.scenes),
             "defined": value.defined,

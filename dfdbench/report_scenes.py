@@ -1,11 +1,11 @@
-"""Tables of a run by what its scenes show: the board's geometry, its texture."""
+"""Tables of a run by its scenes: the splits they are in, the board's geometry, its texture."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from dfdbench.manifest import Scene
-from dfdbench.protocol import METRICS
+from dfdbench.manifest import Scene, Split
+from dfdbench.protocol import METRICS, title_of
 from dfdbench.result import Result
 from dfdbench.summary import scene_labels, summarise_scenes
 from dfdbench.tables import Table
@@ -28,6 +28,58 @@ def scene_tables(result: Result, protocol: str, scenes: Sequence[Scene]) -> list
     return [
         _table(result, protocol, what, label_of) for what, label_of in scene_labels(scenes).items()
     ]
+
+
+def spread_table(result: Result, protocol: str, splits: Sequence[Split] = ()) -> Table:
+    """Return minimum, mean, maximum and deviation over the pairs, as the thesis's Tables 7.3, 7.6.
+
+    Of the whole run, and of every split and partition that is a part of it: Table 7.3 is of
+    partition ``pruned`` in a run with ``--split all``, Table 7.6 of split ``test-pruned``.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    protocol : str
+        Under which protocol.
+    splits : sequence of Split
+        Of the manifest.
+    """
+    rows, rules, lacking = [], [], []
+    for part, scenes in _parts(result, splits).items():
+        (group,) = summarise_scenes(result, protocol, dict.fromkeys(scenes, part)).values()
+        if group.evaluated < group.expected:
+            lacking.append(part)
+            continue
+        for name, statistic in (
+            ("minimum", "minimum"), ("mean", "mean"), ("maximum", "maximum"),
+            ("std deviation", "std"),
+        ):  # fmt: skip
+            first = (part, str(group.expected)) if name == "minimum" else ("", "")
+            found = (getattr(group.metrics[metric], statistic) for metric in METRICS)
+            rows.append((*first, name, *map(_number, found)))
+        rules.append(len(rows) - 1)
+    dataset = result.dataset
+    title = (
+        f"{result.method.name} on {dataset.name}, spread over pairs, protocol {title_of(protocol)}"
+    )
+    heads = (f"{metric.upper()} {'↑' if up else '↓'}" for metric, up in METRICS.items())
+    columns = ("of", "pairs", "", *heads)
+    notes = (f"not every pair was evaluated of {', '.join(lacking)}",) if lacking else ()
+    return Table(
+        title, columns, tuple(rows), "lrl" + "r" * len(METRICS), notes, frozenset(rules[:-1])
+    )  # fmt: skip
+
+
+def _parts(result: Result, splits: Sequence[Split]) -> dict[str, tuple[str, ...]]:
+    whole = tuple(dict.fromkeys(pair.scene for pair in result.pairs))
+    members: dict[str, tuple[str, ...]] = {}
+    for split in splits:
+        members[f"split {split.name}"] = tuple(split.scenes)
+        partition = f"partition {split.partition}"
+        members[partition] = (*members.get(partition, ()), *split.scenes)
+    parts = {name: scenes for name, scenes in members.items() if set(scenes) < set(whole)}
+    return {f"split {result.dataset.split}": whole, **parts}
 
 
 def _table(result: Result, protocol: str, what: str, label_of: Mapping[str, str]) -> Table:
@@ -55,7 +107,7 @@ def _table(result: Result, protocol: str, what: str, label_of: Mapping[str, str]
     dataset = result.dataset
     title = (
         f"{result.method.name} on {dataset.name}, split {dataset.split}, by {what}, "
-        f"protocol {protocol}"
+        f"protocol {title_of(protocol)}"
     )
     columns = (what, "scenes", *heads, "pairs")
     return Table(title, columns, tuple(rows), "ll" + "r" * (len(columns) - 2), notes)

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.files import write_whole
-from dfdbench.protocol import METRICS
+from dfdbench.protocol import METRICS, label_of
 
 SCHEMA_VERSION = 1
 #: What a result is called in the folder of its run.
@@ -146,8 +146,8 @@ class Result(Model):
 
     @property
     def protocol_names(self) -> tuple[str, ...]:
-        """The protocols that were scored."""
-        return tuple(str(protocol["name"]) for protocol in self.protocols)
+        """The labels of the protocols that were scored, under which `scores` has them."""
+        return tuple(label_of(protocol) for protocol in self.protocols)
 
     @property
     def complete(self) -> bool:

@@ -10,7 +10,7 @@ from dfdbench.board_folder import file_stems, known_fingerprints, place_of
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import DfdbenchError, Problem, ResultError
 from dfdbench.files import write_whole
-from dfdbench.protocol import PROTOCOLS
+from dfdbench.protocol import RELEASED, label_of
 from dfdbench.result import (
     MethodRecord,
     Result,
@@ -87,7 +87,7 @@ def under_protocol(result: Result, protocol: str) -> Result:
         for pair in result.pairs
     ]
     averages = {protocol: result.averages[protocol]} if result.averages else None
-    chosen = [known for known in result.protocols if known["name"] == protocol]
+    chosen = [known for known in result.protocols if label_of(known) == protocol]
     return result.model_copy(
         update={"pairs": pairs, "averages": averages, "protocols": chosen, "submission": None}
     )
@@ -174,12 +174,12 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
         and (pair.scene, pair.coordinates) != (expected[name].scene, expected[name].at)
     ]
     for protocol in result.protocols:
-        released = PROTOCOLS.get(str(protocol.get("name")))
+        released = RELEASED.get(label_of(protocol))
         if released is None or released.as_dict() != protocol:
             problems.append(
                 Problem(
                     "not a released protocol", f"{where}: protocols",
-                    str(released.as_dict()) if released else ", ".join(PROTOCOLS), str(protocol),
+                    str(released.as_dict()) if released else ", ".join(RELEASED), str(protocol),
                 )
             )  # fmt: skip
     return problems

@@ -33,6 +33,8 @@ class Statistic:
         From `scene_interval`; None for a single scene.
     scenes : int
         How many scenes the pairs are of.
+    minimum, maximum : float or None
+        Of the pairs that `mean` is of, as in the thesis's Tables 7.3 and 7.6.
     """
 
     mean: float | None
@@ -41,6 +43,8 @@ class Statistic:
     low: float | None = None
     high: float | None = None
     scenes: int = 0
+    minimum: float | None = None
+    maximum: float | None = None
 
 
 @dataclass(frozen=True)
@@ -251,7 +255,16 @@ def _group(
             interval = scene_interval(numbers, [scene for scene, _ in defined], seed)
         low, high = interval or (None, None)
         scenes = len({scene for scene, _ in defined})
-        return Statistic(float(np.mean(numbers)), std, len(numbers), low, high, scenes)
+        return Statistic(
+            float(np.mean(numbers)),
+            std,
+            len(numbers),
+            low,
+            high,
+            scenes,
+            min(numbers),
+            max(numbers),
+        )
 
     metrics = {
         metric: statistic([getattr(pair.scores[protocol], metric) for pair in evaluated])

@@ -13,13 +13,13 @@ from typing import Literal
 from pydantic import Field, ValidationError
 
 from dfdbench.environment import describe_environment
-from dfdbench.errors import Problem, ResultError
+from dfdbench.errors import Problem, ResultError, unknown_name
 from dfdbench.evaluate import without_folder
 from dfdbench.files import write_whole
 from dfdbench.manifest import Pair
 from dfdbench.methods import registered_methods
 from dfdbench.pair_evaluation import PairEvaluator, load_for
-from dfdbench.protocol import METRICS
+from dfdbench.protocol import METRICS, RELEASED
 from dfdbench.result import (
     Environment,
     Finite,
@@ -89,6 +89,8 @@ def verify(
     ResultError
         Where the data or the method are others than the result says, or a pair gives another
         depth map and another score.
+    UnknownNameError
+        Where the result was scored under a protocol that is not released here.
     """
     if store.fingerprint != result.dataset.fingerprint:
         raise ResultError(
@@ -107,7 +109,12 @@ def verify(
     record = result.method
     method = load_for(store, record.name, record.parameters, result.seed)
     pairs = [Pair(claim.scene, tuple(claim.coordinates.items())) for claim in chosen]
-    evaluate = PairEvaluator(store, method, result.seed)
+    # Under the versions that the result names: its scores are of no other.
+    unknown = [label for label in result.protocol_names if label not in RELEASED]
+    if unknown:
+        raise unknown_name(f"protocol of {path}", unknown[0], RELEASED)
+    protocols = [RELEASED[label] for label in result.protocol_names]
+    evaluate = PairEvaluator(store, method, result.seed, protocols)
     problems, identical, largest = [], 0, 0.0
     for number, (claim, pair) in enumerate(zip(chosen, pairs, strict=True), 1):
         rerun, _ = evaluate(pair)

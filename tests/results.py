@@ -8,7 +8,7 @@ from typing import Any
 from dfdbench.catalog import find_manifest
 from dfdbench.environment import describe_environment
 from dfdbench.manifest import Pair
-from dfdbench.protocol import PROTOCOLS
+from dfdbench.protocol import PROTOCOLS, RELEASED
 from dfdbench.result import (
     DatasetRecord,
     MethodRecord,
@@ -92,7 +92,7 @@ def make_demo_result(
                 }
             ),
             "method": blank.method.model_copy(update={"parameters": parameters or {}}),
-            "protocols": [PROTOCOLS[name].as_dict() for name in protocols],
+            "protocols": [RELEASED[label].as_dict() for label in protocols],
             "pairs": pairs,
             "averages": average(pairs, list(protocols)),
         }

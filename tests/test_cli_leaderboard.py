@@ -34,7 +34,7 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:  # noqa: F811
     assert "stale" in dfdbench("leaderboard", "--check").err
     written = dfdbench("leaderboard", "--format", "csv")
     rows = list(csv.DictReader(io.StringIO(written.out)))
-    assert [row["protocol"] for row in rows] == ["thesis", "thesis-networks", "valid"]
+    assert [row["protocol"] for row in rows] == ["thesis", "thesis-networks-2", "valid"]
     assert "3 results valid" in dfdbench("leaderboard", "--check").out
     verified = dfdbench("leaderboard", "verify", path, "--pairs", "2", "--record")
     assert "identical    2 of 2 depth maps" in verified.out
@@ -96,6 +96,7 @@ def test_mistakes_are_told(dfdbench: Command) -> None:  # noqa: F811
         (("compare", result, other), "unknown protocol of constant's result"),
         (("compare", "nowhere", result), "cannot read the result"),
         (("report", result, "--out", "page", "--protocol", "valid"), "unknown protocol of"),
+        (("compare", result, "copy.json", "--protocol", "thesys"), "did you mean thesis"),
         (("leaderboard", "verify", "nowhere.json"), "cannot read the result"),
         (("leaderboard", "--folder", "nowhere"), "no leaderboard"),
         (("leaderboard", "--check", "--format", "csv"), "--check prints no rankings"),

@@ -104,6 +104,25 @@ def test_other_data_split_or_protocol_is_another_board(tmp_path: Path) -> None:
     assert found == [("thesis", "2", 1), ("thesis", "5", 1), ("valid", "2", 1)]
 
 
+def test_rows_of_a_superseded_protocol_stay_and_say_so(tmp_path: Path) -> None:
+    old = add(tmp_path, "old", 0.1, protocols=("thesis-networks",))
+    new = add(tmp_path, "new", 0.1, protocols=("thesis-networks-2",))
+    add(tmp_path, "new", 0.1, protocols=("valid",))
+    places = [path.relative_to(tmp_path).as_posix() for path in (old, new)]
+    assert places == [
+        "results/demo-1-test/thesis-networks/old.json",
+        "results/demo-1-test/thesis-networks-2/new.json",
+    ]
+    tables = [ranking_table(board, tmp_path) for board in boards(collect(tmp_path))]
+    assert [table.title for table in tables] == [
+        "demo-1, split test, protocol thesis-networks, version 2",
+        "demo-1, split test, protocol valid",
+        "demo-1, split test, protocol thesis-networks, version 1: superseded by version 2",
+    ]
+    newer = [table.records[0]["superseded_by"] for table in tables]
+    assert newer == [None, None, "thesis-networks-2"]
+
+
 def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
     add(tmp_path, "whole", 0.3)
     submit(limited(make_demo_result(lambda pair: 0.001, "stopped"), 7), tmp_path, WHEN)

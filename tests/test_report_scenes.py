@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from dfdbench.manifest import Scene
+from dfdbench.manifest import Scene, Split
 from dfdbench.report import run_as_csv, run_as_json
-from dfdbench.report_scenes import scene_tables
+from dfdbench.report_scenes import scene_tables, spread_table
 from dfdbench.summary import scene_labels
-from tests.results import make_result
+from tests.results import limited, make_result
 
 VALUES = {
     ("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2, ("k01", 1, 1, 0): 0.1,
@@ -35,6 +35,34 @@ def test_scores_are_parted_by_geometry_and_by_texture() -> None:
         ("01", "k00 k01", "0.2333"),
         ("02", "k04 k05", "0.4500"),
     ]
+
+
+def test_the_spread_is_of_the_run_and_of_the_splits_within_it() -> None:
+    # As the thesis's Tables 7.3 and 7.6 have it: of all pruned scenes, and of those that test.
+    splits = [
+        Split(name="train", partition="full", pairs=3, scenes=["k00", "k04"]),
+        Split(name="test", partition="full", pairs=2, scenes=["k01", "k05"]),
+        Split(name="train-pruned", partition="pruned", pairs=1, scenes=["k05"]),
+        Split(name="test-pruned", partition="pruned", pairs=1, scenes=["k01"]),
+        Split(name="else", partition="other", pairs=1, scenes=["k99"]),
+    ]
+    result = make_result(VALUES)
+    dataset = result.dataset.model_copy(update={"split": "all"})
+    table = spread_table(result.model_copy(update={"dataset": dataset}), "thesis", splits)
+    assert [row[:2] for row in table.rows if row[0]] == [
+        ("split all", "5"), ("split train", "3"), ("split test", "2"),
+        ("split train-pruned", "1"), ("partition pruned", "2"), ("split test-pruned", "1"),
+    ]  # fmt: skip
+    assert [row[2:4] for row in table.rows[:4]] == [
+        ("minimum", "0.1000"), ("mean", "0.3200"), ("maximum", "0.6000"),
+        ("std deviation", "0.1924"),
+    ]  # fmt: skip
+
+
+def test_an_incomplete_run_has_no_spread() -> None:
+    table = spread_table(limited(make_result(VALUES), 2), "thesis")
+    assert table.rows == ()
+    assert table.notes == ("not every pair was evaluated of split test",)
 
 
 def test_what_was_not_run_is_a_note_and_no_row() -> None:

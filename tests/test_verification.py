@@ -5,11 +5,13 @@ from typing import Any
 
 import pytest
 
-from dfdbench.errors import ResultError
+from dfdbench.errors import ResultError, UnknownNameError
 from dfdbench.evaluate import run_method
 from dfdbench.leaderboard import boards, collect
-from dfdbench.pair_evaluation import load_for
-from dfdbench.result import RESULT, Result, load_result, seal_of
+from dfdbench.pair_evaluation import PairEvaluator, load_for
+from dfdbench.protocol import RELEASED, find_protocol
+from dfdbench.report import run_tables
+from dfdbench.result import RESULT, Result, average, load_result, save_result, seal_of
 from dfdbench.store import Store
 from dfdbench.submission import submit
 from dfdbench.verification import load_verification, save_verification, verify
@@ -87,6 +89,30 @@ def test_a_method_whose_name_leads_elsewhere_is_not_run(run: Path, tiny_store: S
     method = result.method.model_copy(update={"name": "constant"})
     with pytest.raises(ResultError, match="leads to another entry"):
         verify(result.model_copy(update={"method": method}), run, tiny_store)
+
+
+def test_an_older_protocol_is_verified_under_its_own_window(run: Path, tiny_store: Store) -> None:
+    # As a run of before version 2 wrote it; the tiny images are no multiples of 16.
+    method = load_for(tiny_store, "local", {"window": 3})
+    old = tuple(RELEASED[label] for label in ("thesis", "thesis-networks"))
+    evaluate = PairEvaluator(tiny_store, method, 0, old)
+    pairs = [evaluate(pair)[0] for pair in tiny_store.pairs("test")]
+    labels = [protocol.label for protocol in old]
+    result = load_result(run).model_copy(
+        update={
+            "pairs": pairs, "averages": average(pairs, labels),
+            "protocols": [protocol.as_dict() for protocol in old],
+        }
+    )  # fmt: skip
+    save_result(result, run)
+    assert verify(load_result(run), run, tiny_store).largest_difference == 0
+    with pytest.raises(UnknownNameError, match="another version of protocol"):
+        run_tables(load_result(run), find_protocol("thesis-networks").label)
+    shown = run_tables(load_result(run), find_protocol("thesis-networks-1").label)
+    assert "thesis-networks, version 1: superseded by version 2" in shown[0].title
+    unknown = result.model_copy(update={"protocols": [{"name": "mine", "version": 1}]})
+    with pytest.raises(UnknownNameError, match="unknown protocol of"):
+        verify(unknown, run, tiny_store)
 
 
 def test_other_data_are_refused(run: Path, tiny_store: Store) -> None:

@@ -20,7 +20,7 @@ from dfdbench.methods import load_method
 from dfdbench.pair_evaluation import load_for
 from dfdbench.protocol import find_protocol
 from dfdbench.report import run_as_csv, run_as_json, run_tables
-from dfdbench.report_scenes import scene_tables
+from dfdbench.report_scenes import scene_tables, spread_table
 from dfdbench.result import RESULT, Result
 from dfdbench.store import open_store
 from dfdbench.submission import submit as submit_result
@@ -64,7 +64,7 @@ def run(
     ] = False,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run goes on."""
-    shown = find_protocol(protocol)
+    shown = find_protocol(protocol).label
     if submit:
         _refuse_what_cannot_be_submitted(limit)
     data = open_store(dataset, cache=cache)
@@ -81,18 +81,19 @@ def run(
     if done.reused:
         say(f"{done.reused} pairs taken over from an earlier call (--fresh evaluates anew)")
     if not no_predictions:
-        draw_run(data, done.result, folder, shown.name)
+        draw_run(data, done.result, folder, shown)
     tables = [
-        *run_tables(done.result, shown.name),
-        *scene_tables(done.result, shown.name, data.manifest.scenes),
+        *run_tables(done.result, shown),
+        spread_table(done.result, shown, data.manifest.splits),
+        *scene_tables(done.result, shown, data.manifest.scenes),
     ]
     if format is Format.table:
         for table in tables:
             print_table(table)
     elif format is Format.csv:
-        print(run_as_csv(done.result, shown.name, scene_labels(data.manifest.scenes)), end="")
+        print(run_as_csv(done.result, shown, scene_labels(data.manifest.scenes)), end="")
     elif format is Format.json:
-        print(run_as_json(done.result, shown.name, scene_labels(data.manifest.scenes)), end="")
+        print(run_as_json(done.result, shown, scene_labels(data.manifest.scenes)), end="")
     else:
         print(render(tables, format), end="")
     say(f"result       {folder / RESULT}")

@@ -47,7 +47,7 @@ def report(
     dataset: Dataset = None,
 ) -> None:
     """Write a page about runs: tables, plots, and their pairs, worst first."""
-    shown = find_protocol(protocol).name
+    shown = find_protocol(protocol).label
     runs = [open_run(path, dataset) for path in _each_once(results)]
     with writing(out):
         # Before the drawing, which takes a while.
@@ -76,7 +76,7 @@ def compare(
     dataset: Dataset = None,
 ) -> None:
     """Compare two runs pair by pair: differences, wins, losses, what changed most."""
-    shown = find_protocol(protocol).name
+    shown = find_protocol(protocol).label
     runs = open_run(first, dataset), open_run(second, dataset)
     if runs[0].path.resolve() == runs[1].path.resolve():
         raise InputError(Problem("A and B are the same run", str(runs[0].path), "two runs"))

@@ -40,7 +40,9 @@ MethodArgument = Annotated[Network, typer.Argument(help="What is trained.")]
 Configuration = Annotated[
     str,
     typer.Option(
-        "--config", help="A TOML file, or one of: published, demo, demo-fine, demo-u-net, quick."
+        "--config",
+        help="A TOML file, or one of: published, published-realworld, demo, demo-fine, "
+        "demo-u-net, quick.",
     ),
 ]
 Changes = Annotated[
@@ -217,7 +219,7 @@ def experiment(
         cards.append((trial.value, card))
         table = score_table(asked, cards)
         keep_table(folder, table)
-    save_figure(experiment_figure(asked.title, cards), folder / "scores.png")
+    save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
     print_table(table) if format is Format.table else print(render([table], format), end="")
     say(f"table        {folder / 'scores.md'}, scores.csv")
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text
 from dfdbench.manifest import Scene
-from dfdbench.protocol import METRICS
+from dfdbench.protocol import METRICS, title_of
 from dfdbench.result import PairResult, Result
 from dfdbench.summary import scene_labels
 
@@ -90,7 +90,7 @@ def _figure(
     first = next(iter(results.values()))
     whose = "" if several else f"{plain_text(next(iter(results)))} on "
     figure.suptitle(
-        f"{whose}{first.dataset.name}, split {first.dataset.split}, protocol {protocol}: "
+        f"{whose}{first.dataset.name}, split {first.dataset.split}, protocol {title_of(protocol)}: "
         "mean and standard deviation; a dot is a pair",
         fontsize=10,
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dfdbench.figures.groups import group_figures
 from dfdbench.figures.style import COLOURS, MARKERS, depth_span, plain_text
 from dfdbench.manifest import Pair
-from dfdbench.protocol import METRICS
+from dfdbench.protocol import METRICS, title_of
 from dfdbench.result import PairResult, Result
 from dfdbench.run_folder import read_prediction
 from dfdbench.store import Store
@@ -90,7 +90,7 @@ def panel_figure(
     grid = figure.subplots(len(rows), 5, squeeze=False)
     figure.suptitle(
         f"{plain_text(result.method.name)}: {kind} pairs of {result.dataset.name}, "
-        f"split {result.dataset.split}, protocol {protocol}"
+        f"split {result.dataset.split}, protocol {title_of(protocol)}"
     )
     heads = ("in-focus", "defocus", "ground truth", "prediction", "prediction − truth")
     for number, (record, images, prediction) in enumerate(rows):
@@ -140,7 +140,7 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     grid = figure.subplots(len(METRICS), len(columns), squeeze=False, sharey="row", sharex=True)
     figure.suptitle(
         f"{plain_text(result.method.name)} on {result.dataset.name}, split {result.dataset.split}, "
-        f"protocol {protocol}"
+        f"protocol {title_of(protocol)}"
     )
     for line, (metric, up) in enumerate(METRICS.items()):
         for column, value in enumerate(columns):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +16,7 @@ from dfdbench.protocol import METRICS
 from dfdbench.training.checkpoint import Log, Row
 from dfdbench.training.selections import Selections
 
-_TRAIN, _TEST = COLOURS[0], COLOURS[5]
+_TRAIN, _TEST, _ENDS = COLOURS[0], COLOURS[5], COLOURS[2]
 _POINTS = 400
 
 
@@ -112,23 +112,74 @@ def patches_figure(drawn: Selections, title: str) -> Figure:
     return figure
 
 
-def experiment_figure(title: str, cards: Sequence[tuple[str, Card]]) -> Figure:
-    """Draw each training's scores and their mean by value, as Figs 5.18 and 5.21 to 5.23 do."""
-    values = list(dict.fromkeys(value for value, _ in cards))
+def experiment_figure(title: str, cards: Sequence[tuple[str, Card]], baseline: str = "") -> Figure:
+    """Draw the scores of trainings by value, as Figs 5.18 and 5.21 to 5.23 do.
+
+    Where a value was trained several times, its mean with bars of two standard deviations, its
+    minimum and its maximum; where there is one value alone, every training and the mean. The band
+    is two standard deviations about the baseline's mean, where that was trained several times.
+
+    Parameters
+    ----------
+    title : str
+        Of the figure.
+    cards : sequence of (str, Card)
+        Value and card of each training.
+    baseline : str
+        The value that the band is of.
+    """
+    by_value: dict[str, list[Card]] = {}
+    for value, card in cards:
+        by_value.setdefault(value, []).append(card)
     figure = Figure(figsize=(12, 4), layout="constrained")
     figure.suptitle(title)
     for axis, metric in zip(figure.subplots(1, len(METRICS)), METRICS, strict=True):
-        for place, value in enumerate(values):
-            scores = [card.scores[metric] for name, card in cards if name == value]
-            axis.plot([place] * len(scores), scores, "o", color=_TRAIN, alpha=0.6)
-            axis.plot([place - 0.2, place + 0.2], [np.mean(scores)] * 2, color=_TEST)
-        axis.set_xticks(range(len(values)), [value or "all seeds" for value in values])
+        scores = {
+            value: np.array([card.scores[metric] for card in group if metric in card.scores])
+            for value, group in by_value.items()
+        }
+        _draw_band(axis, scores.get(baseline, np.array([])), baseline)
+        if list(scores) == [""]:
+            axis.plot(np.arange(1, len(scores[""]) + 1), scores[""], "o", color="black")
+            axis.set_xlabel("training")
+        else:
+            _draw_values(axis, scores)
         axis.set(ylabel=metric.upper())
-        axis.set_xlim(-0.5, len(values) - 0.5)
         axis.grid(alpha=0.3)
-        if max((len(value) for value in values), default=0) > 4:
-            axis.tick_params(axis="x", rotation=45)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     return figure
+
+
+def _draw_band(axis: Axes, scores: NDArray[np.float64], baseline: str) -> None:
+    if len(scores) < 2:
+        return
+    mean, deviation = scores.mean(), scores.std(ddof=1)
+    whose = f" of {baseline}" if baseline else ""
+    axis.axhspan(
+        mean - 2 * deviation, mean + 2 * deviation, color=_TRAIN, alpha=0.15,
+        label=f"mean{whose} ± 2 σ",
+    )  # fmt: skip
+    axis.axhline(mean, color=_TRAIN, linestyle="--", label=f"mean{whose}")
+
+
+def _draw_values(axis: Axes, scores: Mapping[str, NDArray[np.float64]]) -> None:
+    several = [place for place, found in enumerate(scores.values()) if len(found) > 1]
+    groups = list(scores.values())
+    if several:
+        means = [groups[place].mean() for place in several]
+        bars = [2 * groups[place].std(ddof=1) for place in several]
+        axis.errorbar(several, means, bars, fmt="o", color=_TEST, capsize=4, label="mean ± 2 σ")
+        ends = [groups[place].min() for place in several]
+        ends += [groups[place].max() for place in several]
+        axis.plot(several * 2, ends, "o", color=_ENDS, label="minimum, maximum")
+    single = [place for place, found in enumerate(groups) if len(found) == 1]
+    axis.plot(single, [groups[place][0] for place in single], "o", color="black")
+    axis.set_xticks(range(len(groups)), list(scores))
+    axis.set_xlim(-0.5, len(groups) - 0.5)
+    if max(len(value) for value in scores) > 4:
+        axis.tick_params(axis="x", rotation=45)
 
 
 def _means(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:

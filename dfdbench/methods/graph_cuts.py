@@ -18,7 +18,7 @@ from dfdbench.errors import MethodError, Problem, unknown_name
 
 Image = NDArray[np.uint8]
 
-COLOR_SPACES = ("ycrcb", "rgb")
+COLOR_SPACES = ("ycrcb", "ycrcb-float", "rgb")
 SOLVERS = ("split", "expansion", "message-passing")
 QUALITIES = get_args(mrf.Quality)
 # The published table is made for 256 labels; the others take `cap` and `scale` of Table 4.1.
@@ -59,8 +59,10 @@ class GraphCuts:
     threshold : float
         For ``adaptive-potts``: a level change costs twice as much between neighbours whose grey
         values in the in-focus image differ by at most this.
-    color_space : {"ycrcb", "rgb"}
-        In which images are compared. A grey image has one channel in both.
+    color_space : {"ycrcb", "ycrcb-float", "rgb"}
+        In which images are compared. ``ycrcb`` rounds to 8 bits, as the published program does;
+        ``ycrcb-float`` is in 32-bit float, as the thesis says (4.1). A grey image has one
+        channel in all.
     labels : int, optional
         Solve for this many evenly spaced levels only; must divide the recipe's levels.
     solver : {"split", "expansion", "message-passing"}
@@ -145,7 +147,7 @@ class GraphCuts:
         # The middle of each group of levels stands for it.
         self._levels = np.arange(step // 2, levels, step)
         self._threshold = threshold if smoothness == "adaptive-potts" else None
-        self._rgb = color_space == "rgb"
+        self._color_space = color_space
         self._solver, self._quality = solver, quality
         self._offset = 1 if published_offset else 0
         self._bound = lower_bound
@@ -218,11 +220,15 @@ class GraphCuts:
             right, down = mrf.adaptive_potts_weights(np.asarray(grey), self._threshold)
         return mrf.Energy(unary, self._table, right, down, offset)
 
-    def _channels(self, image: Image) -> Image:
+    def _channels(self, image: Image) -> Image | NDArray[np.float32]:
         if image.ndim == 2:
             return image[:, :, np.newaxis]
-        if self._rgb or image.shape[2] != 3:
+        if self._color_space == "rgb" or image.shape[2] != 3:
             return image
+        if self._color_space == "ycrcb-float":
+            # OpenCV centres these Cr and Cb on 0.5, not 128: the images' difference has neither.
+            exact = cv2.cvtColor(image.astype(np.float32), cv2.COLOR_RGB2YCrCb)
+            return np.asarray(exact, np.float32)
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb), np.uint8)
 
 

@@ -31,12 +31,13 @@ class DfDNet(nn.Module):
     Parameters
     ----------
     filters : sequence of 18 int
-        Filters of the convolutions, input to output; `FILTERS` has those of Table D.2 by name.
+        Filters of the convolutions, input to output; `FILTERS` has those of Table D.2
+        by name, and ``pso``.
     sampling_size : int
         Rows and columns of the filters that halve and double the resolution (5.4.5).
     first_activation : str
         What follows the first convolution: ``"prelu"``, or ``"sigmoid"`` as the particle swarm
-        chose (6.1; the filters it chose stand in Fig. 6.2 alone, which has no text).
+        chose (6.1). The filters it chose are very likely ``FILTERS["pso"]``.
     channel_means : sequence of 6 float
         Taken from the pixels, before they are divided by 256.
 

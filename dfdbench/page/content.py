@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from dfdbench.board_tables import lighting_table, ranking_table, runs_table
-from dfdbench.errors import unknown_name
 from dfdbench.figures.comparison import lighting_figures, time_figure
 from dfdbench.figures.groups import group_figures
 from dfdbench.leaderboard import Entry, boards
+from dfdbench.protocol import require_scored
 from dfdbench.report import run_tables
-from dfdbench.report_scenes import scene_tables
+from dfdbench.report_scenes import scene_tables, spread_table
 from dfdbench.result import PairResult
 from dfdbench.runs import SavedRun
 from dfdbench.summary import ranked
@@ -96,9 +96,7 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         Where a run was not scored under that protocol.
     """
     for run in runs:
-        if protocol not in run.result.protocol_names:
-            known = run.result.protocol_names
-            raise unknown_name(f"protocol of {run.path}", protocol, known)
+        require_scored(protocol, run.result.protocol_names, str(run.path))
     found = boards([Entry(run.result, run.path, None) for run in runs])
     folder = runs[0].path.parent
     sections, summary, shown = [], [], []
@@ -109,11 +107,16 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         members = sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
         shown += members
         ranking = ranking_table(board, folder)
-        scenes = next((run.store.manifest.scenes for run in members if run.store), [])
+        manifest = next((run.store.manifest for run in members if run.store), None)
+        scenes, splits = (manifest.scenes, manifest.splits) if manifest else ([], [])
         details = tuple(
             (
                 run.label,
-                (*run_tables(run.result, protocol), *scene_tables(run.result, protocol, scenes)),
+                (
+                    *run_tables(run.result, protocol),
+                    spread_table(run.result, protocol, splits),
+                    *scene_tables(run.result, protocol, scenes),
+                ),
             )
             for run in members
         )

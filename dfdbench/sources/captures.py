@@ -55,6 +55,10 @@ class PublishedScene:
         """Return one image, RGB."""
         return _decode(self.images(exposure_ms, step)[0], cv2.IMREAD_COLOR_RGB)
 
+    def frame(self, exposure_ms: int, step: int) -> Image:
+        """Return all that is published of an image's frame: what was left of it by the crop."""
+        return self.image(exposure_ms, step)
+
     def depth(self) -> Depth:
         """Return depth levels in centimetres and where they are known."""
         levels = _decode(self.depth_files()[0], cv2.IMREAD_GRAYSCALE)

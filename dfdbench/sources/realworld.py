@@ -112,9 +112,12 @@ class RealworldFolder:
         available = np.zeros(len(exposures), bool)
         for exposure in self._checked[scene][0]:
             place = exposures.index(exposure)
-            images = [files.image(exposure, step) for step in self._steps]
-            chosen = (images[sharpest(images)],) if self._synthetic else images
-            infocus[place], defocus[place] = chosen[0], chosen[-1]
+            steps = self._steps
+            if self._synthetic:
+                # 3.2.5: the sharpest is found first, in whole frames, and cropped then.
+                steps = (steps[sharpest([files.frame(exposure, step) for step in steps])],)
+            images = [files.image(exposure, step) for step in steps]
+            infocus[place], defocus[place] = images[0], images[-1]
             available[place] = True
         depth = self._as_told(levels, valid)
         return SceneImages(infocus, depth, valid, available, None if self._synthetic else defocus)

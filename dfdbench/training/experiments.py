@@ -43,6 +43,8 @@ class Experiment:
         Trainings of each value, with seeds from 0.
     split : str
         What trains, where no fold does.
+    baseline : str
+        The value, as text, whose spread the figure shades; empty for the seed alone.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Experiment:
     values: tuple[Any, ...]
     repeats: int
     split: str = "train"
+    baseline: str = ""
 
 
 def experiments() -> dict[str, Experiment]:
@@ -66,7 +69,7 @@ def experiments() -> dict[str, Experiment]:
     return {
         name: Experiment(
             name, item["title"], item.get("varies", ""), tuple(item.get("values", ())),
-            item["repeats"], item.get("split", "train"),
+            item["repeats"], item.get("split", "train"), str(item.get("baseline", "")),
         )
         for name, item in content.items()
     }  # fmt: skip

@@ -64,13 +64,34 @@ def test_patches_are_drawn_by_pair_and_by_pixel_of_the_least_and_the_most() -> N
     assert len(patches_figure(alone, "title").axes) == 3
 
 
-def test_an_experiment_has_a_dot_a_training_and_their_mean() -> None:
+def test_an_experiment_shows_the_spread_of_values_and_the_baselines_as_a_band() -> None:
     cards = [
         (value, card(seed=seed, scores={"nrmse": score, "nmae": score, "ssim": score}))
         for value, seed, score in (("0", 0, 0.1), ("0", 1, 0.3), ("3", 0, 0.5))
     ]
-    axis = experiment_figure("title", cards).axes[0]
-    drawn = [heights(line) for line in axis.lines]
-    assert drawn[0] == [0.1, 0.3]
-    assert drawn[1] == pytest.approx([0.2, 0.2])
+    axis = experiment_figure("title", cards, "0").axes[0]
+    drawn = {str(line.get_label()): heights(line) for line in axis.lines}
+    assert drawn["mean of 0"] == pytest.approx([0.2, 0.2])
+    assert drawn["minimum, maximum"] == [0.1, 0.3]
+    assert heights(axis.lines[-1]) == [0.5]
+    (band,) = axis.patches
+    deviation = 2 * np.std([0.1, 0.3], ddof=1)
+    low, high = band.get_extents().transformed(axis.transData.inverted()).intervaly
+    assert (low, high) == pytest.approx((0.2 - deviation, 0.2 + deviation))
     assert [label.get_text() for label in axis.get_xticklabels()] == ["0", "3"]
+    assert not experiment_figure("title", cards, "3").axes[0].patches
+
+
+def test_seeds_alone_are_drawn_one_by_one() -> None:
+    cards = [
+        ("", card(seed=seed, scores={"nrmse": score, "nmae": score, "ssim": score}))
+        for seed, score in enumerate((0.1, 0.2, 0.3))
+    ]
+    axis = experiment_figure("title", cards).axes[0]
+    assert heights(axis.lines[-1]) == [0.1, 0.2, 0.3]
+    assert len(axis.patches) == 1
+
+
+def test_a_metric_that_no_pair_defines_leaves_its_panel_empty() -> None:
+    figure = experiment_figure("title", [("", card(scores={"ssim": 0.5}))])
+    assert [len(heights(axis.lines[0])) for axis in figure.axes] == [0, 0, 1]

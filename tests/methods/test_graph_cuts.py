@@ -120,6 +120,19 @@ def test_wrong_parameters_are_named(parameters: dict[str, Any], told: str) -> No
         GraphCuts(**parameters)
 
 
+def test_float_colours_are_not_rounded(pair: tuple[Image, Image, Image]) -> None:
+    # In 8 bits the true level of a pixel costs what rounding its colours did; in float little
+    # else than what rounding the defocus image did.
+    infocus, defocus, _ = pair
+    rounded, exact = (
+        GraphCuts(color_space=space).energy(infocus, defocus).offset
+        for space in ("ycrcb", "ycrcb-float")
+    )
+    assert exact < rounded / 2
+    grey = GraphCuts(color_space="ycrcb-float")(infocus[..., 0], defocus[..., 0])[0]
+    assert np.array_equal(grey, GraphCuts()(infocus[..., 0], defocus[..., 0])[0])
+
+
 def test_two_pairs_at_once_change_nothing(pair: tuple[Image, Image, Image]) -> None:
     method = GraphCuts()
     alone = method(*pair[:2])

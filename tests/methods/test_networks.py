@@ -81,6 +81,11 @@ def test_the_particle_swarm_begins_with_a_sigmoid() -> None:
     assert kinds.count("PReLU") == 8
 
 
+def test_the_network_of_the_swarm_has_the_parameters_counted_from_its_headers() -> None:
+    network = DfDNet(FILTERS["pso"], first_activation="sigmoid")
+    assert sum(parameter.numel() for parameter in network.parameters()) == 7_665_636
+
+
 def test_filters_that_do_not_fit_are_named() -> None:
     wrong = (*SMALL[:2], 5, *SMALL[3:12], 9, *SMALL[13:])
     with pytest.raises(InputError) as caught:

@@ -155,6 +155,24 @@ def test_synthetic_blur_takes_the_sharpest_step_and_inverts_the_depth(
     assert (images.defocus == expected).all()
 
 
+def test_the_sharpest_step_is_found_in_whole_frames(spoiled: Path) -> None:
+    # 3.2.5: found first, cropped then. Noise beyond the crop makes step 129's frames the sharpest.
+    scene = raw_scene(spoiled, "k03")
+    noise = np.random.default_rng(3).integers(0, 256, (728, 736, 3)).astype(np.uint8)
+    top, left = scene.rig.crop_offset
+    inner = (slice(top, top + 630), slice(left, left + 630))
+    for path in scene.images(40, 129):
+        frame = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+        assert frame is not None
+        marred = noise.copy()
+        marred[inner] = frame[inner]
+        write_png(path, marred)
+    manifest = manifest_with_few_steps("realworld-synthetic")
+    images = RealworldFolder(manifest, spoiled).read("k03")
+    place = manifest.axes["exposure_ms"].index(40)
+    assert (images.infocus[place] == scene.image(40, 129)).all()
+
+
 def test_frames_are_averaged_half_up() -> None:
     frames = [np.full((2, 2, 3), value, np.uint8) for value in (10, 10, 11, 11)]
     assert (average_frames(frames) == 11).all()

@@ -27,6 +27,11 @@ def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
     assert published.architecture("u-net") == {"filters": [64, 128, 256, 512, 1024]}
 
 
+def test_the_captures_are_trained_with_more_patience_and_nothing_else() -> None:
+    changed = read_configuration("published", {"patience": 3000})
+    assert read_configuration("published-realworld") == changed
+
+
 @pytest.mark.parametrize("name", shipped_configurations())
 def test_every_shipped_configuration_can_be_read(name: str) -> None:
     read_configuration(name).architecture("dfd-net")
