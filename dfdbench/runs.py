@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dfdbench.errors import DfdbenchError, Problem, ResultError
 from dfdbench.manifest import Pair
 from dfdbench.result import PairResult, Result, load_result
-from dfdbench.run_folder import PREDICTIONS, RESULT, read_prediction
+from dfdbench.run_folder import PREDICTIONS, RESULT, read_prediction, require_pairs_of
 from dfdbench.store import PairImages, Store, open_store
 from dfdbench.submission import method_label
 
@@ -43,12 +43,20 @@ class SavedRun:
         return method_label(self.result.method)
 
     def images(self, pair: PairResult) -> tuple[PairImages, NDArray[np.float32]] | None:
-        """Return a pair's images and the depth predicted for it, shape (y, x); None without."""
+        """Return a pair's images and the depth predicted for it, shape (y, x); None without.
+
+        Raises
+        ------
+        ResultError
+            Where what lies beside the result are no depth maps of its pairs.
+        """
         if self.store is None:
             return None
         place = Pair(pair.scene, tuple(pair.coordinates.items()))
-        prediction = read_prediction(self.path.parent, place)
-        return None if prediction is None else (self.store.read(place), prediction)
+        prediction = read_prediction(self.path.parent, place, self.store.shape_of(pair.scene))
+        if prediction is None:
+            return None
+        return self.store.read(place), prediction
 
 
 def open_run(path: Path, dataset: str | None = None) -> SavedRun:
@@ -81,6 +89,7 @@ def open_run(path: Path, dataset: str | None = None) -> SavedRun:
             raise
         return SavedRun(file, result, None, error.problems[0].what)
     if store.fingerprint == result.dataset.fingerprint:
+        require_pairs_of(result, store, file)
         return SavedRun(file, result, store, "")
     if dataset:
         raise ResultError(
