@@ -164,7 +164,7 @@ EVIL = "x/../../../../elsewhere/evil"
 def test_the_attack_of_the_trial_is_refused_on_reading(tmp_path: Path) -> None:
     path = tmp_path / "r.json"
     save_result(make_result(VALUES), path)
-    for place in (
+    tampers: list[Callable[[dict[str, Any]], object]] = [
         lambda content: content["dataset"].update(name=EVIL),
         lambda content: content["dataset"].update(short="s3://elsewhere/evil"),
         lambda content: content["dataset"].update(short="/elsewhere/evil.zarr"),
@@ -183,9 +183,10 @@ def test_the_attack_of_the_trial_is_refused_on_reading(tmp_path: Path) -> None:
         lambda content: content["pairs"][0].update(numbers={"energy": 1.7e308}),
         lambda content: content["pairs"][0]["scores"]["thesis"].update(nrmse=1.7e308),
         lambda content: content["pairs"][0]["coordinates"].update(view=10**400),
-    ):
+    ]
+    for tamper in tampers:
         content = json.loads(make_result(VALUES).model_dump_json())
-        place(content)
+        tamper(content)
         path.write_text(json.dumps(content))
         with pytest.raises(ResultError, match="wrong value in the result"):
             load_result(path)
