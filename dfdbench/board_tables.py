@@ -97,7 +97,7 @@ def lighting_table(board: Board) -> Table:
 def runs_table(board: Board, folder: Path | None = None) -> Table:
     """Return how each method was run: parameters, training data, machine, paper.
 
-    With the leaderboard's folder also whether it was verified, and a link to its file.
+    With the leaderboard's folder also whether it was reproduced, and a link to its file.
     """
     rows: list[tuple[str, ...]] = []
     for standing in board.standings:
@@ -115,7 +115,7 @@ def runs_table(board: Board, folder: Path | None = None) -> Table:
     )  # fmt: skip
     align = "lllrll"
     if folder:
-        columns, align = (*columns, "verified", "file"), align + "ll"
+        columns, align = (*columns, "reproduced", "file"), align + "ll"
     notes = ("Seconds compare only on one machine.",)
     return Table("how they were run", columns, tuple(rows), align, notes)
 

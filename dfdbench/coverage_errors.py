@@ -18,7 +18,7 @@ from dfdbench.fingerprint import array_digest
 from dfdbench.level_errors import LevelErrors, level_errors
 from dfdbench.manifest import Pair
 from dfdbench.result import PairResult, Result
-from dfdbench.run_folder import read_prediction
+from dfdbench.run_folder import read_prediction, require_pairs_of
 from dfdbench.store import Store
 from dfdbench.tables import Table, percent
 from dfdbench.trained_on import Training
@@ -93,16 +93,18 @@ def join_errors(store: Store, result: Result, folder: Path, record: CoverageReco
                 "name the store that was run on: dfdbench coverage STORE --result FILE",
             )
         )  # fmt: skip
+    require_pairs_of(result, store, folder)
     errors, problems = {}, []
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
     for pair in evaluated:
-        prediction = read_prediction(folder, pair_of(pair))
+        depth, valid = store.read_depth(pair_of(pair))
+        prediction = read_prediction(folder, pair_of(pair), depth.shape)
         if prediction is None:
             problems.append(Problem("no prediction was kept", f"{folder}: {pair.id}"))
         elif array_digest("depth", ("y", "x"), prediction) != pair.prediction_sha256:
             problems.append(Problem("the prediction is not the result's", f"{folder}: {pair.id}"))
         else:
-            errors[pair.id] = level_errors(*store.read_depth(pair_of(pair)), prediction)
+            errors[pair.id] = level_errors(depth, valid, prediction)
     if problems or not errors:
         more = f"{len(problems)} of {len(evaluated)} pairs"
         first = problems[0] if problems else Problem("no pair was evaluated", str(folder))

@@ -33,8 +33,8 @@ class Entry:
 
     @property
     def status(self) -> str:
-        """``verified``, where a sample of its pairs was run again, or ``rerun``."""
-        return "verified" if self.verification else "rerun"
+        """``reproduced``, where a sample of its pairs was run again, or ``rerun``."""
+        return "reproduced" if self.verification else "rerun"
 
     @property
     def seconds(self) -> float | None:
@@ -114,7 +114,7 @@ def collect(folder: Path) -> list[Entry]:
             else:
                 result = load_submission(path, folder)
                 problems += entry_problems(result.method, path)
-                entries.append(Entry(result, path, load_verification(path)))
+                entries.append(Entry(result, path, load_verification(result, path)))
         except ResultError as error:
             problems += error.problems
     if problems:

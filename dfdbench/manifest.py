@@ -14,7 +14,8 @@ from dfdbench.errors import unknown_name
 
 ALL_PAIRS = "all"
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+#: What may become part of a path: no separator, no dot in front, short.
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Count = Annotated[int, Field(ge=1)]
 
@@ -151,7 +152,7 @@ class Manifest(Model):
     recipe: str | None = None
     degradation: Literal["clean"]
     network_crop: Count
-    axes: dict[str, Annotated[list[int], Field(min_length=1)]]
+    axes: dict[Name, Annotated[list[int], Field(min_length=1)]]
     default_lighting: dict[str, int] | None = None
     depth: Depth
     table: Table

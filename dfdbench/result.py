@@ -9,10 +9,19 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    JsonValue,
+    TypeAdapter,
+    ValidationError,
+)
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.files import write_whole
+from dfdbench.manifest import Name, Pair
 from dfdbench.protocol import METRICS, label_of
 
 SCHEMA_VERSION = 1
@@ -20,9 +29,21 @@ SCHEMA_VERSION = 1
 RESULT = "result.json"
 #: How far a recorded average may be from the one recomputed from the pairs.
 _TOLERANCE = 1e-9
+#: A larger number of a method's own is not kept.
+LARGEST_NUMBER = 1e100
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
+#: Levels are at most 255 apart, and what divides them is 255 or a range of at least one level.
+Error = Annotated[float, Field(allow_inf_nan=False, ge=0, le=255)]
+#: Bounds far above any run's keep sums of such numbers finite.
+Seconds = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1e9)]
+Number = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Coordinate = Annotated[int, Field(ge=-(2**31), lt=2**31)]
+Count = Annotated[int, Field(ge=0, lt=2**31)]
+#: What `numpy.random.seed` takes.
+Seed = Annotated[int, Field(ge=0, lt=2**32)]
+#: Text in one line, without what steers a terminal.
+Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]+$", max_length=1000)]
 Similarity = Annotated[float, Field(allow_inf_nan=False, ge=-1, le=1)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -36,8 +57,8 @@ class Model(BaseModel):
 class PairScores(Model):
     """The metrics of one pair under one protocol; null where a metric is undefined."""
 
-    nrmse: NotNegative | None
-    nmae: NotNegative | None
+    nrmse: Error | None
+    nmae: Error | None
     ssim: Similarity | None
 
 
@@ -51,34 +72,51 @@ class PairResult(Model):
     """
 
     id: str
-    scene: str
-    coordinates: dict[str, int]
+    scene: Name
+    coordinates: dict[Name, Coordinate]
     status: Literal["ok", "failed", "missing", "not-run"]
-    seconds: NotNegative | None = None
+    seconds: Seconds | None = None
     timed_alone: bool = True
     prediction_sha256: Sha256 | None = None
-    scores: dict[str, PairScores] = Field(default_factory=dict)
-    numbers: dict[str, Finite] = Field(default_factory=dict)
+    scores: dict[Name, PairScores] = Field(default_factory=dict)
+    numbers: dict[str, Number] = Field(default_factory=dict)
     error: str | None = None
     warnings: list[str] = Field(default_factory=list)
 
 
-class DatasetRecord(Model):
-    """Which data the run used."""
+def _with_name(record: dict[str, Any]) -> dict[str, Any]:
+    if not isinstance(record.get("name"), str):
+        raise ValueError("it has no name")
+    return record
 
-    name: str
-    short: str
+
+def _with_safe_name(record: dict[str, Any]) -> dict[str, Any]:
+    TypeAdapter(Name).validate_python(_with_name(record)["name"])
+    return record
+
+
+class DatasetRecord(Model):
+    """Which data the run used; names are such as may become part of a path."""
+
+    name: Name
+    short: Name
     manifest_sha256: Sha256
     fingerprint: Sha256
-    split: str
-    expected: int
-    evaluated: int
-    recipe: dict[str, Any]
+    split: Name
+    expected: Count
+    evaluated: Count
+    recipe: Annotated[dict[str, Any], AfterValidator(_with_name)]
     degradation: str
     options: dict[str, Any]
-    axes: list[str]
-    blocks: str
-    rows: str | None
+    axes: Annotated[list[Name], Field(min_length=1)]
+    blocks: Name
+    rows: Name | None
+
+
+def _as_utf8(parameters: dict[str, Any]) -> dict[str, Any]:
+    # They stand in file names and tables.
+    json.dumps(parameters, ensure_ascii=False, allow_nan=False).encode()
+    return parameters
 
 
 class MethodRecord(Model):
@@ -88,10 +126,10 @@ class MethodRecord(Model):
     contents.
     """
 
-    name: str
-    entry: str
+    name: Line
+    entry: Line
     source_sha256: Sha256 | None
-    parameters: dict[str, Any]
+    parameters: Annotated[dict[str, JsonValue], AfterValidator(_as_utf8)]
     uses: list[str]
     trained_on: str | None
     paper: str | None
@@ -117,6 +155,9 @@ def _a_date(text: str) -> str:
     return text
 
 
+Time = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ$"), AfterValidator(_a_date)]
+
+
 class Submission(Model):
     """What makes a result fit for the leaderboard.
 
@@ -124,9 +165,7 @@ class Submission(Model):
     of all else in the file, so that it cannot be edited without notice.
     """
 
-    submitted: Annotated[
-        str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ$"), AfterValidator(_a_date)
-    ]
+    submitted: Time
     seal: Sha256
 
 
@@ -135,12 +174,12 @@ class Result(Model):
 
     schema_version: Literal[1]
     dataset: DatasetRecord
-    protocols: list[dict[str, Any]]
+    protocols: list[Annotated[dict[str, Any], AfterValidator(_with_safe_name)]]
     method: MethodRecord
     environment: Environment
-    seed: int
+    seed: Seed
     pairs: list[PairResult]
-    averages: dict[str, dict[str, Finite | None]] | None
+    averages: dict[Name, dict[str, Finite | None]] | None
     warnings: list[str] = Field(default_factory=list)
     submission: Submission | None = None
 
@@ -260,7 +299,7 @@ def _read_json(path: Path) -> Any:
         ) from error  # fmt: skip
     try:
         return json.loads(text)
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ResultError(
             Problem(
                 "the result is damaged", str(path), "JSON as `dfdbench run` wrote it",
@@ -270,8 +309,38 @@ def _read_json(path: Path) -> Any:
         ) from error  # fmt: skip
 
 
+def _misplaced(result: Result, path: Path) -> list[Problem]:
+    # Tables and figures look pairs up by axis, maps of depth by scene and coordinates.
+    dataset = result.dataset
+    axes = dataset.axes
+    problems = [
+        Problem("no such axis", f"{path}: dataset.{field}", ", ".join(axes), axis)
+        for field, axis in (("blocks", dataset.blocks), ("rows", dataset.rows))
+        if axis is not None and axis not in axes
+    ]
+    if len(set(axes)) != len(axes):
+        problems.append(Problem("an axis is listed twice", f"{path}: dataset.axes", got=str(axes)))
+    for number, pair in enumerate(result.pairs):
+        where = f"{path}: pairs.{number}"
+        if pair.coordinates.keys() != set(axes):
+            found = ", ".join(pair.coordinates)
+            problems.append(Problem("a pair is not on the axes", where, ", ".join(axes), found))
+        elif pair.id != (name := _pair_of(pair, axes).id):
+            problems.append(Problem("a pair is not where its name says", where, name, pair.id))
+    names = result.protocol_names
+    if len(set(names)) != len(names):
+        problems.append(
+            Problem("a protocol is listed twice", f"{path}: protocols", got=", ".join(names))
+        )
+    return problems
+
+
+def _pair_of(record: PairResult, axes: list[str]) -> Pair:
+    return Pair(record.scene, tuple((axis, record.coordinates[axis]) for axis in axes))
+
+
 def _contradictions(result: Result, path: Path) -> list[Problem]:
-    problems = []
+    problems = _misplaced(result, path)
     ids = [pair.id for pair in result.pairs]
     if len(set(ids)) != len(ids) or len(ids) != result.dataset.expected:
         problems.append(

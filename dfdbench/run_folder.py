@@ -17,7 +17,8 @@ from dfdbench.errors import Problem, ResultError
 from dfdbench.files import write_whole
 from dfdbench.location import Place, as_location, is_local
 from dfdbench.manifest import Manifest, Pair
-from dfdbench.result import PairResult
+from dfdbench.result import PairResult, Result
+from dfdbench.store import Store
 
 _IDENTITY = "run.json"
 _JOURNAL = "pairs.jsonl"
@@ -56,7 +57,7 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> P
                     fix="choose another with --out DIR",
                 )
             )  # fmt: skip
-        before = json.loads((folder / _IDENTITY).read_text(encoding="utf-8"))
+        before = _read_identity(folder / _IDENTITY)
         if fresh or before != identity:
             set_aside = folder.with_name(folder.name + ".previous")
             if set_aside.exists():
@@ -66,6 +67,14 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> P
     if not (folder / _IDENTITY).exists():
         write_whole(folder / _IDENTITY, json.dumps(identity, indent=1) + "\n")
     return set_aside
+
+
+def _read_identity(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        # Damaged: of another run for all that can be known, and set aside like one.
+        return None
 
 
 def read_journal(folder: Path) -> dict[str, PairResult]:
@@ -133,15 +142,65 @@ def keep_prediction(
     array[index] = depth
 
 
-def read_prediction(folder: Path, pair: Pair) -> NDArray[np.float32] | None:
-    """Return a depth map that a run kept, shape (y, x), or None where there is none."""
+def read_prediction(folder: Path, pair: Pair, shape: tuple[int, int]) -> NDArray[np.float32] | None:
+    """Return a depth map that a run kept, shape (y, x), or None where there is none.
+
+    Parameters
+    ----------
+    folder : Path
+        The run's folder.
+    pair : Pair
+        Which pair's.
+    shape : tuple of int
+        Rows and columns that it must have: those of the images.
+
+    Raises
+    ------
+    ResultError
+        Where something else than a run's depth maps lies there.
+    """
     place = folder / PREDICTIONS / pair.scene
     if not place.exists():
         return None
-    array = zarr.open_group(place, mode="r")["depth"]
-    assert isinstance(array, zarr.Array)
-    axes = array.attrs["axes"]
-    assert isinstance(axes, dict)
-    index = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
-    depth = np.asarray(array[index], np.float32)
-    return None if np.isnan(depth).all() else depth
+    try:
+        # No earlier format: of its codecs one can run code that the file chooses.
+        array: Any = zarr.open_group(place, mode="r", zarr_format=3)["depth"]
+        axes = array.attrs["axes"]
+        index = tuple(values.index(pair.at[axis]) for axis, values in axes.items())
+        fits = isinstance(array, zarr.Array) and array.dtype == np.float32
+        if not fits or array.ndim != len(index) + 2 or array.shape[-2:] != shape:
+            raise ValueError(f"{array}")
+        depth = np.asarray(array[index])
+        kept = not np.isnan(depth).all()
+        if kept and not ((depth >= 0) & (depth <= 255)).all():
+            raise ValueError("levels outside 0 to 255")
+    except (LookupError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
+        raise ResultError(
+            Problem(
+                what="no depth maps of a run", where=str(place),
+                expected=f"float32 maps of {shape[0]} x {shape[1]} pixels, {pair.id} among them",
+                got=str(error)[:200], fix="run the method again with --fresh",
+            )
+        ) from error  # fmt: skip
+    return depth if kept else None
+
+
+def require_pairs_of(result: Result, store: Store, path: Path) -> None:
+    """Refuse a result with pairs that its data set does not have.
+
+    Raises
+    ------
+    ResultError
+        Where there are such pairs; the first is named.
+    """
+    known = {pair.id: pair.at for pair in store.manifest.pairs()}
+    strange = [pair.id for pair in result.pairs if known.get(pair.id) != pair.coordinates]
+    if strange:
+        raise ResultError(
+            Problem(
+                what="pairs that the data set does not have", where=f"{path}: pairs",
+                expected=f"pairs of {store.manifest.stem}",
+                got=strange[0] + (f" and {len(strange) - 1} more" if strange[1:] else ""),
+                fix="run the method again",
+            )
+        )  # fmt: skip

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dfdbench.errors import DfdbenchError, Problem, ResultError
 from dfdbench.manifest import Pair
 from dfdbench.result import RESULT, PairResult, Result, load_result
-from dfdbench.run_folder import PREDICTIONS, read_prediction, read_store_place
+from dfdbench.run_folder import PREDICTIONS, read_prediction, read_store_place, require_pairs_of
 from dfdbench.store import PairImages, Store, open_store
 from dfdbench.submission import method_label
 
@@ -44,12 +44,20 @@ class SavedRun:
         return method_label(self.result.method)
 
     def images(self, pair: PairResult) -> tuple[PairImages, NDArray[np.float32]] | None:
-        """Return a pair's images and the depth predicted for it, shape (y, x); None without."""
+        """Return a pair's images and the depth predicted for it, shape (y, x); None without.
+
+        Raises
+        ------
+        ResultError
+            Where what lies beside the result are no depth maps of its pairs.
+        """
         if self.store is None:
             return None
         place = Pair(pair.scene, tuple(pair.coordinates.items()))
-        prediction = read_prediction(self.path.parent, place)
-        return None if prediction is None else (self.store.read(place), prediction)
+        prediction = read_prediction(self.path.parent, place, self.store.shape_of(pair.scene))
+        if prediction is None:
+            return None
+        return self.store.read(place), prediction
 
 
 def open_run(path: Path, dataset: str | None = None) -> SavedRun:
@@ -76,6 +84,7 @@ def open_run(path: Path, dataset: str | None = None) -> SavedRun:
     result = load_result(file)
     if not (file.parent / PREDICTIONS).is_dir():
         return SavedRun(file, result, None, "no depth maps lie beside the result")
+    found: Store | None
     if dataset:
         store = open_store(dataset)
         if store.fingerprint != result.dataset.fingerprint:
@@ -85,8 +94,12 @@ def open_run(path: Path, dataset: str | None = None) -> SavedRun:
                     result.dataset.fingerprint, store.fingerprint,
                 )
             )  # fmt: skip
-        return SavedRun(file, result, store, "")
-    return SavedRun(file, result, *_find_store(file.parent, result))
+        found, without = store, ""
+    else:
+        found, without = _find_store(file.parent, result)
+    if found:
+        require_pairs_of(result, found, file)
+    return SavedRun(file, result, found, without)
 
 
 def _find_store(folder: Path, result: Result) -> tuple[Store | None, str]:

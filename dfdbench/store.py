@@ -275,7 +275,7 @@ def _manifest_of(name: str) -> Manifest:
 
 def _open_scene(location: UPath, name: str) -> xarray.Dataset:
     scene: xarray.Dataset = xarray.open_zarr(
-        zarr_store(location), group=name, consolidated=False, chunks=None
+        zarr_store(location), group=name, consolidated=False, chunks=None, zarr_format=3
     )
     return scene
 
@@ -301,7 +301,7 @@ def _open_root(location: UPath) -> zarr.Group:
             raise StoreError(
                 Problem("no such store", str(location), fix="dfdbench build NAME --store PATH")
             )
-        return zarr.open_group(zarr_store(location), mode="r")
+        return zarr.open_group(zarr_store(location), mode="r", zarr_format=3)
     except DfdbenchError:
         raise
     except GroupNotFoundError as error:

@@ -91,7 +91,7 @@ class SceneWriter:
             return None
         try:
             dataset = xarray.open_zarr(
-                zarr_store(place), group=scene, consolidated=False, chunks=None
+                zarr_store(place), group=scene, consolidated=False, chunks=None, zarr_format=3
             )
             attributes = dataset.attrs
             if attributes.get("source_sha256") != signature or "digest" not in attributes:
@@ -252,7 +252,7 @@ def _image_chunks(variable: xarray.DataArray) -> tuple[int, ...]:
 
 def _attributes_of(place: UPath) -> dict[str, Any] | None:
     try:
-        return dict(zarr.open_group(zarr_store(place), mode="r").attrs)
+        return dict(zarr.open_group(zarr_store(place), mode="r", zarr_format=3).attrs)
     except (OSError, ValueError, KeyError):
         return None
 

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-from dfdbench.board_folder import file_stems, known_fingerprints, place_of
-from dfdbench.catalog import find_manifest
-from dfdbench.errors import DfdbenchError, Problem, ResultError
+from dfdbench.board_folder import (
+    UNDEFINED,
+    file_stems,
+    known_fingerprints,
+    known_undefined,
+    place_of,
+)
+from dfdbench.catalog import released_manifests
+from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.files import write_whole
-from dfdbench.protocol import RELEASED, label_of
+from dfdbench.manifest import Manifest
+from dfdbench.protocol import METRICS, RELEASED, label_of
 from dfdbench.result import (
     MethodRecord,
     Result,
@@ -134,14 +142,14 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
     """Return in what a result differs from the released data set and protocols it names."""
     dataset = result.dataset
     try:
-        manifest = find_manifest(dataset.name)
+        manifest = _released(dataset.name)
         expected = {pair.id: pair for pair in manifest.pairs(dataset.split)}
     except DfdbenchError as error:
         return [
             Problem(problem.what, where, problem.expected, problem.got, problem.fix)
             for problem in error.problems
         ]
-    problems = []
+    problems = list(_other_facts(result, manifest, where))
     if dataset.manifest_sha256 != manifest.sha256:
         problems.append(
             Problem(
@@ -182,6 +190,50 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
                     str(released.as_dict()) if released else ", ".join(RELEASED), str(protocol),
                 )
             )  # fmt: skip
+    return problems + _left_out(result, folder, where)
+
+
+def _released(name: str) -> Manifest:
+    # By its full name alone: another name or a file of one's own would make a board of its own.
+    known = {manifest.stem: manifest for manifest in released_manifests()}
+    if name not in known:
+        raise unknown_name("data set", name, known)
+    return known[name]
+
+
+def _other_facts(result: Result, manifest: Manifest, where: str) -> Iterator[Problem]:
+    facts = {
+        "short": manifest.short, "degradation": manifest.degradation, "axes": list(manifest.axes),
+        "blocks": manifest.table.blocks, "rows": manifest.table.rows,
+    }  # fmt: skip
+    for field, value in facts.items():
+        got = getattr(result.dataset, field)
+        if got != value:
+            what = f"not what the manifest of {manifest.stem} says"
+            yield Problem(what, f"{where}: dataset.{field}", str(value), str(got))
+
+
+def _left_out(result: Result, folder: Path, where: str) -> list[Problem]:
+    # A method must not choose by what it gives which pairs are averaged.
+    problems = []
+    for protocol in result.protocol_names:
+        known = known_undefined(folder, result.dataset.fingerprint, protocol)
+        for pair in result.pairs:
+            if pair.status != "ok" or protocol not in pair.scores:
+                continue
+            scores = pair.scores[protocol]
+            undefined = {metric for metric in METRICS if getattr(scores, metric) is None}
+            if undefined != (expected := known.get(pair.id, set())):
+                problems.append(
+                    Problem(
+                        what="scores are undefined elsewhere than the data leave them undefined",
+                        where=f"{where}: {pair.id}, {protocol}",
+                        expected=", ".join(sorted(expected)) or "every score is a number",
+                        got=", ".join(sorted(undefined)) or "every score is a number",
+                        fix="run the method again; undefined ground truth is listed in "
+                        f"{folder / UNDEFINED}",
+                    )
+                )  # fmt: skip
     return problems
 
 

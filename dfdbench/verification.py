@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
+from dfdbench.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
 from dfdbench.environment import describe_environment
-from dfdbench.errors import Problem, ResultError, unknown_name
+from dfdbench.errors import InputError, Problem, ResultError, unknown_name
 from dfdbench.evaluate import without_folder
 from dfdbench.files import write_whole
 from dfdbench.manifest import Pair
@@ -21,38 +22,85 @@ from dfdbench.methods import registered_methods
 from dfdbench.pair_evaluation import PairEvaluator, load_for
 from dfdbench.protocol import METRICS, RELEASED
 from dfdbench.result import (
+    Count,
     Environment,
-    Finite,
     MethodRecord,
     Model,
     PairResult,
     Result,
+    Seed,
     Sha256,
+    Time,
 )
+from dfdbench.run_folder import require_pairs_of
 from dfdbench.store import Store
 from dfdbench.submission import TIME_FORMAT
 
-SUFFIX = ".verified.json"
+SUFFIX = ".reproduced.json"
+#: How far a score may be off where the depth map is not the very same: float32 filters differ in
+#: the last digits between processors. What is recorded was found with this one.
+TOLERANCE = 1e-3
 
 
 class Verification(Model):
     """What a verification found, kept beside the result.
 
-    `result_sha256` is that of the result's file: a result that changes is no longer verified.
-    `identical` of the `pairs` gave the very same depth map; the others' scores are at most
-    `largest_difference` away.
+    `result_sha256` is that of the result's file: of a result that changes nothing is known.
+    `reproduced` says when; `seed` draws the `pairs`, of which `identical` gave the very same
+    depth map; no score is more than `largest_difference` away.
     """
 
-    schema_version: Literal[1] = 1
+    schema_version: Literal[2] = 2
     result_sha256: Sha256
-    verified: str
-    seed: int
-    tolerance: Finite
+    reproduced: Time
+    seed: Seed
+    tolerance: Annotated[float, Field(ge=TOLERANCE, le=TOLERANCE)]
     pairs: list[str] = Field(min_length=1)
-    identical: int
-    largest_difference: Finite
+    identical: Count
+    largest_difference: Annotated[float, Field(ge=0, le=TOLERANCE)]
     same_source: bool
     environment: Environment
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What running a sample of pairs again gave.
+
+    Parameters
+    ----------
+    pairs : tuple of str
+        The sample.
+    identical : int
+        How many gave the very same depth map.
+    largest_difference : float
+        How far a score is off, at most.
+    same_source : bool
+        Whether the method's source file is the one that the result was made with.
+    """
+
+    pairs: tuple[str, ...]
+    identical: int
+    largest_difference: float
+    same_source: bool
+
+
+def claim_of(result: Result, path: Path) -> ClaimedMethod:
+    """Return what running a result's method would import, without importing it.
+
+    Raises
+    ------
+    ResultError, UnknownNameError
+        As `dfdbench.claimed_method.claimed_method`, and where name and entry are not one.
+    """
+    if problems := entry_problems(result.method, path):
+        raise ResultError(problems)
+    return claimed_method(result.method, path)
+
+
+def sample(result: Result, count: int, seed: int) -> list[PairResult]:
+    """Return the pairs that a seed draws from those that were evaluated; all if there are fewer."""
+    evaluated = [pair for pair in result.pairs if pair.status == "ok"]
+    return random.Random(seed).sample(evaluated, min(count, len(evaluated)))
 
 
 def verify(
@@ -61,9 +109,11 @@ def verify(
     store: Store,
     count: int = 5,
     seed: int = 0,
-    tolerance: float = 1e-3,
+    tolerance: float = TOLERANCE,
+    trusted: Collection[str] = (),
+    weights: Path | None = None,
     on_pair: Callable[[int, int], None] | None = None,
-) -> Verification:
+) -> Outcome:
     """Run a random sample of a result's pairs again and compare.
 
     Parameters
@@ -79,19 +129,28 @@ def verify(
     seed : int
         Of the sample.
     tolerance : float
-        How far a score may be off where the depth map is not the very same: float32 filters
-        differ in the last digits between processors.
+        How far a score may be off, 0 to 1.
+    trusted : collection of str
+        Entries, as results record them, of methods that are not built in and may be imported.
+    weights : Path, optional
+        The file of weights that a result names, where they are not shipped.
     on_pair : callable, optional
         Called with (pairs done, pairs to do).
 
     Raises
     ------
+    InputError
+        For a tolerance that is none.
     ResultError
-        Where the data or the method are others than the result says, or a pair gives another
-        depth map and another score.
+        Where the data or the method are others than the result says, the method is neither built
+        in nor trusted, or a pair gives another depth map and another score.
     UnknownNameError
         Where the result was scored under a protocol that is not released here.
     """
+    if not 0 <= tolerance <= 1:
+        raise InputError(
+            Problem(what="not a tolerance", expected="a number from 0 to 1", got=f"{tolerance:g}")
+        )
     if store.fingerprint != result.dataset.fingerprint:
         raise ResultError(
             Problem(
@@ -100,14 +159,15 @@ def verify(
                 f"dfdbench build {result.dataset.name}, or name the store: --dataset PATH",
             )
         )  # fmt: skip
-    if problems := entry_problems(result.method, path):
-        raise ResultError(problems)
-    evaluated = [pair for pair in result.pairs if pair.status == "ok"]
-    if not evaluated:
+    require_pairs_of(result, store, path)
+    claim_of(result, path).require_consent(trusted, path)
+    chosen = sample(result, count, seed)
+    if not chosen:
         raise ResultError(Problem("no pair was evaluated: nothing to verify", str(path)))
-    chosen = random.Random(seed).sample(evaluated, min(count, len(evaluated)))
     record = result.method
-    method = load_for(store, record.name, record.parameters, result.seed)
+    # By its entry, which was agreed to: a name may hold a folder of another machine.
+    parameters = parameters_to_run(record, weights, path)
+    method = load_for(store, record.entry, parameters, result.seed)
     pairs = [Pair(claim.scene, tuple(claim.coordinates.items())) for claim in chosen]
     # Under the versions that the result names: its scores are of no other.
     unknown = [label for label in result.protocol_names if label not in RELEASED]
@@ -128,16 +188,11 @@ def verify(
             largest = max(largest, difference)
     if problems:
         raise ResultError(problems)
-    return Verification(
-        result_sha256=sha256(path.read_bytes()).hexdigest(),
-        verified=datetime.now(UTC).strftime(TIME_FORMAT),
-        seed=seed,
-        tolerance=tolerance,
-        pairs=[claim.id for claim in chosen],
+    return Outcome(
+        pairs=tuple(claim.id for claim in chosen),
         identical=identical,
         largest_difference=largest,
         same_source=method.source_sha256 == record.source_sha256,
-        environment=describe_environment(),
     )
 
 
@@ -158,39 +213,86 @@ def entry_problems(method: MethodRecord, path: Path) -> list[Problem]:
     ]  # fmt: skip
 
 
-def save_verification(verification: Verification, path: Path) -> Path:
-    """Write a verification beside the result that it is of."""
+def save_verification(outcome: Outcome, seed: int, path: Path) -> Path:
+    """Write what running pairs again gave beside the result that it is of.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        From `verify` with the released tolerance.
+    seed : int
+        Which drew the pairs.
+    path : Path
+        The result's file.
+    """
+    verification = Verification(
+        result_sha256=sha256(path.read_bytes()).hexdigest(),
+        reproduced=datetime.now(UTC).strftime(TIME_FORMAT),
+        seed=seed,
+        tolerance=TOLERANCE,
+        pairs=list(outcome.pairs),
+        identical=outcome.identical,
+        largest_difference=outcome.largest_difference,
+        same_source=outcome.same_source,
+        environment=describe_environment(),
+    )
     place = path.with_name(path.stem + SUFFIX)
     write_whole(place, verification.model_dump_json(indent=1) + "\n")
     return place
 
 
-def load_verification(path: Path) -> Verification | None:
+def load_verification(result: Result, path: Path) -> Verification | None:
     """Read the verification beside a result; None where there is none.
 
     Raises
     ------
     ResultError
-        Where it cannot be read or is of another content of the result's file.
+        Where it cannot be read, is of another content of the result's file, or says what no
+        verification of that result can say.
     """
     place = path.with_name(path.stem + SUFFIX)
     if not place.exists():
         return None
+    fix = f"dfdbench leaderboard verify {path} --record"
     try:
-        verification = Verification.model_validate(json.loads(place.read_text(encoding="utf-8")))
-    except (UnicodeDecodeError, json.JSONDecodeError, ValidationError) as error:
-        raise ResultError(
-            Problem("cannot read the verification", str(place), got=str(error))
-        ) from error
-    there = sha256(path.read_bytes()).hexdigest()
-    if verification.result_sha256 != there:
+        verification = Verification.model_validate_json(place.read_bytes())
+    except ValidationError as error:
         raise ResultError(
             Problem(
-                "the verification is of another file than the result beside it",
-                f"{place}: result_sha256", there, verification.result_sha256,
-                f"dfdbench leaderboard verify {path} --record",
+                what="wrong value in the verification",
+                where=f"{place}: {'.'.join(map(str, detail['loc']))}", expected=detail["msg"],
+                got=repr(detail["input"])[:80], fix=fix,
+            )
+            for detail in error.errors()
+        ) from error  # fmt: skip
+    there = sha256(path.read_bytes()).hexdigest()
+    drawn = [pair.id for pair in sample(result, len(verification.pairs), verification.seed)]
+    problems = []
+    if verification.result_sha256 != there:
+        problems.append(
+            Problem(
+                what="the verification is of another file than the result beside it",
+                where=f"{place}: result_sha256", expected=there, got=verification.result_sha256,
+                fix=fix,
             )
         )  # fmt: skip
+    if verification.pairs != drawn:
+        problems.append(
+            Problem(
+                what="the pairs are not those that the seed draws", where=f"{place}: pairs",
+                expected=", ".join(drawn), got=", ".join(verification.pairs)[:200], fix=fix,
+            )
+        )  # fmt: skip
+    if verification.identical > len(verification.pairs):
+        problems.append(
+            Problem(
+                what="more depth maps are the same than were made", where=f"{place}: identical",
+                expected=f"at most {len(verification.pairs)}", got=str(verification.identical),
+                fix=fix,
+            )
+        )  # fmt: skip
+    if problems:
+        raise ResultError(problems)
     return verification
 
 

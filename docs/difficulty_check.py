@@ -23,7 +23,8 @@ def main(dataset: str, folder: Path) -> None:
     split = load_result(folder / RESULT).dataset.split
     shares, coarse, means, steps, errors = [], [], [], [], []
     for pair in store.pairs(split):
-        images, prediction = store.read(pair), read_prediction(folder, pair)
+        images = store.read(pair)
+        prediction = read_prediction(folder, pair, store.shape_of(pair.scene))
         assert prediction is not None, f"no prediction of {pair.id}"
         found = smallest_step(images.infocus, images.depth, images.valid, store.recipe)
         error = np.abs(prediction - images.depth)[images.valid]

@@ -48,7 +48,8 @@ def main(store_path: str, run_path: str, shown_pair: str = "", out: str = "") ->
     pixels, squared, absolute = np.zeros(4), np.zeros(4), np.zeros(4)
     for record in load_result(run / RESULT).pairs:
         pair = Pair(record.scene, tuple(record.coordinates.items()))
-        prediction = read_prediction(run, pair) if record.status == "ok" else None
+        shape = store.shape_of(pair.scene)
+        prediction = read_prediction(run, pair, shape) if record.status == "ok" else None
         if prediction is None:
             continue
         images = store.read(pair)

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import sys
 from pathlib import Path
 
 import cv2
@@ -39,7 +40,7 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:  # noqa: F811
     verified = dfdbench("leaderboard", "verify", path, "--pairs", "2", "--record")
     assert "identical    2 of 2 depth maps" in verified.out
     assert "\\toprule" in dfdbench("leaderboard", "--format", "latex").out
-    assert "| verified |" in Path("leaderboard/README.md").read_text("utf-8")
+    assert "| reproduced |" in Path("leaderboard/README.md").read_text("utf-8")
     assert json.loads(dfdbench("leaderboard", "--format", "json").out)[0]["rows"][0]["rank"] == 1
     assert "constant" in dfdbench("leaderboard").out
 
@@ -135,3 +136,34 @@ def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -
         assert (outcome.status, told in outcome.err) == (2, True), outcome.err
     assert not Path("leaderboard").exists()
     assert not Path("results").exists()
+
+
+@pytest.mark.usefixtures("built")
+def test_verify_runs_others_code_only_with_consent(
+    dfdbench: Command,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    Path("leaderboard/results").mkdir(parents=True)
+    entry = "mymodule:predict"
+    dfdbench("run", "--dataset", "demo", "--method", entry, "--submit", "--no-predictions")
+    path = "leaderboard/results/demo-1-test/thesis/mymodule_predict.json"
+    verify = ("leaderboard", "verify", path, "--pairs", "1")
+    for more, told in (
+        ((), "only if you agree"),
+        (("--trust", "mymodule"), "only if you agree"),
+        (("--trust", entry, "--tolerance", "inf"), "not a tolerance"),
+        (("--trust", entry, "--tolerance", "nan"), "not a tolerance"),
+        (("--trust", entry, "--tolerance", "-1"), "not a tolerance"),
+        (("--trust", entry, "--tolerance", "0.5", "--record"), "released tolerance"),
+    ):
+        outcome = dfdbench(*verify, *more)
+        assert (outcome.status, told in outcome.err) == (2, True), outcome.err
+    assert dfdbench(*verify, "--trust", entry).status == 0
+    for stream in (sys.stdin, sys.stderr):
+        monkeypatch.setattr(stream, "isatty", lambda: True, raising=False)
+    for answer, status in ((False, 2), (True, 0)):
+        monkeypatch.setattr("typer.confirm", lambda *_, answer=answer, **__: answer)
+        outcome = dfdbench(*verify)
+        assert outcome.status == status
+        assert "its SHA-256" in outcome.err
+        assert "mymodule.py" in outcome.err

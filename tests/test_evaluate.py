@@ -1,12 +1,15 @@
 import hashlib
 import json
 import os
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray
+import zarr
 
 from dfdbench.build import build_store
 from dfdbench.errors import MethodError, ResultError, StoreError
@@ -20,7 +23,7 @@ from dfdbench.pair_evaluation import load_for, training_mean
 from dfdbench.parallel import Cluster, Pool, Processes
 from dfdbench.protocol import PROTOCOLS, score
 from dfdbench.result import RESULT, load_result
-from dfdbench.run_folder import PREDICTIONS, read_prediction, read_store_place
+from dfdbench.run_folder import PREDICTIONS, keep_prediction, read_prediction, read_store_place
 from dfdbench.sources import open_source
 from dfdbench.sources.middlebury import MiddleburyScenes
 from dfdbench.store import Store
@@ -62,7 +65,7 @@ def test_a_run_predicts_once_and_scores_under_every_protocol(
     assert load_result(tmp_path / "out" / RESULT) == run.result
     for pair, record in zip(tiny_store.pairs("test"), run.result.pairs, strict=True):
         images = tiny_store.read(pair)
-        kept = read_prediction(tmp_path / "out", pair)
+        kept = read_prediction(tmp_path / "out", pair, tiny_store.shape_of(pair.scene))
         assert kept is not None
         assert np.array_equal(kept, images.infocus[..., 0].astype(np.float32) / 2)
         assert record.prediction_sha256 == array_digest("depth", ("y", "x"), kept)
@@ -151,7 +154,8 @@ def test_without_predictions_nothing_but_scores_is_kept(tiny_store: Store, tmp_p
     )
     assert run.result.complete
     assert not (tmp_path / "out/predictions.zarr").exists()
-    assert read_prediction(tmp_path / "out", tiny_store.pairs("test")[0]) is None
+    pair = tiny_store.pairs("test")[0]
+    assert read_prediction(tmp_path / "out", pair, tiny_store.shape_of(pair.scene)) is None
 
 
 def test_a_folder_with_other_things_is_left_alone(tiny_store: Store, tmp_path: Path) -> None:
@@ -289,8 +293,9 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
     assert any("not comparable" in warning for warning in together.warnings)
     assert not alone.warnings
     pair = tiny_store.pairs("test")[1]
-    first = read_prediction(tmp_path / "alone", pair)
-    second = read_prediction(tmp_path / "together", pair)
+    shape = tiny_store.shape_of(pair.scene)
+    first = read_prediction(tmp_path / "alone", pair, shape)
+    second = read_prediction(tmp_path / "together", pair, shape)
     assert first is not None
     assert second is not None
     assert np.array_equal(first, second)
@@ -384,3 +389,34 @@ def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Store, tmp_path: Path
     assert told == (
         "depth falls where the truth rises on 7 of 7 pairs: tiny-1 wants brighter for nearer"
     )
+
+
+def other_dtype(place: Path) -> None:
+    zarr.open_group(place, mode="a").create_array("depth", shape=(2,), dtype="int8", overwrite=True)
+
+
+def no_array(place: Path) -> None:
+    shutil.rmtree(place / "depth")
+
+
+def other_axes(place: Path) -> None:
+    zarr.open_group(place, mode="a")["depth"].attrs["axes"] = {"colour": [1]}
+
+
+def no_metadata(place: Path) -> None:
+    (place / "depth/zarr.json").write_text("nonsense")
+
+
+@pytest.mark.parametrize("spoil", [other_dtype, no_array, other_axes, no_metadata])
+def test_depth_maps_that_are_something_else_are_told(
+    tiny_store: Store, tmp_path: Path, spoil: Callable[[Path], None]
+) -> None:
+    pair = tiny_store.pairs("test")[0]
+    shape = tiny_store.shape_of(pair.scene)
+    keep_prediction(tmp_path, tiny_store.manifest, pair, np.full(shape, 9, np.float32))
+    assert read_prediction(tmp_path, pair, shape) is not None
+    with pytest.raises(ResultError, match="no depth maps of a run"):
+        read_prediction(tmp_path, pair, (shape[0] + 1, shape[1]))
+    spoil(tmp_path / PREDICTIONS / pair.scene)
+    with pytest.raises(ResultError, match="no depth maps of a run"):
+        read_prediction(tmp_path, pair, shape)

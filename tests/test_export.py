@@ -60,6 +60,7 @@ def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -
 
     class One:
         options: ClassVar[dict[str, object]] = {}
+        captures_defocus = captured
 
         def available_pairs(self) -> tuple[Pair, ...]:
             return manifest.pairs("k03")

@@ -150,7 +150,7 @@ def test_every_wrong_file_is_told_at_once(tmp_path: Path) -> None:
     first, second = add(tmp_path, "a", 0.1), add(tmp_path, "b", 0.1)
     first.write_text(first.read_text().replace('"schema_version": 1', '"schema_version": 9', 1))
     second.write_text(re.sub('"nmae": [0-9.]+', '"nmae": NaN', second.read_text(), count=1))
-    (first.parent / "gone.verified.json").write_text("{}")
+    (first.parent / "gone.reproduced.json").write_text("{}")
     with pytest.raises(ResultError) as raised:
         collect(tmp_path)
     told = str(raised.value)

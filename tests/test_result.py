@@ -156,3 +156,67 @@ def test_not_a_number_is_no_score(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('"nrmse": 0.2', '"nrmse": NaN', 1))
     with pytest.raises(ResultError):
         load_result(path)
+
+
+EVIL = "x/../../../../elsewhere/evil"
+
+
+def test_the_attack_of_the_trial_is_refused_on_reading(tmp_path: Path) -> None:
+    path = tmp_path / "r.json"
+    save_result(make_result(VALUES), path)
+    tampers: list[Callable[[dict[str, Any]], object]] = [
+        lambda content: content["dataset"].update(name=EVIL),
+        lambda content: content["dataset"].update(short="s3://elsewhere/evil"),
+        lambda content: content["dataset"].update(short="/elsewhere/evil.zarr"),
+        lambda content: content["dataset"].update(split=".."),
+        lambda content: content["dataset"].update(axes=["view", "illumination", EVIL]),
+        lambda content: content["pairs"][0].update(scene="../../elsewhere"),
+        lambda content: content["protocols"][0].update(name="../thesis"),
+        lambda content: content["protocols"][0].pop("name"),
+        lambda content: content["dataset"].update(recipe={}),
+        lambda content: content["method"].update(name="local\x1b[2J"),
+        lambda content: content["method"].update(parameters={"a": "\ud800"}),
+        lambda content: content["method"].update(parameters={"a": float("inf")}),
+        lambda content: content.update(seed=-1),
+        lambda content: content.update(seed=2**32),
+        lambda content: content["pairs"][0].update(seconds=1.7e308),
+        lambda content: content["pairs"][0].update(numbers={"energy": 1.7e308}),
+        lambda content: content["pairs"][0]["scores"]["thesis"].update(nrmse=1.7e308),
+        lambda content: content["pairs"][0]["coordinates"].update(view=10**400),
+    ]
+    for tamper in tampers:
+        content = json.loads(make_result(VALUES).model_dump_json())
+        tamper(content)
+        path.write_text(json.dumps(content))
+        with pytest.raises(ResultError, match="wrong value in the result"):
+            load_result(path)
+
+
+@pytest.mark.parametrize(
+    ("tamper", "told"),
+    [
+        (lambda content: content["dataset"].update(blocks="colour"), "no such axis"),
+        (lambda content: content["dataset"].update(rows="colour"), "no such axis"),
+        (lambda content: content["dataset"].update(axes=["view"]), "not on the axes"),
+        (lambda content: content["pairs"][0]["coordinates"].pop("view"), "not on the axes"),
+        (lambda content: content["pairs"][0]["coordinates"].update(view=5), "its name says"),
+        (lambda content: content["pairs"][0].update(id="../x"), "its name says"),
+        (lambda content: content["dataset"]["axes"].append("view"), "listed twice"),
+        (lambda content: content["protocols"].append(content["protocols"][0]), "listed twice"),
+    ],
+)
+def test_pairs_that_are_not_on_the_axes_are_refused(
+    tmp_path: Path, tamper: Callable[[dict[str, Any]], None], told: str
+) -> None:
+    content = json.loads(make_result(VALUES).model_dump_json())
+    tamper(content)
+    (tmp_path / "r.json").write_text(json.dumps(content))
+    with pytest.raises(ResultError, match=told):
+        load_result(tmp_path / "r.json")
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"schema_version": ' + "9" * 5000 + "}"])
+def test_json_that_python_does_not_take_is_told_as_damage(tmp_path: Path, text: str) -> None:
+    (tmp_path / "r.json").write_text(text)
+    with pytest.raises(ResultError, match="damaged"):
+        load_result(tmp_path / "r.json")

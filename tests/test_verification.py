@@ -1,11 +1,12 @@
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from dfdbench.errors import ResultError, UnknownNameError
+from dfdbench.errors import InputError, ResultError, UnknownNameError
 from dfdbench.evaluate import run_method
 from dfdbench.leaderboard import boards, collect
 from dfdbench.pair_evaluation import PairEvaluator, load_for
@@ -34,12 +35,49 @@ def test_an_honest_result_gives_the_same_depth_maps(run: Path, tiny_store: Store
 
 
 def test_a_verification_counts_for_its_file_only(run: Path, tiny_store: Store) -> None:
-    assert load_verification(run) is None
-    save_verification(verify(load_result(run), run, tiny_store), run)
-    assert load_verification(run) is not None
+    result = load_result(run)
+    assert load_verification(result, run) is None
+    save_verification(verify(result, run, tiny_store), 0, run)
+    assert load_verification(result, run) is not None
     run.write_text(run.read_text() + "\n")
     with pytest.raises(ResultError, match="of another file"):
-        load_verification(run)
+        load_verification(result, run)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"tolerance": 1e300}, "tolerance"),
+        ({"tolerance": 0.5}, "tolerance"),
+        ({"seed": -1}, "seed"),
+        ({"seed": 1}, "not those that the seed draws"),
+        ({"pairs": ["nonsense"]}, "not those that the seed draws"),
+        ({"pairs": []}, "pairs"),
+        ({"identical": 99}, "more depth maps are the same"),
+        ({"identical": -1}, "identical"),
+        ({"largest_difference": 0.01}, "largest_difference"),
+        ({"largest_difference": float("nan")}, "largest_difference"),
+        ({"reproduced": "yesterday"}, "reproduced"),
+        ({"schema_version": 1}, "schema_version"),
+        ({"result_sha256": "0" * 64}, "of another file"),
+    ],
+)
+def test_a_verification_of_nonsense_is_refused(
+    run: Path, tiny_store: Store, changes: dict[str, Any], told: str
+) -> None:
+    result = load_result(run)
+    place = save_verification(verify(result, run, tiny_store, count=2), 0, run)
+    place.write_text(json.dumps({**json.loads(place.read_text()), **changes}))
+    with pytest.raises(ResultError, match=told):
+        load_verification(result, run)
+
+
+@pytest.mark.parametrize("tolerance", [float("inf"), float("nan"), -0.1, 9999.0])
+def test_a_tolerance_that_is_none_is_refused(
+    run: Path, tiny_store: Store, tolerance: float
+) -> None:
+    with pytest.raises(InputError, match="not a tolerance"):
+        verify(load_result(run), run, tiny_store, tolerance=tolerance)
 
 
 def lower_scores(content: dict[str, Any]) -> None:
@@ -122,15 +160,85 @@ def test_other_data_are_refused(run: Path, tiny_store: Store) -> None:
         verify(result.model_copy(update={"dataset": dataset}), run, tiny_store)
 
 
-def test_a_verified_result_says_so_on_the_board(demo_store: Store, tmp_path: Path) -> None:
+def claiming(result: Result, name: str, entry: str, **parameters: Any) -> Result:
+    update = {"name": name, "entry": entry, "parameters": parameters}
+    return result.model_copy(update={"method": result.method.model_copy(update=update)})
+
+
+def test_a_result_runs_no_command(run: Path, tiny_store: Store, tmp_path: Path) -> None:
+    proof = tmp_path / "ran"
+    forged = claiming(
+        load_result(run), "subprocess:Popen", "subprocess:Popen", args=f"touch {proof}", shell=True
+    )
+    for trusted in ((), ("subprocess:Popen",)):
+        with pytest.raises(ResultError, match="holds no method"):
+            verify(forged, run, tiny_store, trusted=trusted)
+    assert not proof.exists()
+
+
+def test_code_of_others_is_imported_only_with_consent(
+    run: Path, tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code = (
+        "from pathlib import Path\nPath('imported').touch()\n"
+        "from dfdbench.methods.baselines import Local\n"
+        "def predict(infocus, defocus, window=3):\n"
+        "    return Local(window=window)(infocus, defocus)\n"
+    )
+    Path("theirs.py").write_text(code)
+    forged = claiming(load_result(run), "theirs.py:predict", "theirs.py:predict", window=3)
+    for trusted in ((), ("theirs.py",), ("theirs.py:other", "theirs:predict")):
+        with pytest.raises(ResultError, match="only if you agree"):
+            verify(forged, run, tiny_store, trusted=trusted)
+    assert not Path("imported").exists()
+    found = verify(forged, run, tiny_store, count=2, trusted=["theirs.py:predict"])
+    assert (found.identical, found.same_source) == (2, False)
+    # The name holds a folder of the submitter's machine: what was agreed to is run.
+    Path("imported").unlink()
+    elsewhere = tmp_path / "elsewhere/theirs.py"
+    elsewhere.parent.mkdir()
+    elsewhere.write_text("raise SystemExit('the wrong file')")
+    named = claiming(load_result(run), f"{elsewhere}:predict", "theirs.py:predict")
+    verify(named, run, tiny_store, count=1, trusted=["theirs.py:predict"])
+
+
+def test_a_module_beside_the_reviewer_stands_in_for_no_library(
+    run: Path, tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [place for place in sys.path if place])
+    verify(load_result(run), run, tiny_store, count=1)
+    assert str(tmp_path) not in sys.path
+
+
+def test_a_result_chooses_no_file_of_weights(run: Path, tiny_store: Store, tmp_path: Path) -> None:
+    entry = "dfdbench.methods.learned:DfDNetMethod"
+    forged = claiming(load_result(run), "dfd-net", entry, weights="/etc/passwd")
+    with pytest.raises(ResultError, match="must not choose"):
+        verify(forged, run, tiny_store)
+    (tmp_path / "mine.safetensors").write_bytes(b"others")
+    with pytest.raises(ResultError, match="other weights"):
+        verify(forged, run, tiny_store, weights=tmp_path / "mine.safetensors")
+
+
+def test_a_result_of_pairs_that_there_are_not_is_refused(run: Path, tiny_store: Store) -> None:
+    result = load_result(run)
+    pairs = [pair.model_copy(update={"scene": "Elsewhere"}) for pair in result.pairs]
+    pairs = [pair.model_copy(update={"id": f"Elsewhere/{pair.id}"}) for pair in pairs]
+    with pytest.raises(ResultError, match="does not have"):
+        verify(result.model_copy(update={"pairs": pairs}), run, tiny_store)
+
+
+def test_a_reproduced_result_says_so_on_the_board(demo_store: Store, tmp_path: Path) -> None:
     method = load_for(demo_store, "constant", {})
     result: Result = run_method(
         demo_store, method, "test", tmp_path / "run", keep_predictions=False
     ).result
     path = submit(result, tmp_path)[0]
-    save_verification(verify(load_result(path), path, demo_store, count=2), path)
+    save_verification(verify(load_result(path), path, demo_store, count=2), 0, path)
     board = next(b for b in boards(collect(tmp_path)) if b.protocol == "thesis")
-    assert board.standings[0].entry.status == "verified"
+    assert board.standings[0].entry.status == "reproduced"
     content = json.loads(path.read_text())
     content["submission"]["submitted"] = "2020-01-01T00:00:00Z"
     content["submission"]["seal"] = seal_of(content)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -9,15 +10,23 @@ import typer
 
 from dfdbench.board_folder import LEADERBOARD
 from dfdbench.board_tables import ranking_table
+from dfdbench.claimed_method import ClaimedMethod
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError, Problem, ResultError
 from dfdbench.leaderboard import boards, collect
 from dfdbench.leaderboard_readme import check_readme, write_readme
-from dfdbench.result import RESULT, load_result
+from dfdbench.result import RESULT, Result, load_result
 from dfdbench.store import open_store
 from dfdbench.submission import data_set_problems
 from dfdbench.tables import Format, render
-from dfdbench.verification import SUFFIX, save_verification, verify
+from dfdbench.verification import (
+    SUFFIX,
+    TOLERANCE,
+    Outcome,
+    claim_of,
+    save_verification,
+    verify,
+)
 
 app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 Folder = Annotated[Path, typer.Option(help="The leaderboard's folder.")]
@@ -59,42 +68,80 @@ def leaderboard(
 def verify_command(
     results: Annotated[list[Path], typer.Argument(help="Result files.")],
     pairs: Annotated[int, typer.Option(min=1, help="How many pairs are run again.")] = 5,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random sample.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Of the random sample.")] = 0,
     tolerance: Annotated[
-        float, typer.Option(min=0, help="How far a score may be off where depth maps differ.")
-    ] = 1e-3,
+        float, typer.Option(help="How far a score may be off where depth maps differ, 0 to 1.")
+    ] = TOLERANCE,
     dataset: Annotated[
         str | None, typer.Option(help="A store's path; default: the data set that it names.")
     ] = None,
     record: Annotated[
-        bool, typer.Option("--record", help="Write what was found beside the result.")
+        bool, typer.Option("--record", help="Write beside the result that it was reproduced.")
     ] = False,
+    trust: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ENTRY", help="Code, not built in, that may be run; repeatable."),
+    ] = None,
+    weights: Annotated[
+        Path | None, typer.Option(help="Your copy of weights that are not shipped.")
+    ] = None,
     folder: Folder = LEADERBOARD,
 ) -> None:
-    """Run a random sample of each result's pairs again and compare."""
+    """Run a random sample of each result's pairs again; the same numbers are reproduced."""
+    if record and tolerance != TOLERANCE:
+        raise InputError(
+            Problem(
+                what="what is recorded was found with the released tolerance", where="--tolerance",
+                expected=f"{TOLERANCE:g}", got=f"{tolerance:g}",
+                fix="leave out --tolerance, or --record",
+            )
+        )  # fmt: skip
+    consent = _Consent(list(trust or []))
     # Given by a pattern, earlier verifications are among the files.
     for path in (path for path in results if not path.name.endswith(SUFFIX)):
-        _verify_one(path, folder, dataset, (pairs, seed, tolerance), record)
+        path = path / RESULT if path.is_dir() else path
+        claimed = load_result(path)
+        problems = data_set_problems(claimed, folder, str(path))
+        if problems:
+            raise ResultError(problems)
+        trusted = consent.to(claim_of(claimed, path), path)
+        store = open_store(dataset or claimed.dataset.name)
+        with progress(f"verifying {claimed.method.name}") as step:
+            found = verify(
+                claimed, path, store, pairs, seed, tolerance, trusted, weights, on_pair=step
+            )
+        _tell(found, claimed, path, tolerance)
+        if record:
+            say(f"recorded     {save_verification(found, seed, path)}")
 
 
-def _verify_one(
-    path: Path, folder: Path, dataset: str | None, how: tuple[int, int, float], record: bool
-) -> None:
-    path = path / RESULT if path.is_dir() else path
-    claimed = load_result(path)
-    problems = data_set_problems(claimed, folder, str(path))
-    if problems:
-        raise ResultError(problems)
-    store = open_store(dataset or claimed.dataset.name)
-    with progress(f"verifying {claimed.method.name}") as step:
-        found = verify(claimed, path, store, *how, on_pair=step)
+class _Consent:
+    """What the user agreed to run, by option or when asked."""
+
+    def __init__(self, trusted: list[str]) -> None:
+        self._trusted = trusted
+        self._agreed: set[str] = set()
+
+    def to(self, claim: ClaimedMethod, path: Path) -> list[str]:
+        """Return the entries that may be imported for a result; ask where there is a terminal."""
+        asks = claim.file is not None and claim.record.entry not in self._trusted
+        if not asks or not (sys.stdin.isatty() and sys.stderr.isatty()):
+            claim.require_consent(self._trusted, path)
+            return self._trusted
+        if str(claim) not in self._agreed:
+            say(f"{path}\n{claim}")
+            if not typer.confirm("Run this code?", err=True):
+                claim.require_consent((), path)
+            self._agreed.add(str(claim))
+        return [claim.record.entry]
+
+
+def _tell(found: Outcome, claimed: Result, path: Path, tolerance: float) -> None:
     count = len(found.pairs)
-    print(f"verified     {path}")
+    print(f"reproduced   {path}")
     print(f"pairs        {count} of {claimed.dataset.evaluated}: {', '.join(found.pairs)}")
     print(f"identical    {found.identical} of {count} depth maps")
     if found.identical < count:
-        print(f"scores       at most {found.largest_difference:.2g} off, {how[2]:g} allowed")
+        print(f"scores       at most {found.largest_difference:.2g} off, {tolerance:g} allowed")
     if not found.same_source:
         say("the method's source file is not the one that the result was made with")
-    if record:
-        say(f"recorded     {save_verification(found, path)}")

@@ -53,7 +53,9 @@ def run(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Evaluate anew, set an earlier run aside.")
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="For methods that draw random numbers.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**32 - 1, help="For methods that draw random numbers.")
+    ] = 0,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Pairs at once; their times are not comparable.")
     ] = None,

@@ -122,7 +122,7 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
     colours = ListedColormap(["white", _SCARCE, _MISSING])
     for record, axes in zip(rows, grid, strict=True):
         depth, valid = store.read_depth(pair_of(record))
-        prediction = read_prediction(folder, pair_of(record))
+        prediction = read_prediction(folder, pair_of(record), depth.shape)
         assert prediction is not None
         error = np.abs(prediction - depth)
         kind = np.where(join.levels[Verdict.missing], 2, join.levels[Verdict.scarce])[depth]

@@ -81,7 +81,7 @@ def panel_figure(
     rows = []
     for record in pairs:
         pair = Pair(record.scene, tuple(record.coordinates.items()))
-        prediction = read_prediction(folder, pair)
+        prediction = read_prediction(folder, pair, store.shape_of(pair.scene))
         if prediction is not None:
             rows.append((record, store.read(pair), prediction))
     if not rows:
@@ -182,10 +182,12 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     truth, found = np.zeros(256), np.zeros(256)
     for record in result.pairs:
         pair = Pair(record.scene, tuple(record.coordinates.items()))
-        prediction = read_prediction(folder, pair) if record.status == "ok" else None
-        if prediction is None:
+        if record.status != "ok":
             continue
         depth, valid = store.read_depth(pair)
+        prediction = read_prediction(folder, pair, depth.shape)
+        if prediction is None:
+            continue
         truth += np.bincount(depth[valid], minlength=256)
         found += np.bincount(_nearest(prediction[valid]), minlength=256)
     if not truth.any():

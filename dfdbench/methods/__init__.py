@@ -25,6 +25,7 @@ from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.extras import absent, extra_of
 from dfdbench.methods.isolation import process_kept
 from dfdbench.methods.parameters import files_sha256, read_parameters
+from dfdbench.result import LARGEST_NUMBER
 
 Image = NDArray[np.uint8]
 Predict = Callable[[Image, Image], Any]
@@ -143,6 +144,17 @@ def registered_methods() -> dict[str, str]:
     """
     offered = {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
     return {**offered, **_BUILT_IN}
+
+
+def built_in_methods() -> dict[str, str]:
+    """Return the methods of dfdbench itself: entry (``module:attribute``) by name.
+
+    Examples
+    --------
+    >>> "local" in built_in_methods()
+    True
+    """
+    return dict(_BUILT_IN)
 
 
 def load(name: str, **params: Any) -> Predict:
@@ -346,7 +358,8 @@ def _finite_numbers(given: Any) -> dict[str, float]:
     # Strings, infinities and the like are no numbers that a result could average: left out.
     numbers = {}
     for name, value in given.items() if isinstance(given, Mapping) else ():
-        if isinstance(value, (int, float, np.integer, np.floating)) and np.isfinite(value):
+        numeric = isinstance(value, (int, float, np.integer, np.floating))
+        if numeric and abs(value) <= LARGEST_NUMBER:
             numbers[str(name)] = float(value)
     return numbers
 
@@ -375,7 +388,9 @@ def _import(entry: str) -> tuple[Any, str | None]:
 
 def _import_module(name: str) -> ModuleType:
     # The command line runs from anywhere: a module beside the user is found as `python -m` would.
-    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+    # For our own there is no need, and what they import must not be found there.
+    own = name.split(".")[0] == "dfdbench"
+    if not own and "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))
     try:
         return importlib.import_module(name)
