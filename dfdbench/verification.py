@@ -90,7 +90,8 @@ def claim_of(result: Result, path: Path) -> ClaimedMethod:
     Raises
     ------
     ResultError, UnknownNameError
-        As `dfdbench.claimed_method.claimed_method`, and where name and entry are not one.
+        As `dfdbench.claimed_method.claimed_method`,
+        and where name and entry are not one.
     """
     if problems := entry_problems(result.method, path):
         raise ResultError(problems)
