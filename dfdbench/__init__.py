@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dfdbench.location import Place
     from dfdbench.reading import PairSequence
+    from dfdbench.system.location import Place
 
 __version__ = version("dfdbench")
 

@@ -13,11 +13,11 @@ from upath import UPath
 
 from dfdbench.blur import BlurRecipe, find_recipe, synthesize
 from dfdbench.errors import Problem, SourceError
-from dfdbench.location import Place
 from dfdbench.manifest import Manifest, Pair
-from dfdbench.parallel import Pool, Threads
 from dfdbench.sources.interface import SceneImages, Source
 from dfdbench.store_writer import SceneWriter, StoreWriter
+from dfdbench.system.location import Place
+from dfdbench.system.parallel import Pool, Threads
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,6 @@ from typing import Any
 import dfdbench
 from dfdbench.environment import describe_environment
 from dfdbench.errors import Problem, ResultError, StoreError
-from dfdbench.location import as_location
-from dfdbench.lock import hold
 from dfdbench.manifest import Pair
 from dfdbench.methods import Method
 from dfdbench.pair_evaluation import (
@@ -23,7 +21,6 @@ from dfdbench.pair_evaluation import (
     RemoteEvaluator,
     blank_record,
 )
-from dfdbench.parallel import Pool
 from dfdbench.protocol import PROTOCOLS
 from dfdbench.result import (
     RESULT,
@@ -42,6 +39,9 @@ from dfdbench.run_folder import (
     read_journal,
 )
 from dfdbench.store import Store
+from dfdbench.system.location import as_location
+from dfdbench.system.lock import hold
+from dfdbench.system.parallel import Pool
 from dfdbench.trained_on import coverage_warnings
 
 _BATCH = 256  # pairs whose depth maps are in memory together when many run at once

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from dfdbench.blur import BlurRecipe
 from dfdbench.errors import Problem, StoreError
-from dfdbench.files import write_whole
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.sources.middlebury import depth_name, image_name
 from dfdbench.store import Store
+from dfdbench.system.files import write_whole
 
 
 def export_png(

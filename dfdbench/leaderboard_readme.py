@@ -12,9 +12,9 @@ import jinja2
 from dfdbench.board_folder import README
 from dfdbench.board_tables import board_tables, published_summary, published_table
 from dfdbench.errors import Problem, ResultError
-from dfdbench.files import write_whole
 from dfdbench.leaderboard import Board, Entry, boards, collect
 from dfdbench.published import PublishedTable, load_published
+from dfdbench.system.files import write_whole
 from dfdbench.tables import as_markdown, escape_markdown
 
 NOTE = "note.md"

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from dfdbench.blur import BlurRecipe
 from dfdbench.errors import MethodError, Problem, StoreError
 from dfdbench.fingerprint import array_digest
-from dfdbench.location import is_local
 from dfdbench.manifest import Pair
 from dfdbench.methods import Method, Prediction, call, entry_of, load_method
 from dfdbench.methods.isolation import seeded
@@ -24,6 +23,7 @@ from dfdbench.metrics import AGAINST, correlation
 from dfdbench.protocol import PROTOCOLS, Protocol, score
 from dfdbench.result import PairResult, PairScores
 from dfdbench.store import PairImages, Store
+from dfdbench.system.location import is_local
 
 #: How a pair's warning begins where the method printed, and where its depth goes the wrong way.
 PRINTED = "printed"

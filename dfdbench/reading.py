@@ -9,9 +9,9 @@ from typing import overload
 import xarray
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.location import Place
 from dfdbench.manifest import Pair
 from dfdbench.store import WHOLE, PairImages, Region, Store, open_store
+from dfdbench.system.location import Place
 
 
 class PairSequence(Sequence[PairImages]):

@@ -20,9 +20,9 @@ from pydantic import (
 )
 
 from dfdbench.errors import Problem, ResultError
-from dfdbench.files import write_whole
 from dfdbench.manifest import Name, Pair
 from dfdbench.protocol import METRICS, label_of
+from dfdbench.system.files import write_whole
 
 SCHEMA_VERSION = 1
 #: What a result is called in the folder of its run.

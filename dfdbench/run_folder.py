@@ -14,11 +14,11 @@ import zarr
 from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, ResultError
-from dfdbench.files import write_whole
-from dfdbench.location import Place, as_location, is_local
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.result import PairResult, Result
 from dfdbench.store import Store
+from dfdbench.system.files import write_whole
+from dfdbench.system.location import Place, as_location, is_local
 
 _IDENTITY = "run.json"
 _JOURNAL = "pairs.jsonl"

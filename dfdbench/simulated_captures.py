@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.files import write_whole
 from dfdbench.lens import LensTable, read_lens_table
 from dfdbench.manifest import Capture
-from dfdbench.parallel import Threads
 from dfdbench.rig.board_rays import board_rays
 from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import average_scans
 from dfdbench.rig.lidar_files import read_beams, write_ranges
 from dfdbench.rig.registration_file import NAME, write_registration
 from dfdbench.simulator import MOUNTED, SimulatedScene, defocus
+from dfdbench.system.files import write_whole
+from dfdbench.system.parallel import Threads
 
 TRUTH = "truth"
 _SETTINGS = "simulated.json"

@@ -17,12 +17,12 @@ from upath import UPath
 from zarr.errors import GroupNotFoundError
 
 from dfdbench.blur import BlurRecipe, find_recipe
-from dfdbench.cache import STORES, cache_folder
 from dfdbench.catalog import find_manifest, typed_name
 from dfdbench.errors import DfdbenchError, Problem, StoreError, UnknownNameError, unknown_name
-from dfdbench.location import Place, as_location, exists, is_local, zarr_store
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.manifest_reader import parse_manifest
+from dfdbench.system.cache import STORES, cache_folder
+from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
 
 FORMAT = "dfdbench store"
 FORMAT_VERSION = 1
@@ -234,7 +234,7 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
     place : str, Path or UPath, optional
         Where the store lies, if not in the default place.
     cache : Path, optional
-        The cache folder in which the default place is; see `dfdbench.cache.cache_folder`.
+        The cache folder in which the default place is; see `dfdbench.system.cache.cache_folder`.
 
     Raises
     ------

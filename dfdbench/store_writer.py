@@ -14,7 +14,9 @@ from upath import UPath
 
 from dfdbench.errors import DfdbenchError, Problem, StoreError
 from dfdbench.fingerprint import combine, scene_digests
-from dfdbench.location import (
+from dfdbench.manifest import Manifest
+from dfdbench.store import FORMAT, FORMAT_VERSION
+from dfdbench.system.location import (
     Place,
     as_location,
     copy_folder,
@@ -25,9 +27,7 @@ from dfdbench.location import (
     remove,
     zarr_store,
 )
-from dfdbench.lock import Check, hold
-from dfdbench.manifest import Manifest
-from dfdbench.store import FORMAT, FORMAT_VERSION
+from dfdbench.system.lock import Check, hold
 
 _METADATA = "zarr.json"
 

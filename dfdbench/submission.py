@@ -16,7 +16,6 @@ from dfdbench.board_folder import (
 )
 from dfdbench.catalog import released_manifests
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
-from dfdbench.files import write_whole
 from dfdbench.manifest import Manifest
 from dfdbench.protocol import METRICS, RELEASED, label_of
 from dfdbench.result import (
@@ -27,6 +26,7 @@ from dfdbench.result import (
     load_result,
     seal_of,
 )
+from dfdbench.system.files import write_whole
 
 TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
 

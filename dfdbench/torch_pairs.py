@@ -10,9 +10,9 @@ import torch
 from torch.utils.data import Dataset
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.location import Place
 from dfdbench.reading import open_pairs
 from dfdbench.store import WHOLE, Region
+from dfdbench.system.location import Place
 
 
 class TorchPairs(Dataset[dict[str, torch.Tensor]]):

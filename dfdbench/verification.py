@@ -16,7 +16,6 @@ from dfdbench.claimed_method import ClaimedMethod, claimed_method, parameters_to
 from dfdbench.environment import describe_environment
 from dfdbench.errors import InputError, Problem, ResultError, unknown_name
 from dfdbench.evaluate import without_folder
-from dfdbench.files import write_whole
 from dfdbench.manifest import Pair
 from dfdbench.methods import registered_methods
 from dfdbench.pair_evaluation import PairEvaluator, load_for
@@ -35,6 +34,7 @@ from dfdbench.result import (
 from dfdbench.run_folder import require_pairs_of
 from dfdbench.store import Store
 from dfdbench.submission import TIME_FORMAT
+from dfdbench.system.files import write_whole
 
 SUFFIX = ".reproduced.json"
 #: How far a score may be off where the depth map is not the very same: float32 filters differ in

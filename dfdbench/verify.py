@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dfdbench.fingerprint import array_digest, combine
-from dfdbench.parallel import Pool, Threads
 from dfdbench.store import Store
+from dfdbench.system.parallel import Pool, Threads
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ from dfdbench.errors import SourceError, UnknownNameError
 from dfdbench.fetching.checksums import known_checksums
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.manifest_reader import parse_manifest
-from dfdbench.parallel import Cluster, Pool, Processes, Threads
 from dfdbench.sources import SceneImages, open_source
 from dfdbench.store import Store
+from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import TINY_TOML
 
 # Sets are versioned: another fingerprint would be another data set.

@@ -16,9 +16,9 @@ from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
 from dfdbench.cli import main
 from dfdbench.manifest_reader import parse_manifest
-from dfdbench.parallel import Threads
 from dfdbench.result import load_result
 from dfdbench.sources import open_source
+from dfdbench.system.parallel import Threads
 from tests.conftest import TINY_TOML, shared_data_folder, write_png
 
 LEARNED = """

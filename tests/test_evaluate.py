@@ -20,13 +20,13 @@ from dfdbench.manifest_reader import parse_manifest
 from dfdbench.methods import Method
 from dfdbench.methods.baselines import Constant
 from dfdbench.pair_evaluation import load_for, training_mean
-from dfdbench.parallel import Cluster, Pool, Processes
 from dfdbench.protocol import PROTOCOLS, score
 from dfdbench.result import RESULT, load_result
 from dfdbench.run_folder import PREDICTIONS, keep_prediction, read_prediction, read_store_place
 from dfdbench.sources import open_source
 from dfdbench.sources.middlebury import MiddleburyScenes
 from dfdbench.store import Store
+from dfdbench.system.parallel import Cluster, Pool, Processes
 from tests.conftest import TINY_TOML
 
 

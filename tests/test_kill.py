@@ -13,9 +13,9 @@ from dfdbench.build import build_store
 from dfdbench.fetching.checksums import known_checksums
 from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
-from dfdbench.parallel import Threads
 from dfdbench.sources import download_middlebury, open_source
 from dfdbench.store import Store
+from dfdbench.system.parallel import Threads
 from dfdbench.verify import verify_store
 from tests.conftest import TINY_TOML, write_png
 from tests.site import served

@@ -8,11 +8,11 @@ import zarr
 from dfdbench.blur import RECIPES, synthesize
 from dfdbench.build import build_store
 from dfdbench.errors import StoreError
-from dfdbench.location import as_location, remove
 from dfdbench.manifest import Manifest
 from dfdbench.sources import open_source
 from dfdbench.store import Store, open_store
 from dfdbench.store_writer import StoreWriter
+from dfdbench.system.location import as_location, remove
 
 
 def test_a_store_says_what_it_is(tiny_store: Store, tiny_manifest: Manifest) -> None:

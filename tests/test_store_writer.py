@@ -11,12 +11,12 @@ from upath import UPath
 
 from dfdbench.build import build_store
 from dfdbench.errors import StoreError
-from dfdbench.location import copy_folder, exists, folders_in
 from dfdbench.manifest import Manifest
-from dfdbench.parallel import Threads
 from dfdbench.sources import open_source
 from dfdbench.store import Store
 from dfdbench.store_writer import StoreWriter
+from dfdbench.system.location import copy_folder, exists, folders_in
+from dfdbench.system.parallel import Threads
 from dfdbench.verify import verify_store
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from dfdbench.cli.screen import print_table, say
 from dfdbench.errors import InputError, Problem, ResultError
-from dfdbench.files import write_whole
+from dfdbench.system.files import write_whole
 from dfdbench.tables import Table, as_markdown
 
 

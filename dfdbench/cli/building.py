@@ -12,7 +12,6 @@ import typer
 
 from dfdbench.blur import RECIPES, find_recipe
 from dfdbench.build import build_store
-from dfdbench.cache import DOWNLOADS, cache_folder
 from dfdbench.catalog import find_manifest
 from dfdbench.cli.options import Cache, Scheduler, Workers, pool_of
 from dfdbench.cli.screen import download_progress, progress, say
@@ -20,10 +19,11 @@ from dfdbench.errors import InputError, Problem
 from dfdbench.export import export_png
 from dfdbench.fetching.checksums import known_checksums
 from dfdbench.fetching.download import SET_ASIDE
-from dfdbench.location import as_location
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.sources import Source, download_middlebury, open_source
 from dfdbench.store import Store, default_store, open_store
+from dfdbench.system.cache import DOWNLOADS, cache_folder
+from dfdbench.system.location import as_location
 
 
 def build(

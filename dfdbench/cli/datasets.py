@@ -9,15 +9,15 @@ from typing import Annotated, Any
 import typer
 from rich.filesize import decimal
 
-from dfdbench.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.catalog import find_manifest, released_manifests, typed_name
 from dfdbench.cli.options import Cache, Workers, pool_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError, Problem, unknown_name
-from dfdbench.location import size_of
 from dfdbench.manifest import Manifest
 from dfdbench.methods import registered_methods
 from dfdbench.store import Store, default_store, is_place, open_store
+from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
+from dfdbench.system.location import size_of
 from dfdbench.tables import Table
 from dfdbench.verify import verify_store
 

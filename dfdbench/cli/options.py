@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.parallel import Cluster, Pool, Processes, Threads
+from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 
 Cache = Annotated[
     Path | None,

@@ -15,9 +15,9 @@ from dfdbench.cli.building import voltage_pair_stores
 from dfdbench.cli.options import Cache, value_of, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.errors import InputError, Problem
-from dfdbench.extras import needed
-from dfdbench.files import write_whole
 from dfdbench.store import Store, open_store
+from dfdbench.system.extras import needed
+from dfdbench.system.files import write_whole
 from dfdbench.tables import Format, Table, render
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from importlib import resources
 from pathlib import Path
 
 from dfdbench.errors import Problem, SourceError
-from dfdbench.files import write_whole
 from dfdbench.manifest import Manifest
+from dfdbench.system.files import write_whole
 
 _LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")
 

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError, Problem, unknown_name
-from dfdbench.extras import absent, extra_of
 from dfdbench.methods.isolation import process_kept
 from dfdbench.methods.parameters import files_sha256, read_parameters
 from dfdbench.result import LARGEST_NUMBER
+from dfdbench.system.extras import absent, extra_of
 
 Image = NDArray[np.uint8]
 Predict = Callable[[Image, Image], Any]

@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from torch import Tensor, nn
 
 from dfdbench.errors import MethodError, Problem
-from dfdbench.files import write_whole
 from dfdbench.methods.networks import DfDNet, UNet
+from dfdbench.system.files import write_whole
 
 NETWORKS: dict[str, type[nn.Module]] = {"dfd-net": DfDNet, "u-net": UNet}
 _METADATA = "dfdbench-card"

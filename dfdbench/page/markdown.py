@@ -9,9 +9,9 @@ from pathlib import Path
 import jinja2
 
 from dfdbench.figures.runs import panel_figure
-from dfdbench.files import write_whole
 from dfdbench.page.content import Content, gather
 from dfdbench.runs import SavedRun
+from dfdbench.system.files import write_whole
 from dfdbench.tables import as_markdown, escape_markdown
 
 PAGE = "report.md"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, SourceError
-from dfdbench.files import write_whole
+from dfdbench.system.files import write_whole
 
 Floats = NDArray[np.float64]
 

@@ -19,11 +19,11 @@ from dfdbench.fetching.checksums import (
 )
 from dfdbench.fetching.download import SET_ASIDE, Fate, Progress, WantedFile, fetch
 from dfdbench.fetching.transfer import Patience
-from dfdbench.location import as_location
-from dfdbench.lock import hold
 from dfdbench.manifest import Manifest, Scene
 from dfdbench.png import decode_depth, decode_image, png_size
 from dfdbench.sources.middlebury import depth_name, image_name
+from dfdbench.system.location import as_location
+from dfdbench.system.lock import hold
 
 _NAMES_SHOWN = 10
 

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.files import write_whole
+from dfdbench.system.files import write_whole
 
 #: Of the checkpoint's layout.
 VERSION = 1

@@ -23,10 +23,10 @@ from dfdbench.blur import RECIPES, synthesize
 from dfdbench.build import build_store, scene_dataset
 from dfdbench.catalog import find_manifest
 from dfdbench.manifest import Manifest
-from dfdbench.parallel import Threads
 from dfdbench.sources import Source, open_source
 from dfdbench.sources.middlebury import depth_name, image_name
 from dfdbench.store_writer import StoreWriter
+from dfdbench.system.parallel import Threads
 from tests.benchmarks.test_blur import stack
 from tests.conftest import shared_data_folder, write_png
 

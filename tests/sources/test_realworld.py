@@ -9,7 +9,6 @@ from dfdbench.blur import RECIPES, synthesize
 from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import SourceError
-from dfdbench.parallel import Threads
 from dfdbench.rig.lidar_files import write_ranges
 from dfdbench.rig.registration_file import NAME as REGISTRATION
 from dfdbench.simulated_captures import Settings, write_captures
@@ -17,6 +16,7 @@ from dfdbench.sources import open_source
 from dfdbench.sources.captures import average_frames
 from dfdbench.sources.realworld import RealworldFolder
 from dfdbench.store import Store
+from dfdbench.system.parallel import Threads
 from tests.conftest import write_png
 from tests.realworld import manifest_with_few_steps, raw_scene
 

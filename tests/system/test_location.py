@@ -7,7 +7,7 @@ import pytest
 from upath import UPath
 
 from dfdbench.errors import InputError
-from dfdbench.location import (
+from dfdbench.system.location import (
     as_location,
     copy_folder,
     exists,

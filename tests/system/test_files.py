@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.files import write_whole
+from dfdbench.system.files import write_whole
 
 
 def test_a_failed_write_leaves_the_old_file(

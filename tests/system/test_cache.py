@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.cache import cache_entries, cache_folder, remove_entries
+from dfdbench.system.cache import cache_entries, cache_folder, remove_entries
 
 
 def test_where_the_cache_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from dfdbench.errors import InputError
-from dfdbench.parallel import Cluster, Pool, Processes, Threads
+from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 
 
 @pytest.fixture(params=["one thread", "three threads", "processes", "cluster"])
@@ -68,7 +68,7 @@ def test_processes_are_others(kind: str, request: pytest.FixtureRequest) -> None
 
 
 def test_no_scheduler_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dfdbench.parallel._SECONDS_TO_ANSWER", 1)
+    monkeypatch.setattr("dfdbench.system.parallel._SECONDS_TO_ANSWER", 1)
     with pytest.raises(InputError, match="no scheduler answers") as caught:
         Cluster("tcp://127.0.0.1:9").map(abs, [1])
     assert "tcp://127.0.0.1:9" in str(caught.value)

@@ -17,7 +17,7 @@ import filelock
 from upath import UPath
 
 from dfdbench.errors import DfdbenchError
-from dfdbench.location import exists, is_local
+from dfdbench.system.location import exists, is_local
 
 try:
     import fcntl

@@ -14,8 +14,8 @@ import pytest
 from upath import UPath
 
 from dfdbench.errors import Problem, StoreError
-from dfdbench.location import exists, is_local
-from dfdbench.lock import hold
+from dfdbench.system.location import exists, is_local
+from dfdbench.system.lock import hold
 
 TAKEN = StoreError(Problem("taken"))
 
@@ -149,7 +149,7 @@ def test_processes_that_come_and_go_are_never_in_one_place_together(tmp_path: Pa
 def test_where_the_file_system_has_no_locks_another_kind_is_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dfdbench.lock.fcntl", None)
+    monkeypatch.setattr("dfdbench.system.lock.fcntl", None)
     lock = UPath(tmp_path / ".a.lock")
     with hold(lock, TAKEN), pytest.raises(StoreError, match="taken"), hold(lock, TAKEN):
         pass

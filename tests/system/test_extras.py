@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from dfdbench.errors import InputError
-from dfdbench.extras import needed
+from dfdbench.system.extras import needed
 
 
 def test_an_absent_library_of_an_extra_names_it() -> None:
