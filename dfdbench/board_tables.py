@@ -14,7 +14,7 @@ from dfdbench.protocol import METRICS, RELEASED, title_of
 from dfdbench.published import PublishedTable, mean_over
 from dfdbench.result import RESULT, Result
 from dfdbench.summary import SCENES_TO_TELL, interval_name
-from dfdbench.tables import Link, Table
+from dfdbench.tables.table import Link, Table
 
 _NOTHING = "–"
 _HEADS = {metric: f"{metric.upper()} {'↑' if up else '↓'}" for metric, up in METRICS.items()}

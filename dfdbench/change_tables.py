@@ -8,7 +8,7 @@ from dfdbench.protocol import METRICS
 from dfdbench.result import Result
 from dfdbench.submission import method_label
 from dfdbench.summary import SCENES_TO_TELL, interval_name
-from dfdbench.tables import Table
+from dfdbench.tables.table import Table
 
 
 def change_tables(first: Result, second: Result, protocol: str, most: int = 10) -> list[Table]:

@@ -20,7 +20,7 @@ from dfdbench.manifest import Pair
 from dfdbench.result import PairResult, Result
 from dfdbench.run_folder import read_prediction, require_pairs_of
 from dfdbench.store import Store
-from dfdbench.tables import Table, percent
+from dfdbench.tables.table import Table, percent
 from dfdbench.trained_on import Training
 
 SCHEMA_VERSION = 1

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from dfdbench.coverage import Criterion, Verdict
 from dfdbench.coverage_record import CoverageRecord, RangeRecord, SideRecord
-from dfdbench.tables import Table, percent
+from dfdbench.tables.table import Table, percent
 
 SCHEMA_VERSION = 1
 _SCENES_NAMED = 4

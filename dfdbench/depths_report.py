@@ -6,7 +6,7 @@ import numpy as np
 
 from dfdbench.coverage import LEVELS, as_ranges
 from dfdbench.depths import Side
-from dfdbench.tables import Table, percent
+from dfdbench.tables.table import Table, percent
 
 _BAND = 16
 

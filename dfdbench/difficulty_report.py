@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from dfdbench.difficulty import SEEN, STEPS, UNSEEN, Difficulty, median_step
 from dfdbench.manifest import Manifest, Pair
-from dfdbench.tables import Table, percent
+from dfdbench.tables.table import Table, percent
 
 SCHEMA_VERSION = 1
 #: A step that is a useful depth difference: an eighth of the range that 256 levels span.

@@ -15,7 +15,7 @@ from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard import Board, Entry, boards, collect
 from dfdbench.published import PublishedTable, load_published
 from dfdbench.system.files import write_whole
-from dfdbench.tables import as_markdown, escape_markdown
+from dfdbench.tables.table import as_markdown, escape_markdown
 
 NOTE = "note.md"
 

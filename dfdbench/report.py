@@ -17,7 +17,7 @@ from dfdbench.summary import (
     summarise,
     summarise_scenes,
 )
-from dfdbench.tables import Table, as_csv
+from dfdbench.tables.table import Table, as_csv
 
 _EXTREMES = 5
 _NOTHING = "–"

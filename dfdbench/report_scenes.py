@@ -8,7 +8,7 @@ from dfdbench.manifest import Scene, Split
 from dfdbench.protocol import METRICS, title_of
 from dfdbench.result import Result
 from dfdbench.summary import scene_labels, summarise_scenes
-from dfdbench.tables import Table
+from dfdbench.tables.table import Table
 
 _NOTHING = "–"
 

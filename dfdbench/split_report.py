@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 
 from dfdbench.manifest import Manifest
 from dfdbench.splits import Candidate, Folds, Hopeless, Ranking, Scenes
-from dfdbench.tables import Table, percent
+from dfdbench.tables.table import Table, percent
 
 SCHEMA_VERSION = 1
 #: Proposals that tables and files hold.

@@ -11,7 +11,7 @@ from dfdbench.depths import Side, all_but, scene_histograms, side_of, training_o
 from dfdbench.errors import DfdbenchError, InputError, Problem
 from dfdbench.leaks import manifest_leaks
 from dfdbench.store import Store, open_store
-from dfdbench.tables import percent
+from dfdbench.tables.table import percent
 
 #: How `trained_on` names scenes: a manifest's name and version, then a split, or the fold or
 #: scene that was left out.

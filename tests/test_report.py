@@ -6,7 +6,7 @@ import pytest
 
 from dfdbench.errors import UnknownNameError
 from dfdbench.report import run_as_csv, run_as_json, run_tables
-from dfdbench.tables import Format, Table, as_markdown, as_rich, render
+from dfdbench.tables.table import Format, Table, as_markdown, as_rich, render
 from tests.results import make_result
 
 VALUES = {

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from dfdbench.cli.screen import print_table, say
 from dfdbench.errors import InputError, Problem, ResultError
 from dfdbench.system.files import write_whole
-from dfdbench.tables import Table, as_markdown
+from dfdbench.tables.table import Table, as_markdown
 
 
 class AnswerFormat(StrEnum):

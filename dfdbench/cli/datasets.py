@@ -18,7 +18,7 @@ from dfdbench.methods import registered_methods
 from dfdbench.store import Store, default_store, is_place, open_store
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.system.location import size_of
-from dfdbench.tables import Table
+from dfdbench.tables.table import Table
 from dfdbench.verify import verify_store
 
 

@@ -13,7 +13,7 @@ from dfdbench.depths import scene_histograms, side_of
 from dfdbench.depths_report import depth_table
 from dfdbench.figures.coverage import depths_figure
 from dfdbench.store import open_store
-from dfdbench.tables import Format, render
+from dfdbench.tables.table import Format, render
 
 
 def depths(

@@ -18,7 +18,7 @@ from dfdbench.leaderboard_readme import check_readme, write_readme
 from dfdbench.result import RESULT, Result, load_result
 from dfdbench.store import open_store
 from dfdbench.submission import data_set_problems
-from dfdbench.tables import Format, render
+from dfdbench.tables.table import Format, render
 from dfdbench.verification import (
     SUFFIX,
     TOLERANCE,

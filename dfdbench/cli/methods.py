@@ -25,7 +25,7 @@ from dfdbench.result import RESULT, Result
 from dfdbench.store import open_store
 from dfdbench.submission import submit as submit_result
 from dfdbench.summary import scene_labels
-from dfdbench.tables import Format, Table, render
+from dfdbench.tables.table import Format, Table, render
 
 Params = Annotated[
     list[str] | None, typer.Option("--param", help="NAME=VALUE for the method; repeatable.")

@@ -17,7 +17,7 @@ from dfdbench.figures.optics import blur_figure, pair_figure
 from dfdbench.lens import StepPair, rank_pairs, read_lens_table
 from dfdbench.lens_captures import Measurement, read_lens_captures
 from dfdbench.optics import ThinLens
-from dfdbench.tables import Table
+from dfdbench.tables.table import Table
 from dfdbench.units import LARGEST_PIXEL, parse_length
 
 app = typer.Typer(help="What a lens does to a point, and which voltage steps make a good pair.")

@@ -24,7 +24,7 @@ from dfdbench.rig.registration import Registration, Sighting, register, sight
 from dfdbench.rig.registration_file import NAME, PREVIOUS, read_registration, write_registration
 from dfdbench.sharpness import sharpest
 from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
-from dfdbench.tables import Table
+from dfdbench.tables.table import Table
 from dfdbench.units import LARGEST_PIXEL, parse_length
 
 OVERLAY = "registration.png"

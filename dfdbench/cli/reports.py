@@ -21,7 +21,7 @@ from dfdbench.protocol import find_protocol
 from dfdbench.result import RESULT, Result
 from dfdbench.runs import SavedRun, open_run
 from dfdbench.submission import method_label
-from dfdbench.tables import Format, render
+from dfdbench.tables.table import Format, render
 
 _PANELS = 4
 _PICTURES = (".png", ".pdf", ".svg")

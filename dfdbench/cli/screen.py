@@ -26,7 +26,7 @@ from rich.progress import (
 from rich.text import Text
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.tables import Table, as_rich, least_width
+from dfdbench.tables.table import Table, as_rich, least_width
 
 _INTERRUPTED = 130
 

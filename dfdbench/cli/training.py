@@ -18,7 +18,7 @@ from dfdbench.errors import InputError, Problem
 from dfdbench.store import Store, open_store
 from dfdbench.system.extras import needed
 from dfdbench.system.files import write_whole
-from dfdbench.tables import Format, Table, render
+from dfdbench.tables.table import Format, Table, render
 
 if TYPE_CHECKING:
     from dfdbench.methods.weights import Card

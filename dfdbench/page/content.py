@@ -17,7 +17,7 @@ from dfdbench.report_scenes import scene_tables, spread_table
 from dfdbench.result import PairResult
 from dfdbench.runs import SavedRun
 from dfdbench.summary import ranked
-from dfdbench.tables import Table
+from dfdbench.tables.table import Table
 
 
 @dataclass(frozen=True)

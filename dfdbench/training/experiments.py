@@ -15,7 +15,7 @@ from dfdbench.manifest import Manifest
 from dfdbench.methods.weights import Card, load_weights
 from dfdbench.protocol import METRICS
 from dfdbench.store import Store
-from dfdbench.tables import Table
+from dfdbench.tables.table import Table
 from dfdbench.training.checkpoint import WEIGHTS
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
 from dfdbench.training.task import Task, require_trainable, task_of

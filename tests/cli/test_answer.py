@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.errors import InputError, ResultError
-from dfdbench.tables import Table
+from dfdbench.tables.table import Table
 
 TABLE = Table("a title", ("name",), (("value",),), "l", ("a note",))
 ANSWER = Answer('{"a": 1}\n', (TABLE,), "the verdict")
@@ -74,7 +74,7 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from dfdbench.cli.answer import Answer, AnswerFormat, give
-from dfdbench.tables import Table
+from dfdbench.tables.table import Table
 rows = tuple(("value",) for _ in range(50_000))
 give(Answer("", (Table("T", ("name",), rows, "l"),)), AnswerFormat(sys.argv[1]), Path("kept"),
      {"a.json": "whole"})

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from dfdbench.latex_text import latex_label, latex_text
+from dfdbench.tables.latex_text import latex_label, latex_text
 
 
 class Format(StrEnum):

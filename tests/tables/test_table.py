@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.tables import Format, Link, Table, as_latex, as_markdown, render
+from dfdbench.tables.table import Format, Link, Table, as_latex, as_markdown, render
 
 TABLE = Table(
     "T & co",
