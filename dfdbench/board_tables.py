@@ -10,7 +10,7 @@ from math import fsum
 from pathlib import Path
 
 from dfdbench.leaderboard import Board, Entry, Standing
-from dfdbench.protocol import METRICS, RELEASED, title_of
+from dfdbench.metrics.protocol import METRICS, RELEASED, title_of
 from dfdbench.published import PublishedTable, mean_over
 from dfdbench.result import RESULT, Result
 from dfdbench.summary import SCENES_TO_TELL, interval_name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dfdbench.compare import PairChange, changes, check_comparable, paired_difference
 from dfdbench.errors import Problem, ResultError
-from dfdbench.protocol import METRICS
+from dfdbench.metrics.protocol import METRICS
 from dfdbench.result import Result
 from dfdbench.submission import method_label
 from dfdbench.summary import SCENES_TO_TELL, interval_name

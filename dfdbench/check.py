@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur import RECIPES, synthesize
 from dfdbench.methods import Method, call
-from dfdbench.metrics import AGAINST, correlation
+from dfdbench.metrics.scores import AGAINST, correlation
 
 Image = NDArray[np.uint8]
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from dfdbench.errors import Problem, ResultError
-from dfdbench.protocol import METRICS, label_of, require_scored
+from dfdbench.metrics.protocol import METRICS, label_of, require_scored
 from dfdbench.result import PairResult, Result
 from dfdbench.summary import SCENES_TO_TELL, scene_interval
 

@@ -13,6 +13,7 @@ from dfdbench.environment import describe_environment
 from dfdbench.errors import Problem, ResultError, StoreError
 from dfdbench.manifest import Pair
 from dfdbench.methods import Method
+from dfdbench.metrics.protocol import PROTOCOLS
 from dfdbench.pair_evaluation import (
     PRINTED,
     TURNED,
@@ -21,7 +22,6 @@ from dfdbench.pair_evaluation import (
     RemoteEvaluator,
     blank_record,
 )
-from dfdbench.protocol import PROTOCOLS
 from dfdbench.result import (
     RESULT,
     DatasetRecord,

@@ -11,7 +11,7 @@ from pathlib import Path
 from dfdbench.board_folder import RESULTS, require_leaderboard
 from dfdbench.compare import Difference, changes, paired_difference
 from dfdbench.errors import Problem, ResultError
-from dfdbench.protocol import RELEASED
+from dfdbench.metrics.protocol import RELEASED
 from dfdbench.result import Result
 from dfdbench.submission import TIME_FORMAT, load_submission, method_label
 from dfdbench.summary import scene_interval

@@ -19,8 +19,8 @@ from dfdbench.fingerprint import array_digest
 from dfdbench.manifest import Pair
 from dfdbench.methods import Method, Prediction, call, entry_of, load_method
 from dfdbench.methods.isolation import seeded
-from dfdbench.metrics import AGAINST, correlation
-from dfdbench.protocol import PROTOCOLS, Protocol, score
+from dfdbench.metrics.protocol import PROTOCOLS, Protocol, score
+from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.result import PairResult, PairScores
 from dfdbench.store import PairImages, Store
 from dfdbench.system.location import is_local

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dfdbench.protocol import METRICS, require_scored, title_of
+from dfdbench.metrics.protocol import METRICS, require_scored, title_of
 from dfdbench.result import PairResult, Result
 from dfdbench.summary import (
     SCENES_TO_TELL,

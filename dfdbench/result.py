@@ -21,7 +21,7 @@ from pydantic import (
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.manifest import Name, Pair
-from dfdbench.protocol import METRICS, label_of
+from dfdbench.metrics.protocol import METRICS, label_of
 from dfdbench.system.files import write_whole
 
 SCHEMA_VERSION = 1

@@ -17,7 +17,7 @@ from dfdbench.board_folder import (
 from dfdbench.catalog import released_manifests
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.manifest import Manifest
-from dfdbench.protocol import METRICS, RELEASED, label_of
+from dfdbench.metrics.protocol import METRICS, RELEASED, label_of
 from dfdbench.result import (
     MethodRecord,
     Result,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dfdbench.manifest import Scene
-from dfdbench.protocol import METRICS
+from dfdbench.metrics.protocol import METRICS
 from dfdbench.result import PairResult, Result
 
 #: That n scenes all lean one way by chance has probability 2 / 2^n: below 5 % from 6 on. With

@@ -18,8 +18,8 @@ from dfdbench.errors import InputError, Problem, ResultError, unknown_name
 from dfdbench.evaluate import without_folder
 from dfdbench.manifest import Pair
 from dfdbench.methods import registered_methods
+from dfdbench.metrics.protocol import METRICS, RELEASED
 from dfdbench.pair_evaluation import PairEvaluator, load_for
-from dfdbench.protocol import METRICS, RELEASED
 from dfdbench.result import (
     Count,
     Environment,

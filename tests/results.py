@@ -8,7 +8,7 @@ from typing import Any
 from dfdbench.catalog import find_manifest
 from dfdbench.environment import describe_environment
 from dfdbench.manifest import Pair
-from dfdbench.protocol import PROTOCOLS, RELEASED
+from dfdbench.metrics.protocol import PROTOCOLS, RELEASED
 from dfdbench.result import (
     DatasetRecord,
     MethodRecord,

@@ -19,8 +19,8 @@ from dfdbench.manifest import Manifest
 from dfdbench.manifest_reader import parse_manifest
 from dfdbench.methods import Method
 from dfdbench.methods.baselines import Constant
+from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.pair_evaluation import load_for, training_mean
-from dfdbench.protocol import PROTOCOLS, score
 from dfdbench.result import RESULT, load_result
 from dfdbench.run_folder import PREDICTIONS, keep_prediction, read_prediction, read_store_place
 from dfdbench.sources import open_source

@@ -9,8 +9,8 @@ import pytest
 from dfdbench.errors import InputError, ResultError, UnknownNameError
 from dfdbench.evaluate import run_method
 from dfdbench.leaderboard import boards, collect
+from dfdbench.metrics.protocol import RELEASED, find_protocol
 from dfdbench.pair_evaluation import PairEvaluator, load_for
-from dfdbench.protocol import RELEASED, find_protocol
 from dfdbench.report import run_tables
 from dfdbench.result import RESULT, Result, average, load_result, save_result, seal_of
 from dfdbench.store import Store

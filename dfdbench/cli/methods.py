@@ -17,8 +17,8 @@ from dfdbench.errors import InputError, Problem
 from dfdbench.evaluate import run_method
 from dfdbench.figures.runs import draw_run
 from dfdbench.methods import load_method
+from dfdbench.metrics.protocol import find_protocol
 from dfdbench.pair_evaluation import load_for
-from dfdbench.protocol import find_protocol
 from dfdbench.report import run_as_csv, run_as_json, run_tables
 from dfdbench.report_scenes import scene_tables, spread_table
 from dfdbench.result import RESULT, Result

@@ -15,9 +15,9 @@ from dfdbench.cli.answer import writing
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.comparison import change_figure
+from dfdbench.metrics.protocol import find_protocol
 from dfdbench.page.html import write_html
 from dfdbench.page.markdown import write_markdown
-from dfdbench.protocol import find_protocol
 from dfdbench.result import RESULT, Result
 from dfdbench.runs import SavedRun, open_run
 from dfdbench.submission import method_label

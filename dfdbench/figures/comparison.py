@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from dfdbench.compare import PairChange
 from dfdbench.figures.runs import ERROR_LIMIT
 from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text, wrapped
-from dfdbench.protocol import METRICS
+from dfdbench.metrics.protocol import METRICS
 from dfdbench.result import PairResult
 from dfdbench.runs import SavedRun
 

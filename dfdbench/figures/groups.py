@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text
 from dfdbench.manifest import Scene
-from dfdbench.protocol import METRICS, title_of
+from dfdbench.metrics.protocol import METRICS, title_of
 from dfdbench.result import PairResult, Result
 from dfdbench.summary import scene_labels
 

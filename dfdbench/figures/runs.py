@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dfdbench.figures.groups import group_figures
 from dfdbench.figures.style import COLOURS, MARKERS, depth_span, plain_text
 from dfdbench.manifest import Pair
-from dfdbench.protocol import METRICS, title_of
+from dfdbench.metrics.protocol import METRICS, title_of
 from dfdbench.result import PairResult, Result
 from dfdbench.run_folder import read_prediction
 from dfdbench.store import Store

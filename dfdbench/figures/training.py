@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dfdbench.figures.style import COLOURS
 from dfdbench.methods.weights import Card
-from dfdbench.protocol import METRICS
+from dfdbench.metrics.protocol import METRICS
 from dfdbench.training.checkpoint import Log, Row
 from dfdbench.training.selections import Selections
 

@@ -11,7 +11,7 @@ from dfdbench.board_tables import lighting_table, ranking_table, runs_table
 from dfdbench.figures.comparison import lighting_figures, time_figure
 from dfdbench.figures.groups import group_figures
 from dfdbench.leaderboard import Entry, boards
-from dfdbench.protocol import require_scored
+from dfdbench.metrics.protocol import require_scored
 from dfdbench.report import run_tables
 from dfdbench.report_scenes import scene_tables, spread_table
 from dfdbench.result import PairResult

@@ -13,9 +13,9 @@ from markupsafe import Markup
 
 from dfdbench.board_tables import seconds_text
 from dfdbench.figures.runs import ERROR_LIMIT
+from dfdbench.metrics.protocol import METRICS
 from dfdbench.page.content import Content, ShownPair, gather
 from dfdbench.page.pictures import depth_map, error_map, ink, inline_svg, photo, scale
-from dfdbench.protocol import METRICS
 from dfdbench.runs import SavedRun
 from dfdbench.system.files import write_whole
 

@@ -13,7 +13,7 @@ from typing import Any
 from dfdbench.errors import InputError, Problem, unknown_name
 from dfdbench.manifest import Manifest
 from dfdbench.methods.weights import Card, load_weights
-from dfdbench.protocol import METRICS
+from dfdbench.metrics.protocol import METRICS
 from dfdbench.store import Store
 from dfdbench.tables.table import Table
 from dfdbench.training.checkpoint import WEIGHTS

@@ -13,7 +13,7 @@ from torch import nn
 
 from dfdbench.manifest import Pair
 from dfdbench.methods.inference import Predictor
-from dfdbench.protocol import METRICS, PROTOCOLS, score
+from dfdbench.metrics.protocol import METRICS, PROTOCOLS, score
 from dfdbench.store import Store
 
 #: Under which training scores are taken.

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.metrics import ssim
-from tests.test_metrics import skimage_ssim
+from dfdbench.metrics.scores import ssim
+from tests.metrics.test_scores import skimage_ssim
 
 
 @pytest.mark.benchmark(group="ssim 370 x 463")

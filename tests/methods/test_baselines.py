@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dfdbench.blur import RECIPES, BlurRecipe, synthesize
 from dfdbench.errors import MethodError
 from dfdbench.methods.baselines import Constant, Local
-from dfdbench.metrics import nmae
+from dfdbench.metrics.scores import nmae
 
 Image = NDArray[np.uint8]
 

@@ -14,7 +14,7 @@ from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.methods import Method
 from dfdbench.methods.baselines import Local
 from dfdbench.methods.graph_cuts import SMOOTHNESS, GraphCuts
-from dfdbench.metrics import nmae, nrmse, ssim
+from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 Image = NDArray[np.uint8]
 

@@ -11,7 +11,7 @@ from dfdbench.errors import InputError, MethodError
 from dfdbench.methods import Method
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.rounded_graph_cuts import RoundedGraphCuts
-from dfdbench.metrics import nmae, nrmse, ssim
+from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 Image = NDArray[np.uint8]
 

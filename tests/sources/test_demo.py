@@ -5,7 +5,7 @@ from dfdbench.catalog import find_manifest
 from dfdbench.errors import SourceError
 from dfdbench.manifest import Manifest
 from dfdbench.methods.baselines import Local
-from dfdbench.metrics import nmae
+from dfdbench.metrics.scores import nmae
 from dfdbench.sources.demo import DemoScenes, photograph_light
 from dfdbench.sources.demo_scenes import SCENES
 from dfdbench.store import Store

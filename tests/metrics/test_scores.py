@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
 from dfdbench.errors import InputError
-from dfdbench.metrics import nmae, nrmse, ssim
+from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 Floats = NDArray[np.float64]
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.metrics import nmae, nrmse, ssim
-from dfdbench.protocol import (
+from dfdbench.metrics.protocol import (
     PROTOCOLS,
     RELEASED,
     find_protocol,
     require_scored,
     score,
 )
+from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 
 def test_the_released_definitions_never_change() -> None:

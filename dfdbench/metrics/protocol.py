@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, UnknownNameError, unknown_name
-from dfdbench.metrics import nmae, nrmse, ssim
+from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 #: The metrics' names, and whether a larger value is better.
 METRICS: Mapping[str, bool] = MappingProxyType({"nrmse": False, "nmae": False, "ssim": True})
