@@ -11,7 +11,7 @@ import xarray
 from numpy.typing import NDArray
 from upath import UPath
 
-from dfdbench.blur import BlurRecipe, find_recipe, synthesize
+from dfdbench.blur.synthesis import BlurRecipe, find_recipe, synthesize
 from dfdbench.errors import Problem, SourceError
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.sources.interface import SceneImages, Source

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur import RECIPES, synthesize
+from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.methods import Method, call
 from dfdbench.metrics.scores import AGAINST, correlation
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur import BlurRecipe, synthesize
+from dfdbench.blur.synthesis import BlurRecipe, synthesize
 from dfdbench.errors import InputError, Problem
 
 #: The steps tried, in depth levels.

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur import BlurRecipe
+from dfdbench.blur.synthesis import BlurRecipe
 from dfdbench.errors import Problem, StoreError
 from dfdbench.manifest import Manifest, Pair
 from dfdbench.sources.middlebury import depth_name, image_name

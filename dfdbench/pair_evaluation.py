@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur import BlurRecipe
+from dfdbench.blur.synthesis import BlurRecipe
 from dfdbench.errors import MethodError, Problem, StoreError
 from dfdbench.fingerprint import array_digest
 from dfdbench.manifest import Pair

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from upath import UPath
 from zarr.errors import GroupNotFoundError
 
-from dfdbench.blur import BlurRecipe, find_recipe
+from dfdbench.blur.synthesis import BlurRecipe, find_recipe
 from dfdbench.catalog import find_manifest, typed_name
 from dfdbench.errors import DfdbenchError, Problem, StoreError, UnknownNameError, unknown_name
 from dfdbench.manifest import Manifest, Pair

@@ -17,7 +17,7 @@ from moto.server import ThreadedMotoServer
 from numpy.typing import NDArray
 from upath import UPath
 
-from dfdbench.blur import RECIPES
+from dfdbench.blur.synthesis import RECIPES
 from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
 from dfdbench.data_cost import data_cost

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.blur import RECIPES, synthesize
+from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.board_folder import known_fingerprints
 from dfdbench.build import build_store, scene_dataset
 from dfdbench.catalog import find_manifest

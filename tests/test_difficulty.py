@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
-from dfdbench.blur import RECIPES, synthesize
+from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.difficulty import STEPS, UNSEEN, Difficulty, median_step, smallest_step
 from dfdbench.errors import InputError
 from dfdbench.methods.baselines import Local

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.blur import RECIPES
+from dfdbench.blur.synthesis import RECIPES
 from dfdbench.catalog import find_manifest, released_manifests
 from dfdbench.errors import ManifestError, UnknownNameError
 from dfdbench.manifest import Manifest

@@ -5,7 +5,7 @@ import pytest
 import xarray
 import zarr
 
-from dfdbench.blur import RECIPES, synthesize
+from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.build import build_store
 from dfdbench.errors import StoreError
 from dfdbench.manifest import Manifest

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from dfdbench.blur import RECIPES, find_recipe
+from dfdbench.blur.synthesis import RECIPES, find_recipe
 from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
 from dfdbench.cli.options import Cache, Scheduler, Workers, pool_of

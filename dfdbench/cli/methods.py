@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from dfdbench.blur import RECIPES
+from dfdbench.blur.synthesis import RECIPES
 from dfdbench.board_folder import LEADERBOARD, require_leaderboard
 from dfdbench.check import check_method
 from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur import RECIPES, BlurRecipe
+from dfdbench.blur.synthesis import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, Problem
 
 Image = NDArray[np.uint8]

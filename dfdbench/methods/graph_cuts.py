@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench import mrf
-from dfdbench.blur import RECIPES, BlurRecipe
+from dfdbench.blur.synthesis import RECIPES, BlurRecipe
 from dfdbench.data_cost import data_cost
 from dfdbench.errors import MethodError, Problem, unknown_name
 

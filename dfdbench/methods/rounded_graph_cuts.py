@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench import mrf
-from dfdbench.blur import RECIPES, BlurRecipe
+from dfdbench.blur.synthesis import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, Problem
 from dfdbench.rounded_cost import rounded_cost
 

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from dfdbench.blur import BlurRecipe, synthesize
+from dfdbench.blur.synthesis import BlurRecipe, synthesize
 from dfdbench.errors import InputError, Problem
 from dfdbench.manifest import Pair
 from dfdbench.store import Store

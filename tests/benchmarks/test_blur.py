@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.blur import RECIPES, BlurRecipe, synthesize
+from dfdbench.blur.synthesis import RECIPES, BlurRecipe, synthesize
 
 SHAPE = (370, 463)
 

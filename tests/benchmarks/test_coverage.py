@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.blur import RECIPES
+from dfdbench.blur.synthesis import RECIPES
 from dfdbench.build import scene_dataset
 from dfdbench.catalog import find_manifest
 from dfdbench.coverage_record import compare

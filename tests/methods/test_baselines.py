@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.blur import RECIPES, BlurRecipe, synthesize
+from dfdbench.blur.synthesis import RECIPES, BlurRecipe, synthesize
 from dfdbench.errors import MethodError
 from dfdbench.methods.baselines import Constant, Local
 from dfdbench.metrics.scores import nmae

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.blur import RECIPES, BlurRecipe, synthesize
+from dfdbench.blur.synthesis import RECIPES, BlurRecipe, synthesize
 from dfdbench.check import check_method
 from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.methods import Method

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.blur import RECIPES, BlurRecipe
+from dfdbench.blur.synthesis import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, UnknownNameError
 from dfdbench.methods import Method, call, load, load_method, registered_methods
 

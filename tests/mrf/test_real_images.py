@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.blur import RECIPES, synthesize
+from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.mrf import Energy, expansion, lower_bound, split
 

@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.blur import RECIPES, synthesize
+from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.build import build_store
 from dfdbench.catalog import find_manifest
 from dfdbench.errors import SourceError

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
-from dfdbench.blur import BlurRecipe, synthesize
+from dfdbench.blur.synthesis import BlurRecipe, synthesize
 from dfdbench.errors import InputError
 from dfdbench.store import Store
 from dfdbench.training.crops import (
