@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.lens import LensTable, read_lens_table
 from dfdbench.manifest import Capture
+from dfdbench.optics.lens_table import LensTable, read_lens_table
 from dfdbench.rig.board_rays import board_rays
 from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import average_scans

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.lens import LensTable, read_lens_table
+from dfdbench.optics.lens_table import LensTable, read_lens_table
 from dfdbench.photographs import normal_numbers
 from dfdbench.simulated_captures import write_png
 
@@ -29,7 +29,7 @@ def write_lens_test(folder: Path) -> int:
     Parameters
     ----------
     folder : Path
-        Gets ``temperature``, ``up`` and ``down``, as `dfdbench.lens_captures` reads them.
+        Gets ``temperature``, ``up`` and ``down``, as `dfdbench.optics.white_dot` reads them.
     """
     table = read_lens_table()
     images: dict[str, NDArray[np.uint8]] = {}

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.lens import LensTable
+from dfdbench.optics.lens_table import LensTable
 from dfdbench.photographs import normal_numbers, photograph
 from dfdbench.raycast import Board, Surface, Texture, View, cast
 from dfdbench.rig.geometry import Pose, Rig, beam_directions

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.lens import read_lens_table
+from dfdbench.optics.lens_table import read_lens_table
 from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import average_scans, depth_image, warp
 from dfdbench.rig.lidar_files import read_beams

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from dfdbench.lens import read_lens_table
+from dfdbench.optics.lens_table import read_lens_table
+from dfdbench.optics.sharpness import spectrum_sum
 from dfdbench.raycast import View
 from dfdbench.rig.geometry import Pose
 from dfdbench.rig.lidar_files import read_beams
-from dfdbench.sharpness import spectrum_sum
 from dfdbench.simulator import SimulatedScene, defocus
 
 MID_GREY = np.full((200, 200, 3), 0.5)

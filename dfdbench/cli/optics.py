@@ -14,9 +14,9 @@ from dfdbench.cli.screen import print_table, save_figure
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.captures import temperature_figure, voltage_figure
 from dfdbench.figures.optics import blur_figure, pair_figure
-from dfdbench.lens import StepPair, rank_pairs, read_lens_table
-from dfdbench.lens_captures import Measurement, read_lens_captures
-from dfdbench.optics import ThinLens
+from dfdbench.optics.lens_table import StepPair, rank_pairs, read_lens_table
+from dfdbench.optics.thin_lens import ThinLens
+from dfdbench.optics.white_dot import Measurement, read_lens_captures
 from dfdbench.tables.table import Table
 from dfdbench.units import LARGEST_PIXEL, parse_length
 

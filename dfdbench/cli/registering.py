@@ -17,12 +17,12 @@ from dfdbench.cli.captures import capture_of, chosen_scenes
 from dfdbench.cli.screen import print_table, progress, save_figure
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.figures.captures import overlay_figure
+from dfdbench.optics.sharpness import sharpest
 from dfdbench.rig.board_rays import board_rays
 from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import Beams, depth_image, warp
 from dfdbench.rig.registration import Registration, Sighting, register, sight
 from dfdbench.rig.registration_file import NAME, PREVIOUS, read_registration, write_registration
-from dfdbench.sharpness import sharpest
 from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
 from dfdbench.tables.table import Table
 from dfdbench.units import LARGEST_PIXEL, parse_length

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.figures.style import depth_span
-from dfdbench.lens_captures import Measurement
+from dfdbench.optics.white_dot import Measurement
 
 _BLUE, _ORANGE = "#0072B2", "#E69F00"
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from dfdbench.lens import LensTable, StepPair
-from dfdbench.optics import ThinLens
+from dfdbench.optics.lens_table import LensTable, StepPair
+from dfdbench.optics.thin_lens import ThinLens
 
 _BLUE, _ORANGE, _GREEN, _BLACK = "#0072B2", "#E69F00", "#009E73", "#000000"
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from dfdbench.sharpness import to_grey
+from dfdbench.optics.sharpness import to_grey
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.manifest import Manifest, Pair
-from dfdbench.sharpness import sharpest
+from dfdbench.optics.sharpness import sharpest
 from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
 from dfdbench.sources.interface import SceneImages
 

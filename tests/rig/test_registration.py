@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.lens import read_lens_table
+from dfdbench.optics.lens_table import read_lens_table
 from dfdbench.raycast import View
 from dfdbench.rig.board_rays import board_rays
 from dfdbench.rig.geometry import Pose, Rig

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import fft, ndimage
 
-from dfdbench.sharpness import dct_sharpness, sharpest, spectrum_sum
+from dfdbench.optics.sharpness import dct_sharpness, sharpest, spectrum_sum
 
 images = hnp.arrays(np.uint8, (16, 12), elements=st.integers(0, 255))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import SourceError
-from dfdbench.lens_captures import read_lens_captures, without_dot
+from dfdbench.optics.white_dot import read_lens_captures, without_dot
 from dfdbench.simulated_lens import write_lens_test
 from tests.conftest import write_png
 

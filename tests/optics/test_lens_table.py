@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import InputError, SourceError
-from dfdbench.lens import pair_difference, parse_lens_table, rank_pairs, read_lens_table
+from dfdbench.optics.lens_table import (
+    pair_difference,
+    parse_lens_table,
+    rank_pairs,
+    read_lens_table,
+)
 
 # Thesis, Table 7.5: absolute difference of the quantised blur radii at 1.5, 1.6, ... 2.2 m.
 TABLE_7_5 = {

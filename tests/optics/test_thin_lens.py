@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dfdbench.errors import InputError
-from dfdbench.optics import ThinLens, image_distance, image_height
+from dfdbench.optics.thin_lens import ThinLens, image_distance, image_height
 
 EXAMPLE = ThinLens(3.7, 9.6e-3, 0.5, 4.8e-6)  # Table 2.1
 

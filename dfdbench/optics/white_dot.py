@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from dfdbench.errors import Problem, SourceError
-from dfdbench.sharpness import dct_sharpness, to_grey
+from dfdbench.optics.sharpness import dct_sharpness, to_grey
 
 Image = NDArray[np.uint8]
 

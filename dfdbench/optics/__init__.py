@@ -1,0 +1,1 @@
+"""Thin lens, measured lens table, sharpness."""
