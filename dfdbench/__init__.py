@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dfdbench.reading import PairSequence
+    from dfdbench.datasets.pair_sequence import PairSequence
     from dfdbench.system.location import Place
 
 __version__ = version("dfdbench")
@@ -18,9 +18,9 @@ def open(
 ) -> PairSequence:
     """Open a built data set's pairs; each is read when it is asked for.
 
-    See `dfdbench.reading.open_pairs`, which this is.
+    See `dfdbench.datasets.pair_sequence.open_pairs`, which this is.
     """
     # Imported here, so that `import dfdbench` stays quick.
-    from dfdbench.reading import open_pairs
+    from dfdbench.datasets.pair_sequence import open_pairs
 
     return open_pairs(name, split, store, cache)

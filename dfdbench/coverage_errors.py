@@ -13,13 +13,13 @@ import numpy as np
 from dfdbench.coverage import Mask, Verdict
 from dfdbench.coverage_record import CoverageRecord
 from dfdbench.coverage_report import leak_text
+from dfdbench.datasets.fingerprint import array_digest
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, ResultError
-from dfdbench.fingerprint import array_digest
 from dfdbench.level_errors import LevelErrors, level_errors
-from dfdbench.manifest import Pair
 from dfdbench.result import PairResult, Result
 from dfdbench.run_folder import read_prediction, require_pairs_of
-from dfdbench.store import Store
 from dfdbench.tables.table import Table, percent
 from dfdbench.trained_on import Training
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.coverage import DepthHistogram, Mask, depth_histogram
+from dfdbench.datasets.fingerprint import array_digest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, Problem, StoreError, unknown_name
-from dfdbench.fingerprint import array_digest
-from dfdbench.manifest import Manifest
-from dfdbench.store import Store
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> from dfdbench.catalog import find_manifest
+    >>> from dfdbench.datasets.catalog import find_manifest
     >>> len(training_of(find_manifest("middlebury"), "K03"))
     24
     """

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import dfdbench
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import Store
 from dfdbench.environment import describe_environment
 from dfdbench.errors import Problem, ResultError, StoreError
-from dfdbench.manifest import Pair
 from dfdbench.methods import Method
 from dfdbench.metrics.protocol import PROTOCOLS
 from dfdbench.pair_evaluation import (
@@ -38,7 +39,6 @@ from dfdbench.run_folder import (
     open_run_folder,
     read_journal,
 )
-from dfdbench.store import Store
 from dfdbench.system.location import as_location
 from dfdbench.system.lock import hold
 from dfdbench.system.parallel import Pool

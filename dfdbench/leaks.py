@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store
 from dfdbench.depths import Side
 from dfdbench.errors import DfdbenchError, Problem
-from dfdbench.manifest import Manifest
-from dfdbench.store import Store
 
 _HASH_SIDE = 16
 #: Bits of 256 in which two images may differ and still count as one. Other exposures, sizes and

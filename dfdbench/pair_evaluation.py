@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.synthesis import BlurRecipe
+from dfdbench.datasets.fingerprint import array_digest
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import PairImages, Store
 from dfdbench.errors import MethodError, Problem, StoreError
-from dfdbench.fingerprint import array_digest
-from dfdbench.manifest import Pair
 from dfdbench.methods import Method, Prediction, call, entry_of, load_method
 from dfdbench.methods.isolation import seeded
 from dfdbench.metrics.protocol import PROTOCOLS, Protocol, score
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.result import PairResult, PairScores
-from dfdbench.store import PairImages, Store
 from dfdbench.system.location import is_local
 
 #: How a pair's warning begins where the method printed, and where its depth goes the wrong way.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from dfdbench.manifest import Scene, Split
+from dfdbench.datasets.manifest import Scene, Split
 from dfdbench.metrics.protocol import METRICS, title_of
 from dfdbench.result import Result
 from dfdbench.summary import scene_labels, summarise_scenes

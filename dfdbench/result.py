@@ -19,8 +19,8 @@ from pydantic import (
     ValidationError,
 )
 
+from dfdbench.datasets.manifest import Name, Pair
 from dfdbench.errors import Problem, ResultError
-from dfdbench.manifest import Name, Pair
 from dfdbench.metrics.protocol import METRICS, label_of
 from dfdbench.system.files import write_whole
 

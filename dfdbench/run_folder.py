@@ -13,10 +13,10 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, ResultError
-from dfdbench.manifest import Manifest, Pair
 from dfdbench.result import PairResult, Result
-from dfdbench.store import Store
 from dfdbench.system.files import write_whole
 from dfdbench.system.location import Place, as_location, is_local
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import PairImages, Store, open_store
 from dfdbench.errors import DfdbenchError, Problem, ResultError
-from dfdbench.manifest import Pair
 from dfdbench.result import RESULT, PairResult, Result, load_result
 from dfdbench.run_folder import PREDICTIONS, read_prediction, read_store_place, require_pairs_of
-from dfdbench.store import PairImages, Store, open_store
 from dfdbench.submission import method_label
 
 

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.manifest import Capture
 from dfdbench.errors import InputError, Problem
-from dfdbench.manifest import Capture
 from dfdbench.optics.lens_table import LensTable, read_lens_table
 from dfdbench.rig.board_rays import board_rays
 from dfdbench.rig.geometry import Pose, Rig

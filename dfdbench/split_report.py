@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from dfdbench.manifest import Manifest
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.splits import Candidate, Folds, Hopeless, Ranking, Scenes
 from dfdbench.tables.table import Table, percent
 

@@ -14,9 +14,9 @@ from dfdbench.board_folder import (
     known_undefined,
     place_of,
 )
-from dfdbench.catalog import released_manifests
+from dfdbench.datasets.catalog import released_manifests
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
-from dfdbench.manifest import Manifest
 from dfdbench.metrics.protocol import METRICS, RELEASED, label_of
 from dfdbench.result import (
     MethodRecord,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dfdbench.manifest import Scene
+from dfdbench.datasets.manifest import Scene
 from dfdbench.metrics.protocol import METRICS
 from dfdbench.result import PairResult, Result
 

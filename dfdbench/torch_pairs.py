@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
+from dfdbench.datasets.pair_sequence import open_pairs
+from dfdbench.datasets.store import WHOLE, Region
 from dfdbench.errors import InputError, Problem
-from dfdbench.reading import open_pairs
-from dfdbench.store import WHOLE, Region
 from dfdbench.system.location import Place
 
 
@@ -34,7 +34,7 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
     seed : int
         Of the places of the crops.
     store, cache
-        Where the data set lies; see `dfdbench.store.open_store`.
+        Where the data set lies; see `dfdbench.datasets.store.open_store`.
 
     Raises
     ------

@@ -13,10 +13,11 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from dfdbench.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import Store
 from dfdbench.environment import describe_environment
 from dfdbench.errors import InputError, Problem, ResultError, unknown_name
 from dfdbench.evaluate import without_folder
-from dfdbench.manifest import Pair
 from dfdbench.methods import registered_methods
 from dfdbench.metrics.protocol import METRICS, RELEASED
 from dfdbench.pair_evaluation import PairEvaluator, load_for
@@ -32,7 +33,6 @@ from dfdbench.result import (
     Time,
 )
 from dfdbench.run_folder import require_pairs_of
-from dfdbench.store import Store
 from dfdbench.submission import TIME_FORMAT
 from dfdbench.system.files import write_whole
 

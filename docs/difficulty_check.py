@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
+from dfdbench.datasets.store import open_store
 from dfdbench.difficulty import STEPS, UNSEEN, smallest_step
 from dfdbench.result import RESULT, load_result
 from dfdbench.run_folder import read_prediction
-from dfdbench.store import open_store
 
 
 def main(dataset: str, folder: Path) -> None:

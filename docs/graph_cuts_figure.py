@@ -14,10 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.manifest import Pair
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import PairImages, Store
 from dfdbench.result import RESULT, load_result
 from dfdbench.run_folder import read_prediction
-from dfdbench.store import PairImages, Store
 
 REGIONS = ("unknown pixels", "near a depth edge", "flat colour", "the rest")
 

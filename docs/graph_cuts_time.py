@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
+from dfdbench.datasets.store import Store
 from dfdbench.methods.graph_cuts import GraphCuts
-from dfdbench.store import Store
 
 SIDES = (0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 

@@ -19,16 +19,16 @@ from upath import UPath
 
 from dfdbench.blur.synthesis import RECIPES
 from dfdbench.build import build_store
-from dfdbench.catalog import find_manifest
 from dfdbench.data_cost import data_cost
-from dfdbench.manifest import Manifest
-from dfdbench.manifest_reader import parse_manifest
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.store import Store
 from dfdbench.mrf import Energy, published
 from dfdbench.rig.registration import register, sight
 from dfdbench.rig.registration_file import write_registration
 from dfdbench.simulated_captures import Settings, write_captures
 from dfdbench.sources import open_source
-from dfdbench.store import Store
 from dfdbench.system.location import as_location
 from dfdbench.system.parallel import Threads
 from tests.realworld import STEPS, raw_scene

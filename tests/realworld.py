@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dfdbench.catalog import find_manifest
-from dfdbench.manifest import Manifest
-from dfdbench.manifest_reader import parse_manifest
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
 
 STEPS = (129, 135, 141)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from dfdbench.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Pair
 from dfdbench.environment import describe_environment
-from dfdbench.manifest import Pair
 from dfdbench.metrics.protocol import PROTOCOLS, RELEASED
 from dfdbench.result import (
     DatasetRecord,

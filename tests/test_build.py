@@ -13,13 +13,13 @@ import pytest
 from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.board_folder import known_fingerprints
 from dfdbench.build import build_store, scene_dataset
-from dfdbench.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError, UnknownNameError
 from dfdbench.fetching.checksums import known_checksums
-from dfdbench.manifest import Manifest, Pair
-from dfdbench.manifest_reader import parse_manifest
 from dfdbench.sources import SceneImages, open_source
-from dfdbench.store import Store
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import TINY_TOML
 

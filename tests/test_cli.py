@@ -11,8 +11,8 @@ from typing import NamedTuple
 import pytest
 
 from dfdbench.cli import main
+from dfdbench.datasets.store import Store
 from dfdbench.result import load_result
-from dfdbench.store import Store
 from tests.conftest import TINY_TOML
 from tests.site import Site, served
 

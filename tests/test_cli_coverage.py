@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from dfdbench.build import build_store
-from dfdbench.catalog import find_manifest
 from dfdbench.cli import main
-from dfdbench.manifest_reader import parse_manifest
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.result import load_result
 from dfdbench.sources import open_source
 from dfdbench.system.parallel import Threads

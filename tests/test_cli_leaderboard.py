@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from dfdbench.store import Store
+from dfdbench.datasets.store import Store
 from tests.test_cli import Command, dfdbench  # noqa: F401
 
 

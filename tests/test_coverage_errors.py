@@ -14,12 +14,12 @@ from dfdbench.coverage_errors import (
     scene_table,
 )
 from dfdbench.coverage_record import CoverageRecord, LeakRecord, compare
+from dfdbench.datasets.store import Store
 from dfdbench.depths import sides_of
 from dfdbench.errors import ResultError
 from dfdbench.evaluate import run_method
 from dfdbench.level_errors import LevelErrors
 from dfdbench.pair_evaluation import load_for
-from dfdbench.store import Store
 from dfdbench.trained_on import Training
 from tests.results import make_result
 

@@ -4,8 +4,8 @@ import pytest
 
 from dfdbench.coverage import Criterion, Verdict
 from dfdbench.coverage_record import compare, coverage_schema
+from dfdbench.datasets.store import Store
 from dfdbench.depths import sides_of
-from dfdbench.store import Store
 
 SCHEMA = Path(__file__).parents[1] / "dfdbench/schemas/coverage-1.json"
 

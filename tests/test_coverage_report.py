@@ -2,8 +2,8 @@ import json
 
 from dfdbench.coverage_record import compare
 from dfdbench.coverage_report import coverage_table, each_as_json, each_table, verdict_line
+from dfdbench.datasets.store import Store
 from dfdbench.depths import sides_of
-from dfdbench.store import Store
 
 
 def test_tables_hold_every_range_and_say_what_counts(tiny_store: Store) -> None:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from dfdbench.build import build_store
-from dfdbench.catalog import find_manifest
 from dfdbench.coverage import depth_histogram
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.store import Store
 from dfdbench.depths import scene_histograms, sides_of, training_of
 from dfdbench.errors import InputError, StoreError, UnknownNameError
-from dfdbench.manifest import Manifest
-from dfdbench.manifest_reader import parse_manifest
 from dfdbench.sources import open_source
-from dfdbench.store import Store
 from tests.conftest import TINY_TOML
 
 

@@ -2,9 +2,9 @@ import json
 
 import numpy as np
 
+from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.difficulty import UNSEEN, Difficulty
 from dfdbench.difficulty_report import difficulty_as_json, difficulty_rows, difficulty_table
-from dfdbench.manifest import Manifest, Pair
 
 
 def of(*steps: int, known: bool = True) -> Difficulty:

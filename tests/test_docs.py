@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.datasets.store import Store
 from dfdbench.evaluate import run_method
 from dfdbench.pair_evaluation import load_for
-from dfdbench.store import Store
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = sorted(path.name for path in DOCS.glob("*.py"))

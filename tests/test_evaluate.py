@@ -12,11 +12,12 @@ import xarray
 import zarr
 
 from dfdbench.build import build_store
+from dfdbench.datasets.fingerprint import array_digest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.evaluate import run_method
-from dfdbench.fingerprint import array_digest
-from dfdbench.manifest import Manifest
-from dfdbench.manifest_reader import parse_manifest
 from dfdbench.methods import Method
 from dfdbench.methods.baselines import Constant
 from dfdbench.metrics.protocol import PROTOCOLS, score
@@ -25,7 +26,6 @@ from dfdbench.result import RESULT, load_result
 from dfdbench.run_folder import PREDICTIONS, keep_prediction, read_prediction, read_store_place
 from dfdbench.sources import open_source
 from dfdbench.sources.middlebury import MiddleburyScenes
-from dfdbench.store import Store
 from dfdbench.system.parallel import Cluster, Pool, Processes
 from tests.conftest import TINY_TOML
 

@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.build import build_store
-from dfdbench.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
 from dfdbench.export import export_png
-from dfdbench.manifest import Manifest, Pair
-from dfdbench.manifest_reader import parse_manifest
 from dfdbench.sources import SceneImages, open_source
-from dfdbench.store import Store
 from tests.conftest import write_png
 
 

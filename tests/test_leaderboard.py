@@ -8,9 +8,9 @@ import pytest
 
 from dfdbench.board_folder import file_stems
 from dfdbench.board_tables import lighting_table, ranking_table, runs_table
+from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard import Board, Entry, boards, collect
-from dfdbench.manifest import Pair
 from dfdbench.submission import submit
 from tests.results import limited, make_demo_result, make_result
 

@@ -7,7 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.build import build_store
-from dfdbench.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
 from dfdbench.leaks import (
     NEAR_DUPLICATE_BITS,
@@ -19,9 +21,7 @@ from dfdbench.leaks import (
     scene_hashes,
     scenes_alike,
 )
-from dfdbench.manifest import Manifest
 from dfdbench.sources import open_source
-from dfdbench.store import Store
 
 
 def photograph(seed: int) -> NDArray[np.uint8]:

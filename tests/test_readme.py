@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.store import Store
+from dfdbench.datasets.store import Store
 
 README = Path(__file__).parents[1] / "README.md"
 

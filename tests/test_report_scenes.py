@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from dfdbench.manifest import Scene, Split
+from dfdbench.datasets.manifest import Scene, Split
 from dfdbench.report import run_as_csv, run_as_json
 from dfdbench.report_scenes import scene_tables, spread_table
 from dfdbench.summary import scene_labels

@@ -2,12 +2,12 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
 from dfdbench.evaluate import run_method
 from dfdbench.pair_evaluation import load_for
 from dfdbench.result import save_result
 from dfdbench.runs import open_run
-from dfdbench.store import Store
 from tests.results import make_result
 
 

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Capture
 from dfdbench.errors import InputError
-from dfdbench.manifest import Capture
 from dfdbench.rig.registration_file import read_registration
 from dfdbench.simulated_captures import Settings, write_captures
 

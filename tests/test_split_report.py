@@ -3,8 +3,8 @@ import json
 import numpy as np
 
 from dfdbench.coverage import Criterion, DensityBound
-from dfdbench.manifest import Manifest
-from dfdbench.manifest_reader import parse_manifest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.split_report import (
     Settings,
     folds_as_json,

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from dfdbench.board_folder import FINGERPRINTS, UNDEFINED, file_stems
-from dfdbench.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import ResultError
 from dfdbench.result import PairScores, Result, average, seal_of
 from dfdbench.submission import data_set_problems, load_submission, method_label, submit

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
-from dfdbench.store import Store
 
 torch = pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.torch_pairs import TorchPairs  # noqa: E402

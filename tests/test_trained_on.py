@@ -1,7 +1,7 @@
 import pytest
 
+from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
-from dfdbench.store import Store
 from dfdbench.trained_on import Training, coverage_warnings, sides_of_run, training_side
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, ResultError, UnknownNameError
 from dfdbench.evaluate import run_method
 from dfdbench.leaderboard import boards, collect
@@ -13,7 +14,6 @@ from dfdbench.metrics.protocol import RELEASED, find_protocol
 from dfdbench.pair_evaluation import PairEvaluator, load_for
 from dfdbench.report import run_tables
 from dfdbench.result import RESULT, Result, average, load_result, save_result, seal_of
-from dfdbench.store import Store
 from dfdbench.submission import submit
 from dfdbench.verification import load_verification, save_verification, verify
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from dfdbench.datasets.manifest import Capture, Manifest
 from dfdbench.errors import InputError, Problem, UnknownNameError, unknown_name
-from dfdbench.manifest import Capture, Manifest
 
 
 def capture_of(manifest: Manifest) -> Capture:

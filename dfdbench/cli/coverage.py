@@ -22,12 +22,12 @@ from dfdbench.coverage_errors import (
 )
 from dfdbench.coverage_record import CoverageRecord, compare
 from dfdbench.coverage_report import coverage_table, each_as_json, each_table, verdict_line
+from dfdbench.datasets.store import Store, open_store
 from dfdbench.depths import Side, all_but, scene_histograms, side_of, sides_of
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_figure
 from dfdbench.leaks import Leak, LeakError, LeakKind, find_leaks, leaks_between, scene_hashes
 from dfdbench.result import RESULT, Result, load_result
-from dfdbench.store import Store, open_store
 from dfdbench.trained_on import RunSides, sides_of_run
 
 

@@ -9,17 +9,17 @@ from typing import Annotated, Any
 import typer
 from rich.filesize import decimal
 
-from dfdbench.catalog import find_manifest, released_manifests, typed_name
 from dfdbench.cli.options import Cache, Workers, pool_of
 from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.datasets.catalog import find_manifest, released_manifests, typed_name
+from dfdbench.datasets.integrity import verify_store
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store, default_store, is_place, open_store
 from dfdbench.errors import InputError, Problem, unknown_name
-from dfdbench.manifest import Manifest
 from dfdbench.methods import registered_methods
-from dfdbench.store import Store, default_store, is_place, open_store
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.system.location import size_of
 from dfdbench.tables.table import Table
-from dfdbench.verify import verify_store
 
 
 def list_datasets(cache: Cache = None) -> None:

@@ -9,13 +9,13 @@ import typer
 
 from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.cli.screen import progress
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import Store, open_store
 from dfdbench.depths import depth_maps
 from dfdbench.difficulty import Difficulty, smallest_step
 from dfdbench.difficulty_report import COARSE, difficulty_as_json, difficulty_rows, difficulty_table
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.coverage import difficulty_figure
-from dfdbench.manifest import Pair
-from dfdbench.store import Store, open_store
 
 
 def difficulty(

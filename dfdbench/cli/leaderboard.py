@@ -12,11 +12,11 @@ from dfdbench.board_folder import LEADERBOARD
 from dfdbench.board_tables import ranking_table
 from dfdbench.claimed_method import ClaimedMethod
 from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError, Problem, ResultError
 from dfdbench.leaderboard import boards, collect
 from dfdbench.leaderboard_readme import check_readme, write_readme
 from dfdbench.result import RESULT, Result, load_result
-from dfdbench.store import open_store
 from dfdbench.submission import data_set_problems
 from dfdbench.tables.table import Format, render
 from dfdbench.verification import (

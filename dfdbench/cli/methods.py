@@ -13,6 +13,7 @@ from dfdbench.board_folder import LEADERBOARD, require_leaderboard
 from dfdbench.check import check_method
 from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError, Problem
 from dfdbench.evaluate import run_method
 from dfdbench.figures.runs import draw_run
@@ -22,7 +23,6 @@ from dfdbench.pair_evaluation import load_for
 from dfdbench.report import run_as_csv, run_as_json, run_tables
 from dfdbench.report_scenes import scene_tables, spread_table
 from dfdbench.result import RESULT, Result
-from dfdbench.store import open_store
 from dfdbench.submission import submit as submit_result
 from dfdbench.summary import scene_labels
 from dfdbench.tables.table import Format, Table, render

@@ -12,9 +12,9 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from dfdbench.catalog import find_manifest
 from dfdbench.cli.captures import capture_of, chosen_scenes
 from dfdbench.cli.screen import print_table, progress, save_figure
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.figures.captures import overlay_figure
 from dfdbench.optics.sharpness import sharpest

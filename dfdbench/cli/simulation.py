@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.catalog import find_manifest
 from dfdbench.cli.answer import writing
 from dfdbench.cli.captures import capture_of, chosen_numbers, chosen_scenes
 from dfdbench.cli.screen import progress, say
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError, Problem
 from dfdbench.rig.geometry import Pose
 from dfdbench.simulated_captures import Settings, write_captures

@@ -12,10 +12,11 @@ import typer
 from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
 from dfdbench.coverage import Criterion, DensityBound
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store, open_store
 from dfdbench.depths import scene_histograms
 from dfdbench.errors import InputError, Problem
 from dfdbench.leaks import scene_hashes, scenes_alike
-from dfdbench.manifest import Manifest
 from dfdbench.split_report import (
     Settings,
     folds_as_json,
@@ -26,7 +27,6 @@ from dfdbench.split_report import (
     split_fragment,
 )
 from dfdbench.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
-from dfdbench.store import Store, open_store
 
 
 def split(

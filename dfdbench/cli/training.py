@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dfdbench.catalog import find_manifest
 from dfdbench.cli.building import voltage_pair_stores
 from dfdbench.cli.options import Cache, value_of, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError, Problem
-from dfdbench.store import Store, open_store
 from dfdbench.system.extras import needed
 from dfdbench.system.files import write_whole
 from dfdbench.tables.table import Format, Table, render

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import Problem, SourceError
-from dfdbench.manifest import Manifest
 from dfdbench.system.files import write_whole
 
 _LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from dfdbench.datasets.manifest import Scene
 from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text
-from dfdbench.manifest import Scene
 from dfdbench.metrics.protocol import METRICS, title_of
 from dfdbench.result import PairResult, Result
 from dfdbench.summary import scene_labels

@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import Store
 from dfdbench.figures.groups import group_figures
 from dfdbench.figures.style import COLOURS, MARKERS, depth_span, plain_text
-from dfdbench.manifest import Pair
 from dfdbench.metrics.protocol import METRICS, title_of
 from dfdbench.result import PairResult, Result
 from dfdbench.run_folder import read_prediction
-from dfdbench.store import Store
 from dfdbench.summary import ranked
 
 _PANELS = 3

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import Problem, SourceError
-from dfdbench.manifest import Manifest
 from dfdbench.sources.demo import DemoScenes
 from dfdbench.sources.interface import SceneImages, Source
 from dfdbench.sources.middlebury import MiddleburyScenes

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.manifest import Capture
 from dfdbench.errors import Problem, SourceError
-from dfdbench.manifest import Capture
 from dfdbench.rig.geometry import Rig
 from dfdbench.rig.lidar import Beams, average_scans, depth_image, warp
 from dfdbench.rig.lidar_files import read_beams, read_ranges

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
-from dfdbench.manifest import Manifest, Pair
 from dfdbench.photographs import GAMMA, normal_numbers, photograph
 from dfdbench.raycast import Surface, View, cast
 from dfdbench.sources.demo_scenes import SCENES

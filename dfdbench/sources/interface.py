@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.manifest import Pair
+from dfdbench.datasets.manifest import Pair
 
 
 @dataclass(frozen=True)

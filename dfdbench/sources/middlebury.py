@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.fetching.checksums import check_checksum, sha256
-from dfdbench.manifest import Manifest, Pair
 from dfdbench.png import decode_depth, decode_image
 from dfdbench.sources.interface import SceneImages
 from dfdbench.sources.scene_files import find_scene

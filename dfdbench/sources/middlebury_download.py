@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from dfdbench.datasets.manifest import Manifest, Scene
 from dfdbench.errors import Problem, SourceError
 from dfdbench.fetching.archive import archive_members
 from dfdbench.fetching.checksums import (
@@ -19,7 +20,6 @@ from dfdbench.fetching.checksums import (
 )
 from dfdbench.fetching.download import SET_ASIDE, Fate, Progress, WantedFile, fetch
 from dfdbench.fetching.transfer import Patience
-from dfdbench.manifest import Manifest, Scene
 from dfdbench.png import decode_depth, decode_image, png_size
 from dfdbench.sources.middlebury import depth_name, image_name
 from dfdbench.system.location import as_location

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from dfdbench.blur.synthesis import BlurRecipe, synthesize
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, Problem
-from dfdbench.manifest import Pair
-from dfdbench.store import Store
 
 #: What cross-entropy leaves out.
 IGNORED = -100

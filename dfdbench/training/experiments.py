@@ -10,11 +10,11 @@ from pathlib import Path
 from statistics import fmean, stdev
 from typing import Any
 
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, Problem, unknown_name
-from dfdbench.manifest import Manifest
 from dfdbench.methods.weights import Card, load_weights
 from dfdbench.metrics.protocol import METRICS
-from dfdbench.store import Store
 from dfdbench.tables.table import Table
 from dfdbench.training.checkpoint import WEIGHTS
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration

@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from dfdbench.manifest import Pair
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import Store
 from dfdbench.methods.inference import Predictor
 from dfdbench.metrics.protocol import METRICS, PROTOCOLS, score
-from dfdbench.store import Store
 
 #: Under which training scores are taken.
 PROTOCOL = "thesis"

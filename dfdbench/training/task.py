@@ -9,11 +9,11 @@ from typing import Any
 import torch
 
 import dfdbench
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import Store
 from dfdbench.depths import require_fold, training_of
 from dfdbench.errors import InputError, Problem, StoreError
-from dfdbench.manifest import Pair
 from dfdbench.methods.weights import build_network, weights_sha256
-from dfdbench.store import Store
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import margin_of, require_fit
 

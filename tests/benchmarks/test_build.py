@@ -21,11 +21,11 @@ import pytest
 
 from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.build import build_store, scene_dataset
-from dfdbench.catalog import find_manifest
-from dfdbench.manifest import Manifest
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.sources import Source, open_source
 from dfdbench.sources.middlebury import depth_name, image_name
-from dfdbench.store_writer import StoreWriter
 from dfdbench.system.parallel import Threads
 from tests.benchmarks.test_blur import stack
 from tests.conftest import shared_data_folder, write_png
@@ -154,7 +154,7 @@ _BUILD = """
 import resource, sys
 from pathlib import Path
 from dfdbench.build import build_store
-from dfdbench.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.sources import open_source
 manifest = find_manifest("middlebury-default")
 source = open_source(manifest, Path(sys.argv[1]))

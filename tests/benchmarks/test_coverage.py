@@ -10,13 +10,13 @@ import pytest
 
 from dfdbench.blur.synthesis import RECIPES
 from dfdbench.build import scene_dataset
-from dfdbench.catalog import find_manifest
 from dfdbench.coverage_record import compare
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import Store
+from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.depths import sides_of
-from dfdbench.manifest import Pair
 from dfdbench.sources import SceneImages
-from dfdbench.store import Store
-from dfdbench.store_writer import StoreWriter
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,9 @@ import pytest
 from scipy.ndimage import correlate1d
 
 from dfdbench.data_cost import data_cost
+from dfdbench.datasets.store import Store
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.mrf import Energy, Quality, expansion, message_passing, published, split
-from dfdbench.store import Store
 
 LABELS = 256
 SIGMAS = 0.32 + 0.01 * np.arange(LABELS)

@@ -10,8 +10,8 @@ import cv2
 import pytest
 
 import dfdbench
+from dfdbench.datasets.store import Store
 from dfdbench.export import export_png
-from dfdbench.store import Store
 
 CROP = (slice(100, 132), slice(150, 182))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.store import Store
+from dfdbench.datasets.store import Store
 from tests.conftest import write_png
 from tests.test_cli import Command
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
 from dfdbench.fetching.checksums import (
     check_checksum,
@@ -14,7 +15,6 @@ from dfdbench.fetching.checksums import (
     sha256,
     write_checksums,
 )
-from dfdbench.manifest import Manifest
 
 
 def test_a_lock_file_is_read_back_and_sha256sum_reads_it(tmp_path: Path) -> None:

@@ -5,11 +5,11 @@ import numpy as np
 from dfdbench.coverage import Verdict
 from dfdbench.coverage_errors import join_errors
 from dfdbench.coverage_record import compare
+from dfdbench.datasets.store import Store
 from dfdbench.depths import sides_of
 from dfdbench.evaluate import run_method
 from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_figure
 from dfdbench.pair_evaluation import load_for
-from dfdbench.store import Store
 
 
 def test_offending_ranges_are_marked(tiny_store: Store) -> None:

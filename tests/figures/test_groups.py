@@ -1,7 +1,7 @@
 import numpy as np
 
+from dfdbench.datasets.manifest import Scene
 from dfdbench.figures.groups import group_figures
-from dfdbench.manifest import Scene
 from tests.results import make_result
 
 VALUES = {

@@ -3,10 +3,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dfdbench.datasets.store import Store
 from dfdbench.evaluate import run_method
 from dfdbench.figures.runs import draw_run, pixel_time_figure, score_figure
 from dfdbench.pair_evaluation import load_for
-from dfdbench.store import Store
 from tests.results import make_result
 
 

@@ -12,6 +12,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import safetensors.torch
 import torch
 
+from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError
 from dfdbench.evaluate import run_method
 from dfdbench.methods import load
@@ -24,7 +25,6 @@ from dfdbench.methods.weights import (
     shipped_weights,
 )
 from dfdbench.pair_evaluation import load_for
-from dfdbench.store import Store
 from tests.methods.test_networks import SMALL
 
 

@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
-from dfdbench.manifest import Manifest
-from dfdbench.manifest_reader import parse_manifest
 from dfdbench.sources.middlebury import MiddleburyScenes
 from tests.conftest import TINY_DEFAULT_TOML, write_png
 

@@ -7,8 +7,8 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.blur.synthesis import BlurRecipe, synthesize
+from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
-from dfdbench.store import Store
 from dfdbench.training.crops import (
     IGNORED,
     Cropper,

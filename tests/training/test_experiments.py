@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, UnknownNameError
-from dfdbench.manifest import Manifest
-from dfdbench.store import Store
 from dfdbench.training.experiments import (
     experiments,
     find_experiment,

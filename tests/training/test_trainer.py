@@ -13,13 +13,13 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.build import build_store
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.evaluate import run_method
-from dfdbench.manifest import Manifest
 from dfdbench.methods.weights import load_weights
 from dfdbench.pair_evaluation import load_for
 from dfdbench.sources import open_source
-from dfdbench.store import Store
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.task import Task, task_of
 from dfdbench.training.trainer import train

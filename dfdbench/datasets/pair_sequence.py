@@ -8,9 +8,9 @@ from typing import overload
 
 import xarray
 
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import WHOLE, PairImages, Region, Store, open_store
 from dfdbench.errors import InputError, Problem
-from dfdbench.manifest import Pair
-from dfdbench.store import WHOLE, PairImages, Region, Store, open_store
 from dfdbench.system.location import Place
 
 
@@ -94,7 +94,7 @@ def open_pairs(
     split : str
         A split, a fold, a scene, or ``"all"``.
     store, cache
-        Where it lies, if not in the default place; see `dfdbench.store.open_store`.
+        Where it lies, if not in the default place; see `dfdbench.datasets.store.open_store`.
 
     Returns
     -------

@@ -10,14 +10,14 @@ import pytest
 from upath import UPath
 
 from dfdbench.build import build_store
+from dfdbench.datasets.integrity import verify_store
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store
+from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.errors import StoreError
-from dfdbench.manifest import Manifest
 from dfdbench.sources import open_source
-from dfdbench.store import Store
-from dfdbench.store_writer import StoreWriter
 from dfdbench.system.location import copy_folder, exists, folders_in
 from dfdbench.system.parallel import Threads
-from dfdbench.verify import verify_store
 
 
 def test_the_same_store_wherever_it_lies(

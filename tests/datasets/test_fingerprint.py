@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import xarray
 
-from dfdbench.fingerprint import array_digest, combine, scene_digests
+from dfdbench.datasets.fingerprint import array_digest, combine, scene_digests
 
 
 def test_memory_layout_and_byte_order_do_not_enter() -> None:

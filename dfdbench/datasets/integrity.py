@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dfdbench.fingerprint import array_digest, combine
-from dfdbench.store import Store
+from dfdbench.datasets.fingerprint import array_digest, combine
+from dfdbench.datasets.store import Store
 from dfdbench.system.parallel import Pool, Threads
 
 

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dfdbench.blur.synthesis import RECIPES
-from dfdbench.catalog import find_manifest, released_manifests
+from dfdbench.datasets.catalog import find_manifest, released_manifests
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest, read_manifest
 from dfdbench.errors import ManifestError, UnknownNameError
-from dfdbench.manifest import Manifest
-from dfdbench.manifest_reader import parse_manifest, read_manifest
 from tests.conftest import TINY_TOML
 
 # A released manifest never changes; a correction is a new version with a new line here.

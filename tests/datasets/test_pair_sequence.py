@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import dfdbench
+from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
-from dfdbench.store import Store
 
 
 def test_pairs_are_read_when_they_are_asked_for(tiny_store: Store) -> None:

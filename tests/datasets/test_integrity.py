@@ -8,9 +8,9 @@ import pytest
 import zarr
 from zarr.codecs import BloscCodec, GzipCodec
 
-from dfdbench.fingerprint import combine, scene_digests
-from dfdbench.store import Store
-from dfdbench.verify import Difference, verify_store
+from dfdbench.datasets.fingerprint import combine, scene_digests
+from dfdbench.datasets.integrity import Difference, verify_store
+from dfdbench.datasets.store import Store
 
 
 def local(store: Store) -> Path:

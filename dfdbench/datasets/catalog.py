@@ -5,9 +5,9 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest, read_manifest
 from dfdbench.errors import unknown_name
-from dfdbench.manifest import Manifest
-from dfdbench.manifest_reader import parse_manifest, read_manifest
 
 
 def released_manifests() -> tuple[Manifest, ...]:

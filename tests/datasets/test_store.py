@@ -7,11 +7,11 @@ import zarr
 
 from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.build import build_store
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store, open_store
+from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.errors import StoreError
-from dfdbench.manifest import Manifest
 from dfdbench.sources import open_source
-from dfdbench.store import Store, open_store
-from dfdbench.store_writer import StoreWriter
 from dfdbench.system.location import as_location, remove
 
 

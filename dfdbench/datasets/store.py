@@ -17,10 +17,10 @@ from upath import UPath
 from zarr.errors import GroupNotFoundError
 
 from dfdbench.blur.synthesis import BlurRecipe, find_recipe
-from dfdbench.catalog import find_manifest, typed_name
+from dfdbench.datasets.catalog import find_manifest, typed_name
+from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import DfdbenchError, Problem, StoreError, UnknownNameError, unknown_name
-from dfdbench.manifest import Manifest, Pair
-from dfdbench.manifest_reader import parse_manifest
 from dfdbench.system.cache import STORES, cache_folder
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
 

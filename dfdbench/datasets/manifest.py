@@ -138,8 +138,8 @@ class Pair:
 class Manifest(Model):
     """A data set in full: sources, scenes, axes, exclusions, splits, folds, recipe.
 
-    Obtained from `dfdbench.manifest_reader.read_manifest` or
-    `dfdbench.catalog.find_manifest`, which check it.
+    Obtained from `dfdbench.datasets.manifest_file.read_manifest` or
+    `dfdbench.datasets.catalog.find_manifest`, which check it.
     """
 
     schema_version: Literal[1]

@@ -12,10 +12,10 @@ import xarray
 import zarr
 from upath import UPath
 
+from dfdbench.datasets.fingerprint import combine, scene_digests
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import FORMAT, FORMAT_VERSION
 from dfdbench.errors import DfdbenchError, Problem, StoreError
-from dfdbench.fingerprint import combine, scene_digests
-from dfdbench.manifest import Manifest
-from dfdbench.store import FORMAT, FORMAT_VERSION
 from dfdbench.system.location import (
     Place,
     as_location,

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair, excluded_pairs, grid_of_pairs
 from dfdbench.errors import ManifestError, Problem, unknown_name
-from dfdbench.manifest import ALL_PAIRS, Manifest, Pair, excluded_pairs, grid_of_pairs
 
 _AXIS = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # What the arrays and dimensions of a scene in a store are called, besides the axes.
@@ -41,7 +41,7 @@ def read_manifest(path: str | Path) -> Manifest:
 
     Examples
     --------
-    >>> from dfdbench.catalog import find_manifest
+    >>> from dfdbench.datasets.catalog import find_manifest
     >>> len(find_manifest("middlebury").pairs("test"))
     54
     """
