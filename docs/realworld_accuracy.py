@@ -11,7 +11,7 @@ from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import average_scans, depth_image, warp
 from dfdbench.rig.lidar_files import read_beams
 from dfdbench.rig.registration import Sighting, register, sight
-from dfdbench.simulator import MOUNTED, SimulatedScene, defocus
+from dfdbench.simulation.board_scene import MOUNTED, SimulatedScene, defocus
 
 SEED = 2019
 LARGEST_TURN = 1.2  # degrees

@@ -27,11 +27,11 @@ from dfdbench.datasets.store import Store
 from dfdbench.mrf import Energy, published
 from dfdbench.rig.registration import register, sight
 from dfdbench.rig.registration_file import write_registration
-from dfdbench.simulated_captures import Settings, write_captures
+from dfdbench.simulation.captures import Settings, write_captures
 from dfdbench.sources import open_source
 from dfdbench.system.location import as_location
 from dfdbench.system.parallel import Threads
-from tests.realworld import STEPS, raw_scene
+from tests.made_captures import STEPS, raw_scene
 
 TINY_TOML = """
 schema_version = 1

@@ -14,9 +14,9 @@ from dfdbench.cli.screen import progress, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError, Problem
 from dfdbench.rig.geometry import Pose
-from dfdbench.simulated_captures import Settings, write_captures
-from dfdbench.simulated_lens import write_lens_test
-from dfdbench.simulator import MOUNTED
+from dfdbench.simulation.board_scene import MOUNTED
+from dfdbench.simulation.captures import Settings, write_captures
+from dfdbench.simulation.white_dot import write_lens_test
 
 app = typer.Typer(help="Make captures as the thesis's rig would write them.")
 

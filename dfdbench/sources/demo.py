@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
-from dfdbench.photographs import GAMMA, normal_numbers, photograph
-from dfdbench.raycast import Surface, View, cast
+from dfdbench.simulation.photographs import GAMMA, normal_numbers, photograph
+from dfdbench.simulation.raycast import Surface, View, cast
 from dfdbench.sources.demo_scenes import SCENES
 from dfdbench.sources.interface import SceneImages
 

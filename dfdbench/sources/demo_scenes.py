@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from dfdbench.raycast import Ball, Board, Floor, Surface, Texture
+from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture
 
 _WARM, _COOL, _GREEN, _ROSE = (
     (1.0, 0.85, 0.7),

@@ -5,7 +5,7 @@ import pytest
 
 from dfdbench.errors import SourceError
 from dfdbench.optics.white_dot import read_lens_captures, without_dot
-from dfdbench.simulated_lens import write_lens_test
+from dfdbench.simulation.white_dot import write_lens_test
 from tests.conftest import write_png
 
 

@@ -5,7 +5,7 @@ from dfdbench.errors import SourceError
 from dfdbench.rig.board_rays import board_rays
 from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar_files import read_beams
-from dfdbench.simulator import SimulatedScene
+from dfdbench.simulation.board_scene import SimulatedScene
 
 
 def test_rays_are_parted_where_the_board_ends() -> None:

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from dfdbench.optics.lens_table import read_lens_table
-from dfdbench.raycast import View
 from dfdbench.rig.board_rays import board_rays
 from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import average_scans, depth_image, warp
 from dfdbench.rig.lidar_files import read_beams
 from dfdbench.rig.registration import Registration, Sighting, register, sight
-from dfdbench.simulator import MOUNTED, SimulatedScene, defocus
+from dfdbench.simulation.board_scene import MOUNTED, SimulatedScene, defocus
+from dfdbench.simulation.raycast import View
 
 PLACES = np.array([[[10.0, 10], [620, 10], [620, 620], [10, 620], [315, 315]]])
 OTHER = Pose(-0.8, 0.6, 1.2)

@@ -12,13 +12,13 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError
 from dfdbench.rig.lidar_files import write_ranges
 from dfdbench.rig.registration_file import NAME as REGISTRATION
-from dfdbench.simulated_captures import Settings, write_captures
+from dfdbench.simulation.captures import Settings, write_captures
 from dfdbench.sources import open_source
 from dfdbench.sources.captures import average_frames
 from dfdbench.sources.realworld import RealworldFolder
 from dfdbench.system.parallel import Threads
 from tests.conftest import write_png
-from tests.realworld import manifest_with_few_steps, raw_scene
+from tests.made_captures import manifest_with_few_steps, raw_scene
 
 CAPTURED = find_manifest("realworld")
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.optics.lens_table import LensTable
-from dfdbench.photographs import normal_numbers, photograph
-from dfdbench.raycast import Board, Surface, Texture, View, cast
 from dfdbench.rig.geometry import Pose, Rig, beam_directions
 from dfdbench.rig.lidar import Beams
+from dfdbench.simulation.photographs import normal_numbers, photograph
+from dfdbench.simulation.raycast import Board, Surface, Texture, View, cast
 
 Floats = NDArray[np.float64]
 

@@ -3,10 +3,10 @@ import pytest
 
 from dfdbench.optics.lens_table import read_lens_table
 from dfdbench.optics.sharpness import spectrum_sum
-from dfdbench.raycast import View
 from dfdbench.rig.geometry import Pose
 from dfdbench.rig.lidar_files import read_beams
-from dfdbench.simulator import SimulatedScene, defocus
+from dfdbench.simulation.board_scene import SimulatedScene, defocus
+from dfdbench.simulation.raycast import View
 
 MID_GREY = np.full((200, 200, 3), 0.5)
 

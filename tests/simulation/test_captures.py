@@ -6,7 +6,7 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Capture
 from dfdbench.errors import InputError
 from dfdbench.rig.registration_file import read_registration
-from dfdbench.simulated_captures import Settings, write_captures
+from dfdbench.simulation.captures import Settings, write_captures
 
 FEW = Settings(steps=(135,), exposures=(30,), frames=1, scans=2)
 

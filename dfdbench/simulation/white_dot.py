@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.optics.lens_table import LensTable, read_lens_table
-from dfdbench.photographs import normal_numbers
-from dfdbench.simulated_captures import write_png
+from dfdbench.simulation.captures import write_png
+from dfdbench.simulation.photographs import normal_numbers
 
 _SEED = 20190807
 _SIZE = 96

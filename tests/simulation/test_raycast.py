@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dfdbench.raycast import Ball, Board, Floor, Surface, Texture, cast
+from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture, cast
 
 PLAIN = Texture("plain", 100)
 PHOTOGRAPHS = {"plain": np.full((8, 8, 3), 0.5)}

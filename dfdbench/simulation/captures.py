@@ -20,7 +20,7 @@ from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import average_scans
 from dfdbench.rig.lidar_files import read_beams, write_ranges
 from dfdbench.rig.registration_file import NAME, write_registration
-from dfdbench.simulator import MOUNTED, SimulatedScene, defocus
+from dfdbench.simulation.board_scene import MOUNTED, SimulatedScene, defocus
 from dfdbench.system.files import write_whole
 from dfdbench.system.parallel import Threads
 

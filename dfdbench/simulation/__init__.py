@@ -1,0 +1,1 @@
+"""Scenes and captures that are made."""
