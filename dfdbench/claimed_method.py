@@ -129,7 +129,7 @@ def parameters_to_run(record: MethodRecord, weights: Path | None, path: Path) ->
     """
     named = record.parameters.get("weights")
     suffix = f"-{_built_in_name(record)}.safetensors"
-    there = [file.name for file in files("dfdbench.pretrained").iterdir()]
+    there = [file.name for file in files("dfdbench.methods.networks.pretrained").iterdir()]
     shipped = sorted(name.removesuffix(suffix) for name in there if name.endswith(suffix))
     if named is None or named in shipped:
         return dict(record.parameters)

@@ -19,12 +19,12 @@ from upath import UPath
 
 from dfdbench.blur.synthesis import RECIPES
 from dfdbench.build import build_store
-from dfdbench.data_cost import data_cost
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
-from dfdbench.mrf import Energy, published
+from dfdbench.methods.data_cost import data_cost
+from dfdbench.methods.mrf import Energy, published
 from dfdbench.rig.registration import register, sight
 from dfdbench.rig.registration_file import write_registration
 from dfdbench.simulation.captures import Settings, write_captures

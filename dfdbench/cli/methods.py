@@ -10,7 +10,6 @@ import typer
 
 from dfdbench.blur.synthesis import RECIPES
 from dfdbench.board_folder import LEADERBOARD, require_leaderboard
-from dfdbench.check import check_method
 from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.store import open_store
@@ -18,6 +17,7 @@ from dfdbench.errors import InputError, Problem
 from dfdbench.evaluate import run_method
 from dfdbench.figures.runs import draw_run
 from dfdbench.methods import load_method
+from dfdbench.methods.check import check_method
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.pair_evaluation import load_for
 from dfdbench.report import run_as_csv, run_as_json, run_tables

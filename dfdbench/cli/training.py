@@ -21,7 +21,7 @@ from dfdbench.system.files import write_whole
 from dfdbench.tables.table import Format, Table, render
 
 if TYPE_CHECKING:
-    from dfdbench.methods.weights import Card
+    from dfdbench.methods.networks.weights import Card
     from dfdbench.training.checkpoint import TrainingFolder
     from dfdbench.training.selections import Selections
 
@@ -96,7 +96,7 @@ def train(
     limit = seconds_of(max_time)
     with needed():
         from dfdbench.figures.training import levels_figure, patches_figure, training_figure
-        from dfdbench.methods.weights import find_weights
+        from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.checkpoint import (
             LEVELS_FIGURE,
             PATCHES_FIGURE,

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from dfdbench.figures.style import COLOURS
-from dfdbench.methods.weights import Card
+from dfdbench.methods.networks.weights import Card
 from dfdbench.metrics.protocol import METRICS
 from dfdbench.training.checkpoint import Log, Row
 from dfdbench.training.selections import Selections

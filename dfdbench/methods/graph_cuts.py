@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench import mrf
 from dfdbench.blur.synthesis import RECIPES, BlurRecipe
-from dfdbench.data_cost import data_cost
 from dfdbench.errors import MethodError, Problem, unknown_name
+from dfdbench.methods import mrf
+from dfdbench.methods.data_cost import data_cost
 
 Image = NDArray[np.uint8]
 

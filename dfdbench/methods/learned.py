@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.methods.inference import Precision, Predictor, find_device
-from dfdbench.methods.weights import find_weights, load_weights, weights_sha256
+from dfdbench.methods.networks.inference import Precision, Predictor, find_device
+from dfdbench.methods.networks.weights import find_weights, load_weights, weights_sha256
 
 Image = NDArray[np.uint8]
 _THESIS = "Emerson, Purdue 2019, doi 10.25394/PGS.8938376, chapter 5"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench import mrf
 from dfdbench.blur.synthesis import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, Problem
-from dfdbench.rounded_cost import rounded_cost
+from dfdbench.methods import mrf
+from dfdbench.methods.rounded_cost import rounded_cost
 
 Image = NDArray[np.uint8]
 

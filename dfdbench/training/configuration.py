@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.methods.filter_numbers import FILTERS, narrowed
-from dfdbench.methods.networks import UNET_FILTERS
+from dfdbench.methods.networks.architectures import UNET_FILTERS
+from dfdbench.methods.networks.widths import FILTERS, narrowed
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]

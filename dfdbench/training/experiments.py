@@ -13,7 +13,7 @@ from typing import Any
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, Problem, unknown_name
-from dfdbench.methods.weights import Card, load_weights
+from dfdbench.methods.networks.weights import Card, load_weights
 from dfdbench.metrics.protocol import METRICS
 from dfdbench.tables.table import Table
 from dfdbench.training.checkpoint import WEIGHTS

@@ -13,7 +13,7 @@ from torch import nn
 
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.methods.inference import Predictor
+from dfdbench.methods.networks.inference import Predictor
 from dfdbench.metrics.protocol import METRICS, PROTOCOLS, score
 
 #: Under which training scores are taken.

@@ -13,7 +13,7 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.depths import require_fold, training_of
 from dfdbench.errors import InputError, Problem, StoreError
-from dfdbench.methods.weights import build_network, weights_sha256
+from dfdbench.methods.networks.weights import build_network, weights_sha256
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import margin_of, require_fit
 

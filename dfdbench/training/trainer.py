@@ -15,9 +15,9 @@ from torch import nn
 import dfdbench
 from dfdbench.environment import describe_environment
 from dfdbench.errors import InputError, Problem, ResultError
-from dfdbench.methods.inference import find_device
-from dfdbench.methods.networks import start_from_differences
-from dfdbench.methods.weights import (
+from dfdbench.methods.networks.architectures import start_from_differences
+from dfdbench.methods.networks.inference import find_device
+from dfdbench.methods.networks.weights import (
     Card,
     build_network,
     count_parameters,

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d
 
-from dfdbench.data_cost import data_cost
 from dfdbench.datasets.store import Store
+from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.graph_cuts import GraphCuts
-from dfdbench.mrf import Energy, Quality, expansion, message_passing, published, split
+from dfdbench.methods.mrf import Energy, Quality, expansion, message_passing, published, split
 
 LABELS = 256
 SIGMAS = 0.32 + 0.01 * np.arange(LABELS)

@@ -11,9 +11,9 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
-from dfdbench.methods.filter_numbers import FILTERS
-from dfdbench.methods.inference import Predictor, find_device
-from dfdbench.methods.networks import DfDNet
+from dfdbench.methods.networks.architectures import DfDNet
+from dfdbench.methods.networks.inference import Predictor, find_device
+from dfdbench.methods.networks.widths import FILTERS
 from dfdbench.training.loss import LevelLoss
 
 SHAPE = (370, 463)

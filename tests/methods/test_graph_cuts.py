@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.blur.synthesis import RECIPES, BlurRecipe, synthesize
-from dfdbench.check import check_method
 from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.methods import Method
 from dfdbench.methods.baselines import Local
+from dfdbench.methods.check import check_method
 from dfdbench.methods.graph_cuts import SMOOTHNESS, GraphCuts
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 

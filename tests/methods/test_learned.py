@@ -16,7 +16,7 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError
 from dfdbench.evaluate import run_method
 from dfdbench.methods import load
-from dfdbench.methods.weights import (
+from dfdbench.methods.networks.weights import (
     Card,
     build_network,
     find_weights,
@@ -25,7 +25,7 @@ from dfdbench.methods.weights import (
     shipped_weights,
 )
 from dfdbench.pair_evaluation import load_for
-from tests.methods.test_networks import SMALL
+from tests.methods.networks.test_architectures import SMALL
 
 
 def card(**changes: Any) -> Card:

@@ -6,9 +6,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.blur.synthesis import RECIPES, BlurRecipe, synthesize
-from dfdbench.check import check_method
 from dfdbench.errors import InputError, MethodError
 from dfdbench.methods import Method
+from dfdbench.methods.check import check_method
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.rounded_graph_cuts import RoundedGraphCuts
 from dfdbench.metrics.scores import nmae, nrmse, ssim

@@ -6,8 +6,8 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.errors import InputError
-from dfdbench.methods.filter_numbers import FILTERS
-from dfdbench.methods.weights import find_weights, load_weights
+from dfdbench.methods.networks.weights import find_weights, load_weights
+from dfdbench.methods.networks.widths import FILTERS
 from dfdbench.training.configuration import (
     TrainingConfiguration,
     read_configuration,

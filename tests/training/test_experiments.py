@@ -17,8 +17,8 @@ from dfdbench.training.experiments import (
     score_table,
     trials,
 )
+from tests.methods.networks.test_architectures import SMALL
 from tests.methods.test_learned import card
-from tests.methods.test_networks import SMALL
 
 QUICK: dict[str, Any] = {"filters": list(SMALL), "crop": 16, "crops_per_step": 1, "steps": 2}
 

@@ -17,14 +17,14 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.evaluate import run_method
-from dfdbench.methods.weights import load_weights
+from dfdbench.methods.networks.weights import load_weights
 from dfdbench.pair_evaluation import load_for
 from dfdbench.sources import open_source
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.task import Task, task_of
 from dfdbench.training.trainer import train
 from tests.conftest import write_png
-from tests.methods.test_networks import SMALL
+from tests.methods.networks.test_architectures import SMALL
 
 QUICK = {
     "filters": list(SMALL), "crop": 16, "crops_per_step": 1, "steps": 12, "evaluate_every": 5,

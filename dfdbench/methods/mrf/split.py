@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.mrf.energy import Energy, Solution, label_dtype
-from dfdbench.mrf.expansion import expansion
-from dfdbench.mrf.maxflow import GridGraph
-from dfdbench.mrf.moves import Mover, jump_offer, snap_offer
+from dfdbench.methods.mrf.energy import Energy, Solution, label_dtype
+from dfdbench.methods.mrf.expansion import expansion
+from dfdbench.methods.mrf.maxflow import GridGraph
+from dfdbench.methods.mrf.moves import Mover, jump_offer, snap_offer
 
 __all__ = ["Quality", "split"]
 
@@ -69,7 +69,7 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     Examples
     --------
     >>> import numpy as np
-    >>> from dfdbench.mrf.energy import Energy, truncated_absolute
+    >>> from dfdbench.methods.mrf.energy import Energy, truncated_absolute
     >>> unary = np.array([[[9, 4, 0, 4], [3, 3, 2, 1], [9, 4, 0, 4]]], np.uint16)
     >>> solution = split(Energy(unary, truncated_absolute(4, cap=255)))
     >>> solution.labels.tolist(), solution.energy

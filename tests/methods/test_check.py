@@ -3,8 +3,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.check import check_method
 from dfdbench.methods import Method, load_method
+from dfdbench.methods.check import check_method
 
 
 def problems(predict: Any) -> dict[str, str]:

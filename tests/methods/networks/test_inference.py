@@ -9,9 +9,9 @@ import torch
 
 from dfdbench.errors import MethodError
 from dfdbench.methods import networks
-from dfdbench.methods.inference import Predictor, find_device
-from dfdbench.methods.networks import DfDNet, UNet
-from tests.methods.test_networks import SMALL
+from dfdbench.methods.networks.architectures import DfDNet, UNet
+from dfdbench.methods.networks.inference import Predictor, find_device
+from tests.methods.networks.test_architectures import SMALL
 
 CPU = torch.device("cpu")
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.methods.filter_numbers import FILTERS, LAYERS
+from dfdbench.methods.networks.widths import FILTERS, LAYERS
 
 #: One class a depth level.
 LEVELS = 256

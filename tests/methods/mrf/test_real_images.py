@@ -11,7 +11,7 @@ import pytest
 
 from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.methods.graph_cuts import GraphCuts
-from dfdbench.mrf import Energy, expansion, lower_bound, split
+from dfdbench.methods.mrf import Energy, expansion, lower_bound, split
 
 # The least energies known for Aloe, Illum1, view 1, step 0.01: the author's program at Exp1, a
 # long run of several solvers at Exp2 (the author's program: 1,239,153).

@@ -1,6 +1,6 @@
 """Solvers for labelings of a grid with a cost per pixel and a cost per pair of neighbours."""
 
-from dfdbench.mrf.energy import (
+from dfdbench.methods.mrf.energy import (
     Energy,
     Solution,
     adaptive_potts_weights,
@@ -9,9 +9,9 @@ from dfdbench.mrf.energy import (
     truncated_absolute,
     truncated_quadratic,
 )
-from dfdbench.mrf.expansion import expansion
-from dfdbench.mrf.split import Quality, split
-from dfdbench.mrf.trws import lower_bound, message_passing
+from dfdbench.methods.mrf.expansion import expansion
+from dfdbench.methods.mrf.split import Quality, split
+from dfdbench.methods.mrf.trws import lower_bound, message_passing
 
 __all__ = [
     "Energy",

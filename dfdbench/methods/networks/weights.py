@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from torch import Tensor, nn
 
 from dfdbench.errors import MethodError, Problem
-from dfdbench.methods.networks import DfDNet, UNet
+from dfdbench.methods.networks.architectures import DfDNet, UNet
 from dfdbench.system.files import write_whole
 
 NETWORKS: dict[str, type[nn.Module]] = {"dfd-net": DfDNet, "u-net": UNet}
@@ -76,7 +76,7 @@ def save_weights(path: Path, network: nn.Module, card: Card) -> None:
 
 def shipped_weights() -> dict[str, Path]:
     """Return the files of weights that come with the package, by name."""
-    folder = Path(str(files("dfdbench.pretrained")))
+    folder = Path(str(files("dfdbench.methods.networks.pretrained")))
     return {path.stem: path for path in sorted(folder.glob(f"*{_SUFFIX}"))}
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from dfdbench.mrf.energy import Energy, Solution, label_dtype, starting_labels
-from dfdbench.mrf.moves import Mover, expansion_offer
+from dfdbench.methods.mrf.energy import Energy, Solution, label_dtype, starting_labels
+from dfdbench.methods.mrf.moves import Mover, expansion_offer
 
 __all__ = ["expansion"]
 
@@ -42,7 +42,7 @@ def expansion(
     Examples
     --------
     >>> import numpy as np
-    >>> from dfdbench.mrf.energy import Energy, potts
+    >>> from dfdbench.methods.mrf.energy import Energy, potts
     >>> unary = np.array([[[9, 0, 5], [9, 5, 3], [9, 0, 5]]], np.uint16)
     >>> solution = expansion(Energy(unary, potts(3, cap=2)))
     >>> solution.labels.tolist(), solution.energy, solution.history

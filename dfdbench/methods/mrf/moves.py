@@ -16,8 +16,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.mrf.energy import Energy
-from dfdbench.mrf.maxflow import DOWN, RIGHT, SINK, GridGraph
+from dfdbench.methods.mrf.energy import Energy
+from dfdbench.methods.mrf.maxflow import DOWN, RIGHT, SINK, GridGraph
 
 __all__ = ["Mover", "expansion_offer", "jump_offer", "snap_offer"]
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import correlate
 
-from dfdbench.data_cost import data_cost
 from dfdbench.errors import InputError
+from dfdbench.methods.data_cost import data_cost
 
 SIGMAS = 0.32 + 0.01 * np.arange(256)
 

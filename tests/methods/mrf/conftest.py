@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.mrf import (
+from dfdbench.methods.mrf import (
     Energy,
     potts,
     published,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_flow
 
-from dfdbench.mrf.maxflow import DOWN, LEFT, RIGHT, UP, GridGraph
+from dfdbench.methods.mrf.maxflow import DOWN, LEFT, RIGHT, UP, GridGraph
 
 Grid = tuple[NDArray[np.int32], NDArray[np.int32]]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.mrf import (
+from dfdbench.methods.mrf import (
     Energy,
     Solution,
     adaptive_potts_weights,
@@ -18,8 +18,8 @@ from dfdbench.mrf import (
     split,
     truncated_absolute,
 )
-from dfdbench.mrf.moves import Mover, expansion_offer
-from tests.mrf.conftest import KINDS, brute_force, random_energy
+from dfdbench.methods.mrf.moves import Mover, expansion_offer
+from tests.methods.mrf.conftest import KINDS, brute_force, random_energy
 
 SOLVERS: dict[str, Callable[[Energy], Solution]] = {
     "expansion": expansion,

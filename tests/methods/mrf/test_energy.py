@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.mrf import (
+from dfdbench.methods.mrf import (
     Energy,
     adaptive_potts_weights,
     potts,
@@ -13,7 +13,7 @@ from dfdbench.mrf import (
     truncated_absolute,
     truncated_quadratic,
 )
-from tests.mrf.conftest import KINDS, random_energy
+from tests.methods.mrf.conftest import KINDS, random_energy
 
 
 def test_published_table_is_absolute_difference_but_for_its_last_step() -> None:

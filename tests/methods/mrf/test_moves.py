@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from dfdbench.mrf.moves import Mover, expansion_offer, jump_offer, snap_offer
-from tests.mrf.conftest import KINDS, random_energy
+from dfdbench.methods.mrf.moves import Mover, expansion_offer, jump_offer, snap_offer
+from tests.methods.mrf.conftest import KINDS, random_energy
 
 EXACT = (
     ("absolute", (expansion_offer(5, 3), jump_offer(5, 2), jump_offer(5, -1), snap_offer(5, 2, 1))),
