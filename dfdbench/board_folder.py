@@ -9,7 +9,7 @@ from typing import TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from dfdbench.errors import Problem, ResultError
-from dfdbench.result import DatasetRecord
+from dfdbench.results.record import DatasetRecord
 
 T = TypeVar("T")
 #: The leaderboard's folder in a clone.

@@ -12,8 +12,8 @@ from pathlib import Path
 from dfdbench.leaderboard import Board, Entry, Standing
 from dfdbench.metrics.protocol import METRICS, RELEASED, title_of
 from dfdbench.published import PublishedTable, mean_over
-from dfdbench.result import RESULT, Result
-from dfdbench.summary import SCENES_TO_TELL, interval_name
+from dfdbench.results.record import RESULT, Result
+from dfdbench.results.summary import SCENES_TO_TELL, interval_name
 from dfdbench.tables.table import Link, Table
 
 _NOTHING = "–"

@@ -15,7 +15,7 @@ from typing import Any
 
 from dfdbench.errors import Problem, ResultError, unknown_name
 from dfdbench.methods import built_in_methods, registered_methods
-from dfdbench.result import MethodRecord
+from dfdbench.results.record import MethodRecord
 
 
 @dataclass(frozen=True)

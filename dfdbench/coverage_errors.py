@@ -18,8 +18,8 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, ResultError
 from dfdbench.level_errors import LevelErrors, level_errors
-from dfdbench.result import PairResult, Result
-from dfdbench.run_folder import read_prediction, require_pairs_of
+from dfdbench.results.folder import read_prediction, require_pairs_of
+from dfdbench.results.record import PairResult, Result
 from dfdbench.tables.table import Table, percent
 from dfdbench.trained_on import Training
 

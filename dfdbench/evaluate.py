@@ -11,7 +11,6 @@ from typing import Any
 import dfdbench
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.environment import describe_environment
 from dfdbench.errors import Problem, ResultError, StoreError
 from dfdbench.methods import Method
 from dfdbench.metrics.protocol import PROTOCOLS
@@ -23,7 +22,15 @@ from dfdbench.pair_evaluation import (
     RemoteEvaluator,
     blank_record,
 )
-from dfdbench.result import (
+from dfdbench.results.environment import describe_environment
+from dfdbench.results.folder import (
+    add_to_journal,
+    keep_prediction,
+    keep_store_place,
+    open_run_folder,
+    read_journal,
+)
+from dfdbench.results.record import (
     RESULT,
     DatasetRecord,
     MethodRecord,
@@ -31,13 +38,6 @@ from dfdbench.result import (
     Result,
     average,
     save_result,
-)
-from dfdbench.run_folder import (
-    add_to_journal,
-    keep_prediction,
-    keep_store_place,
-    open_run_folder,
-    read_journal,
 )
 from dfdbench.system.location import as_location
 from dfdbench.system.lock import hold

@@ -9,12 +9,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from dfdbench.board_folder import RESULTS, require_leaderboard
-from dfdbench.compare import Difference, changes, paired_difference
 from dfdbench.errors import Problem, ResultError
 from dfdbench.metrics.protocol import RELEASED
-from dfdbench.result import Result
+from dfdbench.results.differences import Difference, changes, paired_difference
+from dfdbench.results.record import Result
+from dfdbench.results.summary import scene_interval
 from dfdbench.submission import TIME_FORMAT, load_submission, method_label
-from dfdbench.summary import scene_interval
 from dfdbench.verification import SUFFIX, Verification, entry_problems, load_verification
 
 
@@ -60,7 +60,7 @@ class Standing:
     rank : int or None
         By NRMSE, ties by NMAE; None for a run that is incomplete or has no NRMSE.
     interval : tuple of float, or None
-        Of NRMSE, as `dfdbench.summary.scene_interval` has it.
+        Of NRMSE, as `dfdbench.results.summary.scene_interval` has it.
     above : Difference or None
         How much larger its NRMSE is than that of the row above, pair by pair.
     """

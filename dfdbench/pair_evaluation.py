@@ -22,7 +22,7 @@ from dfdbench.methods import Method, Prediction, call, entry_of, load_method
 from dfdbench.methods.isolation import seeded
 from dfdbench.metrics.protocol import PROTOCOLS, Protocol, score
 from dfdbench.metrics.scores import AGAINST, correlation
-from dfdbench.result import PairResult, PairScores
+from dfdbench.results.record import PairResult, PairScores
 from dfdbench.system.location import is_local
 
 #: How a pair's warning begins where the method printed, and where its depth goes the wrong way.

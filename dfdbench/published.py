@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from dfdbench.board_folder import PUBLISHED
 from dfdbench.errors import Problem, ResultError
-from dfdbench.result import Model
+from dfdbench.results.record import Model
 
 Text = Annotated[str, Field(min_length=1)]
 Printed = Annotated[Decimal, Field(allow_inf_nan=False)]

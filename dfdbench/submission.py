@@ -18,7 +18,7 @@ from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.metrics.protocol import METRICS, RELEASED, label_of
-from dfdbench.result import (
+from dfdbench.results.record import (
     MethodRecord,
     Result,
     Submission,

@@ -15,13 +15,14 @@ from pydantic import Field, ValidationError
 from dfdbench.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.environment import describe_environment
 from dfdbench.errors import InputError, Problem, ResultError, unknown_name
 from dfdbench.evaluate import without_folder
 from dfdbench.methods import registered_methods
 from dfdbench.metrics.protocol import METRICS, RELEASED
 from dfdbench.pair_evaluation import PairEvaluator, load_for
-from dfdbench.result import (
+from dfdbench.results.environment import describe_environment
+from dfdbench.results.folder import require_pairs_of
+from dfdbench.results.record import (
     Count,
     Environment,
     MethodRecord,
@@ -32,7 +33,6 @@ from dfdbench.result import (
     Sha256,
     Time,
 )
-from dfdbench.run_folder import require_pairs_of
 from dfdbench.submission import TIME_FORMAT
 from dfdbench.system.files import write_whole
 

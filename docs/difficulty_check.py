@@ -12,8 +12,8 @@ from scipy.stats import spearmanr
 
 from dfdbench.datasets.store import open_store
 from dfdbench.difficulty import STEPS, UNSEEN, smallest_step
-from dfdbench.result import RESULT, load_result
-from dfdbench.run_folder import read_prediction
+from dfdbench.results.folder import read_prediction
+from dfdbench.results.record import RESULT, load_result
 
 
 def main(dataset: str, folder: Path) -> None:

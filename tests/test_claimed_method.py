@@ -6,7 +6,7 @@ import pytest
 
 from dfdbench.claimed_method import claimed_method, parameters_to_run
 from dfdbench.errors import DfdbenchError, ResultError
-from dfdbench.result import MethodRecord
+from dfdbench.results.record import MethodRecord
 
 RESULT = Path("result.json")
 MODULE = """

@@ -21,7 +21,7 @@ from dfdbench.evaluate import run_method
 from dfdbench.level_errors import LevelErrors
 from dfdbench.pair_evaluation import load_for
 from dfdbench.trained_on import Training
-from tests.results import make_result
+from tests.made_results import make_result
 
 
 def errors_of(levels: dict[int, tuple[int, float]]) -> LevelErrors:

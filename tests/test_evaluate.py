@@ -22,8 +22,8 @@ from dfdbench.methods import Method
 from dfdbench.methods.baselines import Constant
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.pair_evaluation import load_for, training_mean
-from dfdbench.result import RESULT, load_result
-from dfdbench.run_folder import PREDICTIONS, keep_prediction, read_prediction, read_store_place
+from dfdbench.results.folder import PREDICTIONS, keep_prediction, read_prediction, read_store_place
+from dfdbench.results.record import RESULT, load_result
 from dfdbench.sources import open_source
 from dfdbench.sources.middlebury import MiddleburyScenes
 from dfdbench.system.parallel import Cluster, Pool, Processes

@@ -12,7 +12,7 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard import Board, Entry, boards, collect
 from dfdbench.submission import submit
-from tests.results import limited, make_demo_result, make_result
+from tests.made_results import limited, make_demo_result, make_result
 
 WHEN = datetime(2026, 1, 2, tzinfo=UTC)
 

@@ -12,7 +12,7 @@ from dfdbench.errors import ResultError
 from dfdbench.leaderboard import collect
 from dfdbench.leaderboard_readme import check_readme, write_readme
 from dfdbench.submission import submit
-from tests.results import make_demo_result
+from tests.made_results import make_demo_result
 
 HERE = Path(__file__).parents[1]
 NAMES = ("a b \"c\" 'd'", "x|y", "<script>alert(1)</script>", "**bold**", "🐟", "[a](b)", "$x$")

@@ -12,8 +12,8 @@ from dfdbench.evaluate import run_method
 from dfdbench.leaderboard import boards, collect
 from dfdbench.metrics.protocol import RELEASED, find_protocol
 from dfdbench.pair_evaluation import PairEvaluator, load_for
-from dfdbench.report import run_tables
-from dfdbench.result import RESULT, Result, average, load_result, save_result, seal_of
+from dfdbench.results.record import RESULT, Result, average, load_result, save_result, seal_of
+from dfdbench.results.run_tables import run_tables
 from dfdbench.submission import submit
 from dfdbench.verification import load_verification, save_verification, verify
 

@@ -27,7 +27,7 @@ from dfdbench.depths import Side, all_but, scene_histograms, side_of, sides_of
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_figure
 from dfdbench.leaks import Leak, LeakError, LeakKind, find_leaks, leaks_between, scene_hashes
-from dfdbench.result import RESULT, Result, load_result
+from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.trained_on import RunSides, sides_of_run
 
 

@@ -16,7 +16,7 @@ from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError, Problem, ResultError
 from dfdbench.leaderboard import boards, collect
 from dfdbench.leaderboard_readme import check_readme, write_readme
-from dfdbench.result import RESULT, Result, load_result
+from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.submission import data_set_problems
 from dfdbench.tables.table import Format, render
 from dfdbench.verification import (

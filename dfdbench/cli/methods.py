@@ -20,11 +20,11 @@ from dfdbench.methods import load_method
 from dfdbench.methods.check import check_method
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.pair_evaluation import load_for
-from dfdbench.report import run_as_csv, run_as_json, run_tables
-from dfdbench.report_scenes import scene_tables, spread_table
-from dfdbench.result import RESULT, Result
+from dfdbench.results.record import RESULT, Result
+from dfdbench.results.run_tables import run_as_csv, run_as_json, run_tables
+from dfdbench.results.scene_tables import scene_tables, spread_table
+from dfdbench.results.summary import scene_labels
 from dfdbench.submission import submit as submit_result
-from dfdbench.summary import scene_labels
 from dfdbench.tables.table import Format, Table, render
 
 Params = Annotated[

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from dfdbench.compare import PairChange
 from dfdbench.figures.runs import ERROR_LIMIT
 from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text, wrapped
 from dfdbench.metrics.protocol import METRICS
-from dfdbench.result import PairResult
-from dfdbench.runs import SavedRun
+from dfdbench.results.differences import PairChange
+from dfdbench.results.record import PairResult
+from dfdbench.results.saved_run import SavedRun
 
 
 def lighting_figures(runs: Sequence[SavedRun], protocol: str) -> dict[str, Figure]:

@@ -19,8 +19,8 @@ from dfdbench.coverage_record import CoverageRecord, SideRecord
 from dfdbench.datasets.store import Store
 from dfdbench.depths import Side
 from dfdbench.difficulty import STEPS, Difficulty
-from dfdbench.result import PairResult, Result
-from dfdbench.run_folder import read_prediction
+from dfdbench.results.folder import read_prediction
+from dfdbench.results.record import PairResult, Result
 
 # Okabe and Ito's colours, which the colour-blind can tell apart.
 _TRAIN, _TEST, _MISSING, _SCARCE = "#0072B2", "#D55E00", "#CC79A7", "#E69F00"

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from dfdbench.datasets.manifest import Scene
 from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text
 from dfdbench.metrics.protocol import METRICS, title_of
-from dfdbench.result import PairResult, Result
-from dfdbench.summary import scene_labels
+from dfdbench.results.record import PairResult, Result
+from dfdbench.results.summary import scene_labels
 
 
 def group_figures(

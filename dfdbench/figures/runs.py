@@ -15,9 +15,9 @@ from dfdbench.datasets.store import Store
 from dfdbench.figures.groups import group_figures
 from dfdbench.figures.style import COLOURS, MARKERS, depth_span, plain_text
 from dfdbench.metrics.protocol import METRICS, title_of
-from dfdbench.result import PairResult, Result
-from dfdbench.run_folder import read_prediction
-from dfdbench.summary import ranked
+from dfdbench.results.folder import read_prediction
+from dfdbench.results.record import PairResult, Result
+from dfdbench.results.summary import ranked
 
 _PANELS = 3
 ERROR_LIMIT = 50.0

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods.isolation import process_kept
 from dfdbench.methods.parameters import files_sha256, read_parameters
-from dfdbench.result import LARGEST_NUMBER
+from dfdbench.results.record import LARGEST_NUMBER
 from dfdbench.system.extras import absent, extra_of
 
 Image = NDArray[np.uint8]

@@ -12,11 +12,11 @@ from dfdbench.figures.comparison import lighting_figures, time_figure
 from dfdbench.figures.groups import group_figures
 from dfdbench.leaderboard import Entry, boards
 from dfdbench.metrics.protocol import require_scored
-from dfdbench.report import run_tables
-from dfdbench.report_scenes import scene_tables, spread_table
-from dfdbench.result import PairResult
-from dfdbench.runs import SavedRun
-from dfdbench.summary import ranked
+from dfdbench.results.record import PairResult
+from dfdbench.results.run_tables import run_tables
+from dfdbench.results.saved_run import SavedRun
+from dfdbench.results.scene_tables import scene_tables, spread_table
+from dfdbench.results.summary import ranked
 from dfdbench.tables.table import Table
 
 

@@ -16,7 +16,7 @@ from dfdbench.figures.runs import ERROR_LIMIT
 from dfdbench.metrics.protocol import METRICS
 from dfdbench.page.content import Content, ShownPair, gather
 from dfdbench.page.pictures import depth_map, error_map, ink, inline_svg, photo, scale
-from dfdbench.runs import SavedRun
+from dfdbench.results.saved_run import SavedRun
 from dfdbench.system.files import write_whole
 
 PAGE = "report.html"

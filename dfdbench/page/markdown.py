@@ -10,7 +10,7 @@ import jinja2
 
 from dfdbench.figures.runs import panel_figure
 from dfdbench.page.content import Content, gather
-from dfdbench.runs import SavedRun
+from dfdbench.results.saved_run import SavedRun
 from dfdbench.system.files import write_whole
 from dfdbench.tables.table import as_markdown, escape_markdown
 

@@ -13,7 +13,6 @@ import torch
 from torch import nn
 
 import dfdbench
-from dfdbench.environment import describe_environment
 from dfdbench.errors import InputError, Problem, ResultError
 from dfdbench.methods.networks.architectures import start_from_differences
 from dfdbench.methods.networks.inference import find_device
@@ -25,6 +24,7 @@ from dfdbench.methods.networks.weights import (
     save_weights,
     weights_sha256,
 )
+from dfdbench.results.environment import describe_environment
 from dfdbench.training.checkpoint import WEIGHTS, Log, TrainingFolder
 from dfdbench.training.crops import Cropper, Redraw, TrainingImages, count_levels
 from dfdbench.training.loss import LevelLoss

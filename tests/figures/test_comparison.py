@@ -5,8 +5,8 @@ import numpy as np
 
 from dfdbench.figures.comparison import change_figure, lighting_figures, time_figure
 from dfdbench.figures.style import plain_text
-from dfdbench.runs import SavedRun
-from tests.results import limited, make_result
+from dfdbench.results.saved_run import SavedRun
+from tests.made_results import limited, make_result
 
 VALUES: dict[tuple[str, int, int, int], float | None] = {
     (scene, view, i, e): 0.1 for scene in "ab" for view in (1, 5) for i in (1, 2) for e in (0, 1)

@@ -2,7 +2,7 @@ import numpy as np
 
 from dfdbench.datasets.manifest import Scene
 from dfdbench.figures.groups import group_figures
-from tests.results import make_result
+from tests.made_results import make_result
 
 VALUES = {
     ("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2, ("k01", 1, 1, 0): 0.1,

@@ -7,7 +7,7 @@ from dfdbench.datasets.store import Store
 from dfdbench.evaluate import run_method
 from dfdbench.figures.runs import draw_run, pixel_time_figure, score_figure
 from dfdbench.pair_evaluation import load_for
-from tests.results import make_result
+from tests.made_results import make_result
 
 
 def test_a_run_is_drawn(demo_store: Store, tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ from dfdbench.datasets.store import Store
 from dfdbench.evaluate import run_method
 from dfdbench.methods import Method
 from dfdbench.pair_evaluation import load_for
-from dfdbench.result import RESULT
-from dfdbench.runs import SavedRun, open_run
+from dfdbench.results.record import RESULT
+from dfdbench.results.saved_run import SavedRun, open_run
 
 HOSTILE = """<img src=x onerror=alert(1)> "q" 'p' | </script> $x$ _ 🐟"""
 

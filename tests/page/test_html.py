@@ -8,7 +8,7 @@ import pytest
 
 from dfdbench.errors import UnknownNameError
 from dfdbench.page.html import write_html
-from dfdbench.runs import SavedRun
+from dfdbench.results.saved_run import SavedRun
 from tests.page.conftest import HOSTILE
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import cv2
 
 from dfdbench.page.markdown import write_markdown
-from dfdbench.runs import SavedRun
+from dfdbench.results.saved_run import SavedRun
 
 
 def test_it_says_the_same_with_pictures_beside_it(

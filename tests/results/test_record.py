@@ -8,8 +8,8 @@ import jsonschema
 import pytest
 
 from dfdbench.errors import ResultError
-from dfdbench.result import load_result, result_schema, save_result
-from tests.results import make_result
+from dfdbench.results.record import load_result, result_schema, save_result
+from tests.made_results import make_result
 
 VALUES = {("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("b", 5, 1, 0): None}
 
@@ -21,7 +21,7 @@ def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
 
 
 def test_the_published_schema_is_that_of_the_code_and_holds(tmp_path: Path) -> None:
-    published = (resources.files("dfdbench.schemas") / "result-1.json").read_text("utf-8")
+    published = (resources.files("dfdbench.results.schemas") / "result-1.json").read_text("utf-8")
     assert published == result_schema()
     save_result(make_result(VALUES), tmp_path / "r.json")
     jsonschema.validate(json.loads((tmp_path / "r.json").read_text()), json.loads(published))

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dfdbench.metrics.protocol import METRICS, require_scored, title_of
-from dfdbench.result import PairResult, Result
-from dfdbench.summary import (
+from dfdbench.results.record import PairResult, Result
+from dfdbench.results.summary import (
     SCENES_TO_TELL,
     Group,
     Statistic,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, ResultError
-from dfdbench.result import PairResult, Result
+from dfdbench.results.record import PairResult, Result
 from dfdbench.system.files import write_whole
 from dfdbench.system.location import Place, as_location, is_local
 

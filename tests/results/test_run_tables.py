@@ -5,9 +5,9 @@ import json
 import pytest
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.report import run_as_csv, run_as_json, run_tables
+from dfdbench.results.run_tables import run_as_csv, run_as_json, run_tables
 from dfdbench.tables.table import Format, Table, as_markdown, as_rich, render
-from tests.results import make_result
+from tests.made_results import make_result
 
 VALUES = {
     (scene, view, illumination, exposure): 0.01 * (1 + number)

@@ -9,7 +9,7 @@ import numpy as np
 
 from dfdbench.datasets.manifest import Scene
 from dfdbench.metrics.protocol import METRICS
-from dfdbench.result import PairResult, Result
+from dfdbench.results.record import PairResult, Result
 
 #: That n scenes all lean one way by chance has probability 2 / 2^n: below 5 % from 6 on. With
 #: fewer, a bootstrap over scenes is narrower than its 95 % say.

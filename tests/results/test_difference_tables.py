@@ -1,9 +1,9 @@
 import pytest
 
-from dfdbench.change_tables import change_tables, changes_to_show
 from dfdbench.errors import ResultError
-from dfdbench.result import Result
-from tests.results import limited, make_result
+from dfdbench.results.difference_tables import change_tables, changes_to_show
+from dfdbench.results.record import Result
+from tests.made_results import limited, make_result
 
 PLACES = [(scene, 1, i, e) for scene in "ab" for i in (1, 2) for e in (0, 1)]
 

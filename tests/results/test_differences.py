@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.compare import changes, check_comparable, paired_difference
 from dfdbench.errors import ResultError, UnknownNameError
-from dfdbench.result import Result
-from tests.results import limited, make_result
+from dfdbench.results.differences import changes, check_comparable, paired_difference
+from dfdbench.results.record import Result
+from tests.made_results import limited, make_result
 
 PLACES = [(scene, 1, i, e) for scene in "abcdefg" for i in (1, 2) for e in (0, 1)]
 

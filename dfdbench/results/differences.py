@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.metrics.protocol import METRICS, label_of, require_scored
-from dfdbench.result import PairResult, Result
-from dfdbench.summary import SCENES_TO_TELL, scene_interval
+from dfdbench.results.record import PairResult, Result
+from dfdbench.results.summary import SCENES_TO_TELL, scene_interval
 
 
 @dataclass(frozen=True)

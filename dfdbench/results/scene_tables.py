@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from dfdbench.datasets.manifest import Scene, Split
 from dfdbench.metrics.protocol import METRICS, title_of
-from dfdbench.result import Result
-from dfdbench.summary import scene_labels, summarise_scenes
+from dfdbench.results.record import Result
+from dfdbench.results.summary import scene_labels, summarise_scenes
 from dfdbench.tables.table import Table
 
 _NOTHING = "–"

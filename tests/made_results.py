@@ -7,9 +7,9 @@ from typing import Any
 
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Pair
-from dfdbench.environment import describe_environment
 from dfdbench.metrics.protocol import PROTOCOLS, RELEASED
-from dfdbench.result import (
+from dfdbench.results.environment import describe_environment
+from dfdbench.results.record import (
     DatasetRecord,
     MethodRecord,
     PairResult,

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.result import PairResult, PairScores
-from dfdbench.summary import bootstrap_interval, ranked, scene_interval, summarise
-from tests.results import make_result
+from dfdbench.results.record import PairResult, PairScores
+from dfdbench.results.summary import bootstrap_interval, ranked, scene_interval, summarise
+from tests.made_results import make_result
 
 # Table 5.3 of the thesis, exposure 0: mean and std of the NRMSE of 6 pairs an illumination.
 CELLS = {1: (0.0582, 0.0126), 2: (0.0522, 0.0068), 3: (0.0603, 0.0152)}

@@ -1,4 +1,4 @@
-from dfdbench.environment import describe_environment
+from dfdbench.results.environment import describe_environment
 
 
 def test_the_environment_is_described_without_paths() -> None:

@@ -5,10 +5,10 @@ import json
 import pytest
 
 from dfdbench.datasets.manifest import Scene, Split
-from dfdbench.report import run_as_csv, run_as_json
-from dfdbench.report_scenes import scene_tables, spread_table
-from dfdbench.summary import scene_labels
-from tests.results import limited, make_result
+from dfdbench.results.run_tables import run_as_csv, run_as_json
+from dfdbench.results.scene_tables import scene_tables, spread_table
+from dfdbench.results.summary import scene_labels
+from tests.made_results import limited, make_result
 
 VALUES = {
     ("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2, ("k01", 1, 1, 0): 0.1,

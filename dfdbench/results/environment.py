@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numba
 
-from dfdbench.result import Environment
+from dfdbench.results.record import Environment
 
 _PACKAGES = ("dfdbench", "numpy", "numba", "opencv-python-headless", "scikit-image", "scipy")
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dfdbench.compare import PairChange, changes, check_comparable, paired_difference
 from dfdbench.errors import Problem, ResultError
 from dfdbench.metrics.protocol import METRICS
-from dfdbench.result import Result
+from dfdbench.results.differences import PairChange, changes, check_comparable, paired_difference
+from dfdbench.results.record import Result
+from dfdbench.results.summary import SCENES_TO_TELL, interval_name
 from dfdbench.submission import method_label
-from dfdbench.summary import SCENES_TO_TELL, interval_name
 from dfdbench.tables.table import Table
 
 

@@ -6,9 +6,9 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
 from dfdbench.evaluate import run_method
 from dfdbench.pair_evaluation import load_for
-from dfdbench.result import save_result
-from dfdbench.runs import open_run
-from tests.results import make_result
+from dfdbench.results.record import save_result
+from dfdbench.results.saved_run import open_run
+from tests.made_results import make_result
 
 
 def test_a_folder_of_runs_names_them(tmp_path: Path) -> None:
