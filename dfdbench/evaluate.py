@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import dfdbench
+from dfdbench.audit.trained_on import coverage_warnings
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, ResultError, StoreError
@@ -42,7 +43,6 @@ from dfdbench.results.record import (
 from dfdbench.system.location import as_location
 from dfdbench.system.lock import hold
 from dfdbench.system.parallel import Pool
-from dfdbench.trained_on import coverage_warnings
 
 _BATCH = 256  # pairs whose depth maps are in memory together when many run at once
 

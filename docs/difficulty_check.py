@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
+from dfdbench.audit.difficulty import STEPS, UNSEEN, smallest_step
 from dfdbench.datasets.store import open_store
-from dfdbench.difficulty import STEPS, UNSEEN, smallest_step
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import RESULT, load_result
 

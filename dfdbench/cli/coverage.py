@@ -11,24 +11,24 @@ from typing import Annotated
 import typer
 from matplotlib.figure import Figure
 
-from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
-from dfdbench.coverage import Criterion, DensityBound
-from dfdbench.coverage_errors import (
+from dfdbench.audit.coverage import Criterion, DensityBound
+from dfdbench.audit.coverage_record import CoverageRecord, compare
+from dfdbench.audit.coverage_tables import coverage_table, each_as_json, each_table, verdict_line
+from dfdbench.audit.leaks import Leak, LeakError, LeakKind, find_leaks, leaks_between, scene_hashes
+from dfdbench.audit.run_errors import (
     conclusion,
     error_table,
     errors_as_json,
     join_errors,
     scene_table,
 )
-from dfdbench.coverage_record import CoverageRecord, compare
-from dfdbench.coverage_report import coverage_table, each_as_json, each_table, verdict_line
+from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of, sides_of
+from dfdbench.audit.trained_on import RunSides, sides_of_run
+from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.datasets.store import Store, open_store
-from dfdbench.depths import Side, all_but, scene_histograms, side_of, sides_of
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_figure
-from dfdbench.leaks import Leak, LeakError, LeakKind, find_leaks, leaks_between, scene_hashes
 from dfdbench.results.record import RESULT, Result, load_result
-from dfdbench.trained_on import RunSides, sides_of_run
 
 
 class Each(StrEnum):

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
+from dfdbench.audit.depth_tables import depth_table
+from dfdbench.audit.sides import scene_histograms, side_of
 from dfdbench.cli.options import Cache
 from dfdbench.cli.screen import print_table, save_figure
 from dfdbench.datasets.store import open_store
-from dfdbench.depths import scene_histograms, side_of
-from dfdbench.depths_report import depth_table
 from dfdbench.figures.coverage import depths_figure
 from dfdbench.tables.table import Format, render
 

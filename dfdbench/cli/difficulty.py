@@ -7,13 +7,18 @@ from typing import Annotated
 
 import typer
 
+from dfdbench.audit.difficulty import Difficulty, smallest_step
+from dfdbench.audit.difficulty_tables import (
+    COARSE,
+    difficulty_as_json,
+    difficulty_rows,
+    difficulty_table,
+)
+from dfdbench.audit.sides import depth_maps
 from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.cli.screen import progress
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store, open_store
-from dfdbench.depths import depth_maps
-from dfdbench.difficulty import Difficulty, smallest_step
-from dfdbench.difficulty_report import COARSE, difficulty_as_json, difficulty_rows, difficulty_table
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.coverage import difficulty_figure
 

@@ -9,15 +9,10 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
-from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
-from dfdbench.coverage import Criterion, DensityBound
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store, open_store
-from dfdbench.depths import scene_histograms
-from dfdbench.errors import InputError, Problem
-from dfdbench.leaks import scene_hashes, scenes_alike
-from dfdbench.split_report import (
+from dfdbench.audit.coverage import Criterion, DensityBound
+from dfdbench.audit.leaks import scene_hashes, scenes_alike
+from dfdbench.audit.sides import scene_histograms
+from dfdbench.audit.split_tables import (
     Settings,
     folds_as_json,
     folds_fragment,
@@ -26,7 +21,12 @@ from dfdbench.split_report import (
     ranking_table,
     split_fragment,
 )
-from dfdbench.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
+from dfdbench.audit.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
+from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
+from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store, open_store
+from dfdbench.errors import InputError, Problem
 
 
 def split(

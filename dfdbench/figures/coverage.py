@@ -13,12 +13,12 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
-from dfdbench.coverage import LEVELS, Verdict, runs
-from dfdbench.coverage_errors import ErrorJoin, pair_of
-from dfdbench.coverage_record import CoverageRecord, SideRecord
+from dfdbench.audit.coverage import LEVELS, Verdict, runs
+from dfdbench.audit.coverage_record import CoverageRecord, SideRecord
+from dfdbench.audit.difficulty import STEPS, Difficulty
+from dfdbench.audit.run_errors import ErrorJoin, pair_of
+from dfdbench.audit.sides import Side
 from dfdbench.datasets.store import Store
-from dfdbench.depths import Side
-from dfdbench.difficulty import STEPS, Difficulty
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
 

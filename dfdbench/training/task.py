@@ -9,9 +9,9 @@ from typing import Any
 import torch
 
 import dfdbench
+from dfdbench.audit.sides import require_fold, training_of
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.depths import require_fold, training_of
 from dfdbench.errors import InputError, Problem, StoreError
 from dfdbench.methods.networks.weights import build_network, weights_sha256
 from dfdbench.training.configuration import TrainingConfiguration
@@ -31,7 +31,7 @@ class Task:
     train, test : tuple of Pair
         Pairs to train on, and those to watch the scores on.
     trained_on : str
-        The training pairs in words that `dfdbench.trained_on` can read.
+        The training pairs in words that `dfdbench.audit.trained_on` can read.
     tested_on : str
         The name of the split or fold that tests.
     configuration : TrainingConfiguration

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dfdbench.audit.coverage_record import compare
+from dfdbench.audit.sides import sides_of
 from dfdbench.blur.synthesis import RECIPES
 from dfdbench.build import scene_dataset
-from dfdbench.coverage_record import compare
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.datasets.store_writer import StoreWriter
-from dfdbench.depths import sides_of
 from dfdbench.sources import SceneImages
 
 

@@ -2,11 +2,11 @@ from pathlib import Path
 
 import numpy as np
 
-from dfdbench.coverage import Verdict
-from dfdbench.coverage_errors import join_errors
-from dfdbench.coverage_record import compare
+from dfdbench.audit.coverage import Verdict
+from dfdbench.audit.coverage_record import compare
+from dfdbench.audit.run_errors import join_errors
+from dfdbench.audit.sides import sides_of
 from dfdbench.datasets.store import Store
-from dfdbench.depths import sides_of
 from dfdbench.evaluate import run_method
 from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_figure
 from dfdbench.pair_evaluation import load_for

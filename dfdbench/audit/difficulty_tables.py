@@ -6,8 +6,8 @@ import json
 import math
 from collections.abc import Mapping
 
+from dfdbench.audit.difficulty import SEEN, STEPS, UNSEEN, Difficulty, median_step
 from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.difficulty import SEEN, STEPS, UNSEEN, Difficulty, median_step
 from dfdbench.tables.table import Table, percent
 
 SCHEMA_VERSION = 1

@@ -2,10 +2,8 @@ import json
 
 import numpy as np
 
-from dfdbench.coverage import Criterion, DensityBound
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.split_report import (
+from dfdbench.audit.coverage import Criterion, DensityBound
+from dfdbench.audit.split_tables import (
     Settings,
     folds_as_json,
     folds_fragment,
@@ -14,7 +12,9 @@ from dfdbench.split_report import (
     ranking_table,
     split_fragment,
 )
-from dfdbench.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
+from dfdbench.audit.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
 from tests.conftest import TINY_TOML
 
 

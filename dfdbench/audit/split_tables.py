@@ -7,8 +7,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
+from dfdbench.audit.splits import Candidate, Folds, Hopeless, Ranking, Scenes
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.splits import Candidate, Folds, Hopeless, Ranking, Scenes
 from dfdbench.tables.table import Table, percent
 
 SCHEMA_VERSION = 1

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dfdbench.coverage import LEVELS, as_ranges
-from dfdbench.depths import Side
+from dfdbench.audit.coverage import LEVELS, as_ranges
+from dfdbench.audit.sides import Side
 from dfdbench.tables.table import Table, percent
 
 _BAND = 16

@@ -1,9 +1,9 @@
 import json
 
-from dfdbench.coverage_record import compare
-from dfdbench.coverage_report import coverage_table, each_as_json, each_table, verdict_line
+from dfdbench.audit.coverage_record import compare
+from dfdbench.audit.coverage_tables import coverage_table, each_as_json, each_table, verdict_line
+from dfdbench.audit.sides import sides_of
 from dfdbench.datasets.store import Store
-from dfdbench.depths import sides_of
 
 
 def test_tables_hold_every_range_and_say_what_counts(tiny_store: Store) -> None:

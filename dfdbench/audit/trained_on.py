@@ -6,11 +6,11 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from dfdbench.coverage import Coverage, as_ranges
+from dfdbench.audit.coverage import Coverage, as_ranges
+from dfdbench.audit.leaks import manifest_leaks
+from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of, training_of
 from dfdbench.datasets.store import Store, open_store
-from dfdbench.depths import Side, all_but, scene_histograms, side_of, training_of
 from dfdbench.errors import DfdbenchError, InputError, Problem
-from dfdbench.leaks import manifest_leaks
 from dfdbench.tables.table import percent
 
 #: How `trained_on` names scenes: a manifest's name and version, then a split, or the fold or

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.build import build_store
-from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
-from dfdbench.errors import StoreError
-from dfdbench.leaks import (
+from dfdbench.audit.leaks import (
     NEAR_DUPLICATE_BITS,
     LeakKind,
     find_leaks,
@@ -21,6 +16,11 @@ from dfdbench.leaks import (
     scene_hashes,
     scenes_alike,
 )
+from dfdbench.build import build_store
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store
+from dfdbench.errors import StoreError
 from dfdbench.sources import open_source
 
 

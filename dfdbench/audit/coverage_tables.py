@@ -6,8 +6,8 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from dfdbench.coverage import Criterion, Verdict
-from dfdbench.coverage_record import CoverageRecord, RangeRecord, SideRecord
+from dfdbench.audit.coverage import Criterion, Verdict
+from dfdbench.audit.coverage_record import CoverageRecord, RangeRecord, SideRecord
 from dfdbench.tables.table import Table, percent
 
 SCHEMA_VERSION = 1

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dfdbench.audit.coverage import depth_histogram
+from dfdbench.audit.sides import scene_histograms, sides_of, training_of
 from dfdbench.build import build_store
-from dfdbench.coverage import depth_histogram
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
-from dfdbench.depths import scene_histograms, sides_of, training_of
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.sources import open_source
 from tests.conftest import TINY_TOML

@@ -2,9 +2,9 @@ import json
 
 import numpy as np
 
+from dfdbench.audit.difficulty import UNSEEN, Difficulty
+from dfdbench.audit.difficulty_tables import difficulty_as_json, difficulty_rows, difficulty_table
 from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.difficulty import UNSEEN, Difficulty
-from dfdbench.difficulty_report import difficulty_as_json, difficulty_rows, difficulty_table
 
 
 def of(*steps: int, known: bool = True) -> Difficulty:

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
+from dfdbench.audit.difficulty import STEPS, UNSEEN, Difficulty, median_step, smallest_step
 from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.datasets.store import Store
-from dfdbench.difficulty import STEPS, UNSEEN, Difficulty, median_step, smallest_step
 from dfdbench.errors import InputError
 from dfdbench.methods.baselines import Local
 

@@ -1,8 +1,8 @@
 import pytest
 
+from dfdbench.audit.trained_on import Training, coverage_warnings, sides_of_run, training_side
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
-from dfdbench.trained_on import Training, coverage_warnings, sides_of_run, training_side
 
 
 def test_the_text_names_scenes_of_the_store(tiny_store: Store) -> None:

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from dfdbench.level_errors import LevelErrors, level_errors
+from dfdbench.audit.level_errors import LevelErrors, level_errors
 
 DEPTH = np.array([[9, 9, 80, 0]], np.uint8)
 ERRORS = level_errors(DEPTH, DEPTH > 0, np.array([[13, 3, 80.5, 200]], np.float32))

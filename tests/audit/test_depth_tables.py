@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dfdbench.audit.depth_tables import depth_table
+from dfdbench.audit.sides import scene_histograms, side_of
 from dfdbench.datasets.store import Store
-from dfdbench.depths import scene_histograms, side_of
-from dfdbench.depths_report import depth_table
 
 
 def test_levels_stand_sixteen_a_row_and_each_by_itself_as_data(tiny_store: Store) -> None:

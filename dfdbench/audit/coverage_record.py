@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from dfdbench.coverage import (
+from dfdbench.audit.coverage import (
     LEVELS,
     Coverage,
     Criterion,
@@ -19,8 +19,8 @@ from dfdbench.coverage import (
     range_text,
     runs,
 )
-from dfdbench.depths import Side
-from dfdbench.leaks import Leak
+from dfdbench.audit.leaks import Leak
+from dfdbench.audit.sides import Side
 
 WEIGHTS = "each depth map counts once for each pair that the manifest makes of it"
 
@@ -137,7 +137,7 @@ def compare(
     Parameters
     ----------
     train, test : Side
-        From `dfdbench.depths.sides_of`.
+        From `dfdbench.audit.sides.sides_of`.
     bound : DensityBound, optional
         Of the density criterion.
     criterion : Criterion

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.coverage import Criterion, DensityBound, as_ranges, check_allowance, uncovered
+from dfdbench.audit.coverage import Criterion, DensityBound, as_ranges, check_allowance, uncovered
 from dfdbench.errors import InputError, Problem
 
 #: Up to this many choices are all looked at; of more, so many are drawn at random.
@@ -113,7 +113,7 @@ class Scenes:
     counts : ndarray of int64, shape (scenes, 256)
         Known pixels of each level, weighted by pairs.
     groups : tuple of tuple of str
-        Scenes that must not be parted (`dfdbench.leaks.scenes_alike`).
+        Scenes that must not be parted (`dfdbench.audit.leaks.scenes_alike`).
     criterion, bound
         By which a level counts as not covered.
     allowed : float

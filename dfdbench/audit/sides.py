@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.coverage import DepthHistogram, Mask, depth_histogram
+from dfdbench.audit.coverage import DepthHistogram, Mask, depth_histogram
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store

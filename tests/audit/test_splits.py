@@ -3,10 +3,10 @@ import itertools
 import numpy as np
 import pytest
 
-from dfdbench import splits
-from dfdbench.coverage import Criterion, DensityBound, uncovered
+from dfdbench.audit import splits
+from dfdbench.audit.coverage import Criterion, DensityBound, uncovered
+from dfdbench.audit.splits import Scenes, hopeless_scenes, propose_folds, rank_tests
 from dfdbench.errors import InputError
-from dfdbench.splits import Scenes, hopeless_scenes, propose_folds, rank_tests
 
 
 def make(

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from dfdbench.coverage import (
+from dfdbench.audit.coverage import (
     LEVELS,
     Coverage,
     Criterion,

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from dfdbench.audit.sides import Side
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
-from dfdbench.depths import Side
 from dfdbench.errors import DfdbenchError, Problem
 
 _HASH_SIDE = 16

@@ -4,8 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dfdbench.coverage import Verdict
-from dfdbench.coverage_errors import (
+from dfdbench.audit.coverage import Verdict
+from dfdbench.audit.coverage_record import CoverageRecord, LeakRecord, compare
+from dfdbench.audit.level_errors import LevelErrors
+from dfdbench.audit.run_errors import (
     ErrorJoin,
     conclusion,
     error_table,
@@ -13,14 +15,12 @@ from dfdbench.coverage_errors import (
     join_errors,
     scene_table,
 )
-from dfdbench.coverage_record import CoverageRecord, LeakRecord, compare
+from dfdbench.audit.sides import sides_of
+from dfdbench.audit.trained_on import Training
 from dfdbench.datasets.store import Store
-from dfdbench.depths import sides_of
 from dfdbench.errors import ResultError
 from dfdbench.evaluate import run_method
-from dfdbench.level_errors import LevelErrors
 from dfdbench.pair_evaluation import load_for
-from dfdbench.trained_on import Training
 from tests.made_results import make_result
 
 

@@ -2,12 +2,12 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.coverage import Criterion, Verdict
-from dfdbench.coverage_record import compare, coverage_schema
+from dfdbench.audit.coverage import Criterion, Verdict
+from dfdbench.audit.coverage_record import compare, coverage_schema
+from dfdbench.audit.sides import sides_of
 from dfdbench.datasets.store import Store
-from dfdbench.depths import sides_of
 
-SCHEMA = Path(__file__).parents[1] / "dfdbench/results/schemas/coverage-1.json"
+SCHEMA = Path(__file__).parents[2] / "dfdbench/results/schemas/coverage-1.json"
 
 
 def test_the_published_schema_is_that_of_the_model() -> None:

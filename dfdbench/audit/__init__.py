@@ -1,0 +1,1 @@
+"""Is the test fair: depths, coverage, leaks, splits, difficulty."""
