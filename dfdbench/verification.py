@@ -16,10 +16,10 @@ from dfdbench.claimed_method import ClaimedMethod, claimed_method, parameters_to
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, Problem, ResultError, unknown_name
-from dfdbench.evaluate import without_folder
+from dfdbench.evaluation.pair import PairEvaluator, load_for
+from dfdbench.evaluation.run import without_folder
 from dfdbench.methods import registered_methods
 from dfdbench.metrics.protocol import METRICS, RELEASED
-from dfdbench.pair_evaluation import PairEvaluator, load_for
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.folder import require_pairs_of
 from dfdbench.results.record import (

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from dfdbench.datasets.store import Store
-from dfdbench.evaluate import run_method
-from dfdbench.pair_evaluation import load_for
+from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.run import run_method
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = sorted(path.name for path in DOCS.glob("*.py"))

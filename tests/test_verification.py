@@ -8,10 +8,10 @@ import pytest
 
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, ResultError, UnknownNameError
-from dfdbench.evaluate import run_method
+from dfdbench.evaluation.pair import PairEvaluator, load_for
+from dfdbench.evaluation.run import run_method
 from dfdbench.leaderboard import boards, collect
 from dfdbench.metrics.protocol import RELEASED, find_protocol
-from dfdbench.pair_evaluation import PairEvaluator, load_for
 from dfdbench.results.record import RESULT, Result, average, load_result, save_result, seal_of
 from dfdbench.results.run_tables import run_tables
 from dfdbench.submission import submit

@@ -14,12 +14,12 @@ from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError, Problem
-from dfdbench.evaluate import run_method
+from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.run import run_method
 from dfdbench.figures.runs import draw_run
 from dfdbench.methods import load_method
 from dfdbench.methods.check import check_method
 from dfdbench.metrics.protocol import find_protocol
-from dfdbench.pair_evaluation import load_for
 from dfdbench.results.record import RESULT, Result
 from dfdbench.results.run_tables import run_as_csv, run_as_json, run_tables
 from dfdbench.results.scene_tables import scene_tables, spread_table

@@ -7,9 +7,9 @@ from dfdbench.audit.coverage_record import compare
 from dfdbench.audit.run_errors import join_errors
 from dfdbench.audit.sides import sides_of
 from dfdbench.datasets.store import Store
-from dfdbench.evaluate import run_method
+from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.run import run_method
 from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_figure
-from dfdbench.pair_evaluation import load_for
 
 
 def test_offending_ranges_are_marked(tiny_store: Store) -> None:

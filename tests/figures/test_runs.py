@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 
 from dfdbench.datasets.store import Store
-from dfdbench.evaluate import run_method
+from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.run import run_method
 from dfdbench.figures.runs import draw_run, pixel_time_figure, score_figure
-from dfdbench.pair_evaluation import load_for
 from tests.made_results import make_result
 
 

@@ -14,7 +14,8 @@ import torch
 
 from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError
-from dfdbench.evaluate import run_method
+from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.run import run_method
 from dfdbench.methods import load
 from dfdbench.methods.networks.weights import (
     Card,
@@ -24,7 +25,6 @@ from dfdbench.methods.networks.weights import (
     save_weights,
     shipped_weights,
 )
-from dfdbench.pair_evaluation import load_for
 from tests.methods.networks.test_architectures import SMALL
 
 

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.datasets.store import Store
-from dfdbench.evaluate import run_method
+from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.run import run_method
 from dfdbench.methods import Method
-from dfdbench.pair_evaluation import load_for
 from dfdbench.results.record import RESULT
 from dfdbench.results.saved_run import SavedRun, open_run
 

@@ -16,9 +16,9 @@ from dfdbench.build import build_store
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
-from dfdbench.evaluate import run_method
+from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.run import run_method
 from dfdbench.methods.networks.weights import load_weights
-from dfdbench.pair_evaluation import load_for
 from dfdbench.sources import open_source
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.task import Task, task_of

@@ -13,9 +13,7 @@ from dfdbench.audit.trained_on import coverage_warnings
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, ResultError, StoreError
-from dfdbench.methods import Method
-from dfdbench.metrics.protocol import PROTOCOLS
-from dfdbench.pair_evaluation import (
+from dfdbench.evaluation.pair import (
     PRINTED,
     TURNED,
     Evaluated,
@@ -23,6 +21,8 @@ from dfdbench.pair_evaluation import (
     RemoteEvaluator,
     blank_record,
 )
+from dfdbench.methods import Method
+from dfdbench.metrics.protocol import PROTOCOLS
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.folder import (
     add_to_journal,

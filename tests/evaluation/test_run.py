@@ -17,11 +17,11 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, ResultError, StoreError
-from dfdbench.evaluate import run_method
+from dfdbench.evaluation.pair import load_for, training_mean
+from dfdbench.evaluation.run import run_method
 from dfdbench.methods import Method
 from dfdbench.methods.baselines import Constant
 from dfdbench.metrics.protocol import PROTOCOLS, score
-from dfdbench.pair_evaluation import load_for, training_mean
 from dfdbench.results.folder import PREDICTIONS, keep_prediction, read_prediction, read_store_place
 from dfdbench.results.record import RESULT, load_result
 from dfdbench.sources import open_source
@@ -187,7 +187,7 @@ def test_a_full_disk_says_that_it_goes_on(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("dfdbench.evaluate.keep_prediction", full)
+    monkeypatch.setattr("dfdbench.evaluation.run.keep_prediction", full)
     with pytest.raises(ResultError, match="goes on where it stopped"):
         run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
 
@@ -216,7 +216,7 @@ def grey(infocus: Any, defocus: Any) -> Any:
 
 def test_a_function_or_class_may_be_given_itself(tiny_store: Store, tmp_path: Path) -> None:
     loaded = load_for(tiny_store, grey, {})
-    assert loaded.name == loaded.entry == "tests.test_evaluate:grey"
+    assert loaded.name == loaded.entry == "tests.evaluation.test_run:grey"
     assert loaded.predict is grey
     assert loaded.source_sha256 == hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
     assert run_method(tiny_store, loaded, "test", tmp_path / "out").result.complete

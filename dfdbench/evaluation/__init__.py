@@ -1,0 +1,1 @@
+"""A method over a split: plan, evaluate a pair, record."""
