@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from upath import UPath
 
 from dfdbench.blur.synthesis import RECIPES
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -28,7 +29,6 @@ from dfdbench.methods.mrf import Energy, published
 from dfdbench.rig.registration import register, sight
 from dfdbench.rig.registration_file import write_registration
 from dfdbench.simulation.captures import Settings, write_captures
-from dfdbench.sources import open_source
 from dfdbench.system.location import as_location
 from dfdbench.system.parallel import Threads
 from tests.made_captures import STEPS, raw_scene

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from dfdbench.building.sources.captures import PublishedScene, RawScene, find_scene
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
 
 STEPS = (129, 135, 141)
 

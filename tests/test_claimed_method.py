@@ -74,7 +74,7 @@ def test_a_file_is_found_without_importing_it_or_its_parents(
     [
         "subprocess:Popen", "os:system", "builtins:eval", "json:Method", "__main__:x",
         "posix:system", "numpy._core._multiarray_umath:array",
-        "dfdbench.export:export_png", "theirs:Popen", "theirs:Path", "theirs:absent",
+        "dfdbench.building.export:export_png", "theirs:Popen", "theirs:Path", "theirs:absent",
         "theirs:subprocess.Popen",
         "theirs:_hidden", "theirs:__class__", "theirs.absent:Method", "absent:Method",
         "absent.py:predict", "/etc/passwd.py:predict", "theirs:", ":predict",

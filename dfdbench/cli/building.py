@@ -11,17 +11,17 @@ from typing import Annotated, Any
 import typer
 
 from dfdbench.blur.synthesis import RECIPES, find_recipe
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.export import export_png
+from dfdbench.building.fetching.checksums import known_checksums
+from dfdbench.building.fetching.download import SET_ASIDE
+from dfdbench.building.sources import Source, download_middlebury, open_source
 from dfdbench.cli.options import Cache, Scheduler, Workers, pool_of
 from dfdbench.cli.screen import download_progress, progress, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store import Store, default_store, open_store
 from dfdbench.errors import InputError, Problem
-from dfdbench.export import export_png
-from dfdbench.fetching.checksums import known_checksums
-from dfdbench.fetching.download import SET_ASIDE
-from dfdbench.sources import Source, download_middlebury, open_source
 from dfdbench.system.cache import DOWNLOADS, cache_folder
 from dfdbench.system.location import as_location
 

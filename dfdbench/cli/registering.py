@@ -12,6 +12,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from dfdbench.building.sources.captures import PublishedScene, RawScene, find_scene
 from dfdbench.cli.captures import capture_of, chosen_scenes
 from dfdbench.cli.screen import print_table, progress, save_figure
 from dfdbench.datasets.catalog import find_manifest
@@ -23,7 +24,6 @@ from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import Beams, depth_image, warp
 from dfdbench.rig.registration import Registration, Sighting, register, sight
 from dfdbench.rig.registration_file import NAME, PREVIOUS, read_registration, write_registration
-from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
 from dfdbench.tables.table import Table
 from dfdbench.units import LARGEST_PIXEL, parse_length
 

@@ -16,12 +16,12 @@ from dfdbench.audit.leaks import (
     scene_hashes,
     scenes_alike,
 )
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
-from dfdbench.sources import open_source
 
 
 def photograph(seed: int) -> NDArray[np.uint8]:

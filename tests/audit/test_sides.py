@@ -7,13 +7,13 @@ import pytest
 
 from dfdbench.audit.coverage import depth_histogram
 from dfdbench.audit.sides import scene_histograms, sides_of, training_of
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
-from dfdbench.sources import open_source
 from tests.conftest import TINY_TOML
 
 

@@ -20,12 +20,12 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.synthesis import RECIPES, synthesize
-from dfdbench.build import build_store, scene_dataset
+from dfdbench.building.build import build_store, scene_dataset
+from dfdbench.building.sources import Source, open_source
+from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_writer import StoreWriter
-from dfdbench.sources import Source, open_source
-from dfdbench.sources.middlebury import depth_name, image_name
 from dfdbench.system.parallel import Threads
 from tests.benchmarks.test_blur import stack
 from tests.conftest import shared_data_folder, write_png
@@ -153,9 +153,9 @@ def test_the_whole_set(benchmark: Any, all_lightings: Path, tmp_path: Path, work
 _BUILD = """
 import resource, sys
 from pathlib import Path
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.sources import open_source
+from dfdbench.building.sources import open_source
 manifest = find_manifest("middlebury-default")
 source = open_source(manifest, Path(sys.argv[1]))
 build_store(manifest, source, sys.argv[2])

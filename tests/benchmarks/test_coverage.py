@@ -11,12 +11,12 @@ import pytest
 from dfdbench.audit.coverage_record import compare
 from dfdbench.audit.sides import sides_of
 from dfdbench.blur.synthesis import RECIPES
-from dfdbench.build import scene_dataset
+from dfdbench.building.build import scene_dataset
+from dfdbench.building.sources import SceneImages
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.datasets.store_writer import StoreWriter
-from dfdbench.sources import SceneImages
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ import cv2
 import pytest
 
 import dfdbench
+from dfdbench.building.export import export_png
 from dfdbench.datasets.store import Store
-from dfdbench.export import export_png
 
 CROP = (slice(100, 132), slice(150, 182))
 

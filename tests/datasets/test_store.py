@@ -6,12 +6,12 @@ import xarray
 import zarr
 
 from dfdbench.blur.synthesis import RECIPES, synthesize
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.errors import StoreError
-from dfdbench.sources import open_source
 from dfdbench.system.location import as_location, remove
 
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from upath import UPath
 
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
 from dfdbench.datasets.integrity import verify_store
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.errors import StoreError
-from dfdbench.sources import open_source
 from dfdbench.system.location import copy_folder, exists, folders_in
 from dfdbench.system.parallel import Threads
 

@@ -11,7 +11,9 @@ import pytest
 import xarray
 import zarr
 
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
+from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -24,8 +26,6 @@ from dfdbench.methods.baselines import Constant
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.results.folder import PREDICTIONS, keep_prediction, read_prediction, read_store_place
 from dfdbench.results.record import RESULT, load_result
-from dfdbench.sources import open_source
-from dfdbench.sources.middlebury import MiddleburyScenes
 from dfdbench.system.parallel import Cluster, Pool, Processes
 from tests.conftest import TINY_TOML
 

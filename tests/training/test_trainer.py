@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.evaluation.pair import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.networks.weights import load_weights
-from dfdbench.sources import open_source
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.task import Task, task_of
 from dfdbench.training.trainer import train

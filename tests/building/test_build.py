@@ -12,14 +12,14 @@ import pytest
 
 from dfdbench.blur.synthesis import RECIPES, synthesize
 from dfdbench.board_folder import known_fingerprints
-from dfdbench.build import build_store, scene_dataset
+from dfdbench.building.build import build_store, scene_dataset
+from dfdbench.building.fetching.checksums import known_checksums
+from dfdbench.building.sources import SceneImages, open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError, UnknownNameError
-from dfdbench.fetching.checksums import known_checksums
-from dfdbench.sources import SceneImages, open_source
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import TINY_TOML
 
@@ -234,7 +234,7 @@ def test_the_shared_middlebury_scenes(shared_data: Path, tmp_path: Path) -> None
 
 
 def test_the_leaderboard_holds_to_the_same_fingerprints() -> None:
-    known = known_fingerprints(Path(__file__).parents[1] / "leaderboard")
+    known = known_fingerprints(Path(__file__).parents[2] / "leaderboard")
     assert known == {
         "demo-1": [DEMO_FINGERPRINT],
         "middlebury-default-1": [MIDDLEBURY_DEFAULT_FINGERPRINT],

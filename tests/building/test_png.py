@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from dfdbench.building.png import decode_depth, decode_image, png_size
 from dfdbench.errors import SourceError
-from dfdbench.png import decode_depth, decode_image, png_size
 
 IMAGE = np.random.default_rng(0).integers(0, 256, (12, 17, 3)).astype(np.uint8)
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.building.sources.captures import PublishedScene, RawScene, find_scene
+from dfdbench.building.sources.interface import SceneImages
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.optics.sharpness import sharpest
-from dfdbench.sources.captures import PublishedScene, RawScene, find_scene
-from dfdbench.sources.interface import SceneImages
 
 
 class RealworldFolder:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.fetching.checksums import check_checksum, sha256
-from dfdbench.fetching.download import Fate, WantedFile, fetch
-from dfdbench.fetching.transfer import Patience
+from dfdbench.building.fetching.checksums import check_checksum, sha256
+from dfdbench.building.fetching.download import Fate, WantedFile, fetch
+from dfdbench.building.fetching.transfer import Patience
 from tests.site import Site, served
 
 QUICK = Patience(tries=2, pause=0.01, silence=0.5)

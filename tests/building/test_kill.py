@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.fetching.checksums import known_checksums
+from dfdbench.building.sources import download_middlebury, open_source
 from dfdbench.datasets.integrity import verify_store
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
-from dfdbench.fetching.checksums import known_checksums
-from dfdbench.sources import download_middlebury, open_source
 from dfdbench.system.parallel import Threads
 from tests.conftest import TINY_TOML, write_png
 from tests.site import served

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from dfdbench.datasets.manifest import Manifest, Scene
-from dfdbench.errors import Problem, SourceError
-from dfdbench.fetching.archive import archive_members
-from dfdbench.fetching.checksums import (
+from dfdbench.building.fetching.archive import archive_members
+from dfdbench.building.fetching.checksums import (
     check_checksum,
     known_checksums,
     lock_name,
@@ -18,10 +16,12 @@ from dfdbench.fetching.checksums import (
     sha256,
     write_checksums,
 )
-from dfdbench.fetching.download import SET_ASIDE, Fate, Progress, WantedFile, fetch
-from dfdbench.fetching.transfer import Patience
-from dfdbench.png import decode_depth, decode_image, png_size
-from dfdbench.sources.middlebury import depth_name, image_name
+from dfdbench.building.fetching.download import SET_ASIDE, Fate, Progress, WantedFile, fetch
+from dfdbench.building.fetching.transfer import Patience
+from dfdbench.building.png import decode_depth, decode_image, png_size
+from dfdbench.building.sources.middlebury import depth_name, image_name
+from dfdbench.datasets.manifest import Manifest, Scene
+from dfdbench.errors import Problem, SourceError
 from dfdbench.system.location import as_location
 from dfdbench.system.lock import hold
 

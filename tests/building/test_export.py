@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.export import export_png
+from dfdbench.building.sources import SceneImages, open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
-from dfdbench.export import export_png
-from dfdbench.sources import SceneImages, open_source
 from tests.conftest import write_png
 
 

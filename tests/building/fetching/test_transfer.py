@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import trustme
 
+from dfdbench.building.fetching.transfer import NotThereError, Patience, Transfer, UnreachableError
 from dfdbench.errors import SourceError
-from dfdbench.fetching.transfer import NotThereError, Patience, Transfer, UnreachableError
 from tests.site import Site, served
 
 CONTENT = bytes(range(256)) * 4000

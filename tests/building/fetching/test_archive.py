@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.building.fetching import archive
+from dfdbench.building.fetching.archive import archive_members, read_member
 from dfdbench.errors import SourceError
-from dfdbench.fetching import archive
-from dfdbench.fetching.archive import archive_members, read_member
 
 
 def made(path: Path, *names: str | zipfile.ZipInfo, content: bytes = b"content") -> Path:

@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
+from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
-from dfdbench.sources.middlebury import MiddleburyScenes
 from tests.conftest import TINY_DEFAULT_TOML, write_png
 
 

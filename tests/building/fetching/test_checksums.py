@@ -5,9 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import SourceError
-from dfdbench.fetching.checksums import (
+from dfdbench.building.fetching.checksums import (
     check_checksum,
     known_checksums,
     lock_name,
@@ -15,6 +13,8 @@ from dfdbench.fetching.checksums import (
     sha256,
     write_checksums,
 )
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.errors import SourceError
 
 
 def test_a_lock_file_is_read_back_and_sha256sum_reads_it(tmp_path: Path) -> None:

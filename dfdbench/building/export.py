@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.synthesis import BlurRecipe
+from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, StoreError
-from dfdbench.sources.middlebury import depth_name, image_name
 from dfdbench.system.files import write_whole
 
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.building.fetching.checksums import check_checksum, sha256
+from dfdbench.building.png import decode_depth, decode_image
+from dfdbench.building.sources.interface import SceneImages
+from dfdbench.building.sources.scene_files import find_scene
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
-from dfdbench.fetching.checksums import check_checksum, sha256
-from dfdbench.png import decode_depth, decode_image
-from dfdbench.sources.interface import SceneImages
-from dfdbench.sources.scene_files import find_scene
 
 Levels = NDArray[np.uint8]
 

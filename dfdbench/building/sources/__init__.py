@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from dfdbench.building.sources.demo import DemoScenes
+from dfdbench.building.sources.interface import SceneImages, Source
+from dfdbench.building.sources.middlebury import MiddleburyScenes
+from dfdbench.building.sources.middlebury_download import Download, download_middlebury
+from dfdbench.building.sources.realworld import RealworldFolder
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import Problem, SourceError
-from dfdbench.sources.demo import DemoScenes
-from dfdbench.sources.interface import SceneImages, Source
-from dfdbench.sources.middlebury import MiddleburyScenes
-from dfdbench.sources.middlebury_download import Download, download_middlebury
-from dfdbench.sources.realworld import RealworldFolder
 
 __all__ = ["Download", "SceneImages", "Source", "download_middlebury", "open_source"]
 

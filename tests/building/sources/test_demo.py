@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
+from dfdbench.building.sources.demo import DemoScenes, photograph_light
+from dfdbench.building.sources.demo_scenes import SCENES
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError
 from dfdbench.methods.baselines import Local
 from dfdbench.metrics.scores import nmae
-from dfdbench.sources.demo import DemoScenes, photograph_light
-from dfdbench.sources.demo_scenes import SCENES
 
 
 def histogram(store: Store, split: str) -> np.ndarray:

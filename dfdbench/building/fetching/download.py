@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from dfdbench.building.fetching.transfer import NotThereError, Patience, Transfer, UnreachableError
 from dfdbench.errors import Problem, SourceError
-from dfdbench.fetching.transfer import NotThereError, Patience, Transfer, UnreachableError
 
 #: Files fetched at once: the sites are universities' own, not content networks.
 CONNECTIONS = 4

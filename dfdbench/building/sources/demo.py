@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.building.sources.demo_scenes import SCENES
+from dfdbench.building.sources.interface import SceneImages
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.simulation.photographs import GAMMA, normal_numbers, photograph
 from dfdbench.simulation.raycast import Surface, View, cast
-from dfdbench.sources.demo_scenes import SCENES
-from dfdbench.sources.interface import SceneImages
 
 Floats = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from upath import UPath
 
 from dfdbench.blur.synthesis import BlurRecipe, find_recipe, synthesize
+from dfdbench.building.sources.interface import SceneImages, Source
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
 from dfdbench.errors import Problem, SourceError
-from dfdbench.sources.interface import SceneImages, Source
 from dfdbench.system.location import Place
 from dfdbench.system.parallel import Pool, Threads
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from dfdbench.building.fetching.archive import archive_members, read_member
 from dfdbench.errors import Problem, SourceError
-from dfdbench.fetching.archive import archive_members, read_member
 
 
 @dataclass(frozen=True)

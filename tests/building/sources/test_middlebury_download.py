@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.fetching.checksums import known_checksums
+from dfdbench.building.fetching.transfer import Patience
+from dfdbench.building.sources import open_source
+from dfdbench.building.sources.middlebury_download import Download, download_middlebury
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
-from dfdbench.fetching.checksums import known_checksums
-from dfdbench.fetching.transfer import Patience
-from dfdbench.sources import open_source
-from dfdbench.sources.middlebury_download import Download, download_middlebury
 from tests.conftest import TINY_DEFAULT_TOML, TINY_TOML
 from tests.site import Site, served
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.synthesis import RECIPES, synthesize
-from dfdbench.build import build_store
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
+from dfdbench.building.sources.captures import average_frames
+from dfdbench.building.sources.realworld import RealworldFolder
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError
 from dfdbench.rig.lidar_files import write_ranges
 from dfdbench.rig.registration_file import NAME as REGISTRATION
 from dfdbench.simulation.captures import Settings, write_captures
-from dfdbench.sources import open_source
-from dfdbench.sources.captures import average_frames
-from dfdbench.sources.realworld import RealworldFolder
 from dfdbench.system.parallel import Threads
 from tests.conftest import write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
