@@ -8,18 +8,16 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.board_folder import LEADERBOARD
-from dfdbench.board_tables import ranking_table
-from dfdbench.claimed_method import ClaimedMethod
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError, Problem, ResultError
-from dfdbench.leaderboard import boards, collect
-from dfdbench.leaderboard_readme import check_readme, write_readme
-from dfdbench.results.record import RESULT, Result, load_result
-from dfdbench.submission import data_set_problems
-from dfdbench.tables.table import Format, render
-from dfdbench.verification import (
+from dfdbench.leaderboard.board_tables import ranking_table
+from dfdbench.leaderboard.boards import boards, collect
+from dfdbench.leaderboard.claimed_method import ClaimedMethod
+from dfdbench.leaderboard.folder import LEADERBOARD
+from dfdbench.leaderboard.readme import check_readme, write_readme
+from dfdbench.leaderboard.submission import data_set_problems
+from dfdbench.leaderboard.verification import (
     SUFFIX,
     TOLERANCE,
     Outcome,
@@ -27,6 +25,8 @@ from dfdbench.verification import (
     save_verification,
     verify,
 )
+from dfdbench.results.record import RESULT, Result, load_result
+from dfdbench.tables.table import Format, render
 
 app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 Folder = Annotated[Path, typer.Option(help="The leaderboard's folder.")]

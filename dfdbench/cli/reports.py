@@ -9,18 +9,18 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.board_folder import file_stems
 from dfdbench.cli.answer import writing
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.comparison import change_figure
+from dfdbench.leaderboard.folder import file_stems
+from dfdbench.leaderboard.submission import method_label
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.page.html import write_html
 from dfdbench.page.markdown import write_markdown
 from dfdbench.results.difference_tables import change_tables, changes_to_show
 from dfdbench.results.record import RESULT, Result
 from dfdbench.results.saved_run import SavedRun, open_run
-from dfdbench.submission import method_label
 from dfdbench.tables.table import Format, render
 
 _PANELS = 4

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from dfdbench.board_tables import lighting_table, ranking_table, runs_table
 from dfdbench.figures.comparison import lighting_figures, time_figure
 from dfdbench.figures.groups import group_figures
-from dfdbench.leaderboard import Entry, boards
+from dfdbench.leaderboard.board_tables import lighting_table, ranking_table, runs_table
+from dfdbench.leaderboard.boards import Entry, boards
 from dfdbench.metrics.protocol import require_scored
 from dfdbench.results.record import PairResult
 from dfdbench.results.run_tables import run_tables

@@ -11,8 +11,8 @@ import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
 
-from dfdbench.board_tables import seconds_text
 from dfdbench.figures.runs import ERROR_LIMIT
+from dfdbench.leaderboard.board_tables import seconds_text
 from dfdbench.metrics.protocol import METRICS
 from dfdbench.page.content import Content, ShownPair, gather
 from dfdbench.page.pictures import depth_map, error_map, ink, inline_svg, photo, scale

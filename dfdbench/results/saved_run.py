@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import PairImages, Store, open_store
 from dfdbench.errors import DfdbenchError, Problem, ResultError
+from dfdbench.leaderboard.submission import method_label
 from dfdbench.results.folder import PREDICTIONS, read_prediction, read_store_place, require_pairs_of
 from dfdbench.results.record import RESULT, PairResult, Result, load_result
-from dfdbench.submission import method_label
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.synthesis import RECIPES, synthesize
-from dfdbench.board_folder import known_fingerprints
 from dfdbench.building.build import build_store, scene_dataset
 from dfdbench.building.fetching.checksums import known_checksums
 from dfdbench.building.sources import SceneImages, open_source
@@ -20,6 +19,7 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError, UnknownNameError
+from dfdbench.leaderboard.folder import known_fingerprints
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import TINY_TOML
 

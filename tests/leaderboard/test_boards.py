@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from dfdbench.board_folder import file_stems
-from dfdbench.board_tables import lighting_table, ranking_table, runs_table
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import ResultError
-from dfdbench.leaderboard import Board, Entry, boards, collect
-from dfdbench.submission import submit
+from dfdbench.leaderboard.board_tables import lighting_table, ranking_table, runs_table
+from dfdbench.leaderboard.boards import Board, Entry, boards, collect
+from dfdbench.leaderboard.folder import file_stems
+from dfdbench.leaderboard.submission import submit
 from tests.made_results import limited, make_demo_result, make_result
 
 WHEN = datetime(2026, 1, 2, tzinfo=UTC)

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from dfdbench.board_folder import FINGERPRINTS, UNDEFINED, file_stems
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import ResultError
+from dfdbench.leaderboard.folder import FINGERPRINTS, UNDEFINED, file_stems
+from dfdbench.leaderboard.submission import data_set_problems, load_submission, method_label, submit
 from dfdbench.results.record import PairScores, Result, average, seal_of
-from dfdbench.submission import data_set_problems, load_submission, method_label, submit
 from tests.made_results import limited, make_demo_result, make_result
 
 WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.board_folder import README, RESULTS
 from dfdbench.errors import ResultError
-from dfdbench.leaderboard import collect
-from dfdbench.leaderboard_readme import check_readme, write_readme
-from dfdbench.submission import submit
+from dfdbench.leaderboard.boards import collect
+from dfdbench.leaderboard.folder import README, RESULTS
+from dfdbench.leaderboard.readme import check_readme, write_readme
+from dfdbench.leaderboard.submission import submit
 from tests.made_results import make_demo_result
 
-HERE = Path(__file__).parents[1]
+HERE = Path(__file__).parents[2]
 NAMES = ("a b \"c\" 'd'", "x|y", "<script>alert(1)</script>", "**bold**", "🐟", "[a](b)", "$x$")
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.board_tables import published_summary, published_table
 from dfdbench.errors import ResultError
+from dfdbench.leaderboard.board_tables import published_summary, published_table
+from dfdbench.leaderboard.published import load_published, mean_over
 from dfdbench.methods import registered_methods
-from dfdbench.published import load_published, mean_over
 
-FOLDER = Path(__file__).parents[1] / "leaderboard"
+FOLDER = Path(__file__).parents[2] / "leaderboard"
 PUBLISHED = load_published(FOLDER)
 TABLES = {table.table: table for table in PUBLISHED if table.kind == "table"}
 

@@ -12,12 +12,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
-from dfdbench.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, Problem, ResultError, unknown_name
 from dfdbench.evaluation.pair import PairEvaluator, load_for
 from dfdbench.evaluation.run import without_folder
+from dfdbench.leaderboard.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
+from dfdbench.leaderboard.submission import TIME_FORMAT
 from dfdbench.methods import registered_methods
 from dfdbench.metrics.protocol import METRICS, RELEASED
 from dfdbench.results.environment import describe_environment
@@ -33,7 +34,6 @@ from dfdbench.results.record import (
     Sha256,
     Time,
 )
-from dfdbench.submission import TIME_FORMAT
 from dfdbench.system.files import write_whole
 
 SUFFIX = ".reproduced.json"
@@ -90,7 +90,7 @@ def claim_of(result: Result, path: Path) -> ClaimedMethod:
     Raises
     ------
     ResultError, UnknownNameError
-        As `dfdbench.claimed_method.claimed_method`,
+        As `dfdbench.leaderboard.claimed_method.claimed_method`,
         and where name and entry are not one.
     """
     if problems := entry_problems(result.method, path):

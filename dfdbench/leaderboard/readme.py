@@ -9,11 +9,11 @@ from pathlib import Path
 
 import jinja2
 
-from dfdbench.board_folder import README
-from dfdbench.board_tables import board_tables, published_summary, published_table
 from dfdbench.errors import Problem, ResultError
-from dfdbench.leaderboard import Board, Entry, boards, collect
-from dfdbench.published import PublishedTable, load_published
+from dfdbench.leaderboard.board_tables import board_tables, published_summary, published_table
+from dfdbench.leaderboard.boards import Board, Entry, boards, collect
+from dfdbench.leaderboard.folder import README
+from dfdbench.leaderboard.published import PublishedTable, load_published
 from dfdbench.system.files import write_whole
 from dfdbench.tables.table import as_markdown, escape_markdown
 
@@ -65,7 +65,7 @@ def readme_text(folder: Path, entries: Sequence[Entry]) -> str:
     found = boards(entries)
     published = load_published(folder)
     note = folder / NOTE
-    template = resources.files("dfdbench.templates") / "leaderboard.md.jinja"
+    template = resources.files("dfdbench.leaderboard.boards") / "leaderboard.md.jinja"
     # Markdown, not HTML: what comes from results is escaped by as_markdown, table by table.
     environment = jinja2.Environment(keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
     compared = dict.fromkeys(table.compare for table in published if table.compare)

@@ -9,9 +9,9 @@ from decimal import Decimal
 from math import fsum
 from pathlib import Path
 
-from dfdbench.leaderboard import Board, Entry, Standing
+from dfdbench.leaderboard.boards import Board, Entry, Standing
+from dfdbench.leaderboard.published import PublishedTable, mean_over
 from dfdbench.metrics.protocol import METRICS, RELEASED, title_of
-from dfdbench.published import PublishedTable, mean_over
 from dfdbench.results.record import RESULT, Result
 from dfdbench.results.summary import SCENES_TO_TELL, interval_name
 from dfdbench.tables.table import Link, Table
@@ -26,7 +26,7 @@ def board_tables(board: Board, folder: Path) -> list[Table]:
     Parameters
     ----------
     board : Board
-        From `dfdbench.leaderboard.boards`.
+        From `dfdbench.leaderboard.boards.boards`.
     folder : Path
         The leaderboard's folder, from which links go out.
     """

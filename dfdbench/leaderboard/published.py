@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from dfdbench.board_folder import PUBLISHED
 from dfdbench.errors import Problem, ResultError
+from dfdbench.leaderboard.folder import PUBLISHED
 from dfdbench.results.record import Model
 
 Text = Annotated[str, Field(min_length=1)]

@@ -7,16 +7,16 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-from dfdbench.board_folder import (
+from dfdbench.datasets.catalog import released_manifests
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
+from dfdbench.leaderboard.folder import (
     UNDEFINED,
     file_stems,
     known_fingerprints,
     known_undefined,
     place_of,
 )
-from dfdbench.datasets.catalog import released_manifests
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.metrics.protocol import METRICS, RELEASED, label_of
 from dfdbench.results.record import (
     MethodRecord,

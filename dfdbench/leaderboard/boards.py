@@ -8,14 +8,19 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from dfdbench.board_folder import RESULTS, require_leaderboard
 from dfdbench.errors import Problem, ResultError
+from dfdbench.leaderboard.folder import RESULTS, require_leaderboard
+from dfdbench.leaderboard.submission import TIME_FORMAT, load_submission, method_label
+from dfdbench.leaderboard.verification import (
+    SUFFIX,
+    Verification,
+    entry_problems,
+    load_verification,
+)
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.differences import Difference, changes, paired_difference
 from dfdbench.results.record import Result
 from dfdbench.results.summary import scene_interval
-from dfdbench.submission import TIME_FORMAT, load_submission, method_label
-from dfdbench.verification import SUFFIX, Verification, entry_problems, load_verification
 
 
 @dataclass(frozen=True)

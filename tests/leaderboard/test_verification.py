@@ -10,12 +10,12 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, ResultError, UnknownNameError
 from dfdbench.evaluation.pair import PairEvaluator, load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.leaderboard import boards, collect
+from dfdbench.leaderboard.boards import boards, collect
+from dfdbench.leaderboard.submission import submit
+from dfdbench.leaderboard.verification import load_verification, save_verification, verify
 from dfdbench.metrics.protocol import RELEASED, find_protocol
 from dfdbench.results.record import RESULT, Result, average, load_result, save_result, seal_of
 from dfdbench.results.run_tables import run_tables
-from dfdbench.submission import submit
-from dfdbench.verification import load_verification, save_verification, verify
 
 
 @pytest.fixture

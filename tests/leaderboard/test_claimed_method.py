@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from dfdbench.claimed_method import claimed_method, parameters_to_run
 from dfdbench.errors import DfdbenchError, ResultError
+from dfdbench.leaderboard.claimed_method import claimed_method, parameters_to_run
 from dfdbench.results.record import MethodRecord
 
 RESULT = Path("result.json")

@@ -1,0 +1,1 @@
+"""Sealed results: collected, ranked, verified, told."""
