@@ -16,8 +16,8 @@ from dfdbench.figures.comparison import change_figure
 from dfdbench.leaderboard.folder import file_stems
 from dfdbench.leaderboard.submission import method_label
 from dfdbench.metrics.protocol import find_protocol
-from dfdbench.page.html import write_html
-from dfdbench.page.markdown import write_markdown
+from dfdbench.report.html import write_html
+from dfdbench.report.markdown import write_markdown
 from dfdbench.results.difference_tables import change_tables, changes_to_show
 from dfdbench.results.record import RESULT, Result
 from dfdbench.results.saved_run import SavedRun, open_run

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.page.html import write_html
+from dfdbench.report.html import write_html
 from dfdbench.results.saved_run import SavedRun
-from tests.page.conftest import HOSTILE
+from tests.report.conftest import HOSTILE
 
 
 class Tags(HTMLParser):

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import cv2
 
-from dfdbench.page.markdown import write_markdown
+from dfdbench.report.markdown import write_markdown
 from dfdbench.results.saved_run import SavedRun
 
 

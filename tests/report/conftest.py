@@ -38,6 +38,6 @@ def saved_runs(demo_store: Store, tmp_path_factory: pytest.TempPathFactory) -> l
 
 @pytest.fixture(scope="session")
 def html_page(saved_runs: list[SavedRun], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from dfdbench.page.html import write_html
+    from dfdbench.report.html import write_html
 
     return write_html(saved_runs, "thesis", tmp_path_factory.mktemp("page"))

@@ -9,7 +9,7 @@ from pathlib import Path
 import jinja2
 
 from dfdbench.figures.runs import panel_figure
-from dfdbench.page.content import Content, gather
+from dfdbench.report.content import Content, gather
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.system.files import write_whole
 from dfdbench.tables.table import as_markdown, escape_markdown
@@ -40,7 +40,7 @@ def write_markdown(runs: Sequence[SavedRun], protocol: str, folder: Path) -> Pat
             figure.savefig(folder / file, dpi=120)
             drawn.append((name, file))
         plots.append(drawn)
-    template = resources.files("dfdbench.templates") / "report.md.jinja"
+    template = resources.files("dfdbench.report") / "report.md.jinja"
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True)
     environment.filters |= {"table": as_markdown, "text": escape_markdown}
     text = environment.from_string(template.read_text(encoding="utf-8")).render(

@@ -6,7 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.page.pictures import depth_map, error_map, inline_svg, photo
+from dfdbench.report.pictures import depth_map, error_map, inline_svg, photo
 
 
 def decoded(address: str) -> NDArray[np.uint8]:

@@ -18,7 +18,7 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import Select
 
-from tests.page.conftest import HOSTILE
+from tests.report.conftest import HOSTILE
 
 INSTALL = "DFDBENCH_INSTALL_CHROMIUM"
 

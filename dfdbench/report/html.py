@@ -14,8 +14,8 @@ from markupsafe import Markup
 from dfdbench.figures.runs import ERROR_LIMIT
 from dfdbench.leaderboard.board_tables import seconds_text
 from dfdbench.metrics.protocol import METRICS
-from dfdbench.page.content import Content, ShownPair, gather
-from dfdbench.page.pictures import depth_map, error_map, ink, inline_svg, photo, scale
+from dfdbench.report.content import Content, ShownPair, gather
+from dfdbench.report.pictures import depth_map, error_map, ink, inline_svg, photo, scale
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.system.files import write_whole
 
@@ -59,7 +59,7 @@ def write_html(
             pairs.append(card)
         if on_pair:
             on_pair(number, len(content.pairs))
-    templates = resources.files("dfdbench.templates")
+    templates = resources.files("dfdbench.report")
     # Names of methods are untrusted text: jinja escapes them wherever they stand.
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True

@@ -1,1 +1,0 @@
-"""Templates of what the package writes."""
