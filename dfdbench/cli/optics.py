@@ -10,6 +10,7 @@ import numpy as np
 import typer
 from matplotlib.ticker import MaxNLocator
 
+from dfdbench.cli.lengths import LARGEST_PIXEL, parse_length
 from dfdbench.cli.screen import print_table, save_figure
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.captures import temperature_figure, voltage_figure
@@ -18,7 +19,6 @@ from dfdbench.optics.lens_table import StepPair, rank_pairs, read_lens_table
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.optics.white_dot import Measurement, read_lens_captures
 from dfdbench.tables.table import Table
-from dfdbench.units import LARGEST_PIXEL, parse_length
 
 app = typer.Typer(help="What a lens does to a point, and which voltage steps make a good pair.")
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dfdbench.building.sources.captures import PublishedScene, RawScene, find_scene
 from dfdbench.cli.captures import capture_of, chosen_scenes
+from dfdbench.cli.lengths import LARGEST_PIXEL, parse_length
 from dfdbench.cli.screen import print_table, progress, save_figure
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import DfdbenchError, Problem, SourceError
@@ -25,7 +26,6 @@ from dfdbench.rig.lidar import Beams, depth_image, warp
 from dfdbench.rig.registration import Registration, Sighting, register, sight
 from dfdbench.rig.registration_file import NAME, PREVIOUS, read_registration, write_registration
 from dfdbench.tables.table import Table
-from dfdbench.units import LARGEST_PIXEL, parse_length
 
 OVERLAY = "registration.png"
 _KNOWN_WELL = 3.0  # pixels

@@ -1,5 +1,5 @@
 """The command line as a fixture, for the tests of each family of verbs."""
 
-from tests.test_cli import dfdbench
+from tests.cli.test_command_line import dfdbench
 
 __all__ = ["dfdbench"]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_cli import Command
+from tests.cli.test_command_line import Command
 
 SIMULATE = ["simulate", "realworld", "--steps", "129,141", "--exposures", "40"]
 

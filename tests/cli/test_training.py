@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.datasets.store import Store
+from tests.cli.test_command_line import Command
 from tests.conftest import write_png
-from tests.test_cli import Command
 
 QUICK = [
     "--set", "narrow=64", "--set", "crop=16", "--set", "crops_per_step=1", "--set", "steps=4",

@@ -1,7 +1,7 @@
 import pytest
 
+from dfdbench.cli.lengths import parse_length
 from dfdbench.errors import InputError
-from dfdbench.units import parse_length
 
 
 @pytest.mark.parametrize(

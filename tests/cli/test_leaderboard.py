@@ -10,7 +10,7 @@ import cv2
 import pytest
 
 from dfdbench.datasets.store import Store
-from tests.test_cli import Command, dfdbench  # noqa: F401
+from tests.cli.test_command_line import Command, dfdbench  # noqa: F401
 
 
 @pytest.fixture

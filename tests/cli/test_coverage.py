@@ -105,7 +105,7 @@ def test_what_training_lacks_is_named_kept_and_ends_with_status_1(
     assert "NOT covered" in outcome.out
     folder = Path("results/uneven-coverage/train-test")
     record = json.loads((folder / "coverage.json").read_text())
-    schema = Path(__file__).parents[1] / "dfdbench/results/schemas/coverage-1.json"
+    schema = Path(__file__).parents[2] / "dfdbench/results/schemas/coverage-1.json"
     jsonschema.validate(record, json.loads(schema.read_text()))
     assert record["schema_version"] == 1
     # Three: 3 pairs of 4 rows of 32 pixels; 7 pairs in all, one row of each unknown.
