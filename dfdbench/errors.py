@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import KW_ONLY, dataclass
+from typing import Self
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Problem:
     """
 
     what: str
+    _: KW_ONLY
     where: str = ""
     expected: str = ""
     got: str = ""
@@ -55,21 +57,37 @@ class DfdbenchError(Exception):
 
     Parameters
     ----------
-    problems : Problem or iterable of Problem
-        All that was found wrong, shown together.
+    what : str
+        The problem in a few words.
+    where, expected, got, fix : str
+        As of a `Problem`.
 
     Examples
     --------
-    >>> error = DfdbenchError([Problem("no folder"), Problem("no image")])
-    >>> print(error)
+    >>> print(DfdbenchError("no folder", where="results"))
+    no folder
+      where     results
+    >>> print(DfdbenchError.of([Problem("no folder"), Problem("no image")]))
     2 problems:
     1. no folder
     2. no image
     """
 
-    def __init__(self, problems: Problem | Iterable[Problem]) -> None:
-        self.problems = (problems,) if isinstance(problems, Problem) else tuple(problems)
-        super().__init__(str(self))
+    problems: tuple[Problem, ...]
+
+    def __init__(
+        self, what: str, *, where: str = "", expected: str = "", got: str = "", fix: str = ""
+    ) -> None:
+        self.problems = (Problem(what, where=where, expected=expected, got=got, fix=fix),)
+        super().__init__(what)
+
+    @classmethod
+    def of(cls, problems: Problem | Iterable[Problem]) -> Self:
+        """Return the error that tells of one problem, or of several together."""
+        found = (problems,) if isinstance(problems, Problem) else tuple(problems)
+        error = cls(found[0].what if found else "")
+        error.problems = found
+        return error
 
     def __str__(self) -> str:
         if len(self.problems) == 1:
@@ -77,9 +95,9 @@ class DfdbenchError(Exception):
         numbered = (f"{number}. {problem}" for number, problem in enumerate(self.problems, 1))
         return "\n".join([f"{len(self.problems)} problems:", *numbered])
 
-    def __reduce__(self) -> tuple[type[DfdbenchError], tuple[tuple[Problem, ...]]]:
+    def __reduce__(self) -> tuple[Callable[..., Self], tuple[tuple[Problem, ...]]]:
         # Exceptions travel between processes by their arguments: send the problems, not the text.
-        return type(self), (self.problems,)
+        return type(self).of, (self.problems,)
 
 
 class InputError(DfdbenchError, ValueError):
@@ -139,10 +157,8 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
         near = [folded[name.casefold()]]
     hint = f"did you mean {' or '.join(near)}?" if near else ""
     return UnknownNameError(
-        Problem(
-            what=f"unknown {kind}",
-            expected="one of: " + ", ".join(choices),
-            got=name,
-            fix=" ".join(part for part in (hint, fix) if part),
-        )
+        what=f"unknown {kind}",
+        expected="one of: " + ", ".join(choices),
+        got=name,
+        fix=" ".join(part for part in (hint, fix) if part),
     )

@@ -11,7 +11,7 @@ from torch.utils.data import Dataset
 
 from dfdbench.datasets.pair_sequence import open_pairs
 from dfdbench.datasets.store import WHOLE, Region
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 from dfdbench.system.location import Place
 
 
@@ -70,7 +70,10 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
         smallest = min((min(self._pairs.store.shape_of(scene)) for scene in shapes), default=0)
         if crop is not None and not 0 < crop <= smallest:
             raise InputError(
-                Problem("crops do not fit the images", "crop", f"1 to {smallest}", str(crop))
+                "crops do not fit the images",
+                where="crop",
+                expected=f"1 to {smallest}",
+                got=str(crop),
             )
 
     def __len__(self) -> int:

@@ -4,7 +4,11 @@ from dfdbench.errors import DfdbenchError, ManifestError, Problem, unknown_name
 
 
 def test_several_problems_are_shown_together() -> None:
-    text = str(DfdbenchError([Problem("a", "here", "1", "2", "do"), Problem("b")]))
+    text = str(
+        DfdbenchError.of(
+            [Problem("a", where="here", expected="1", got="2", fix="do"), Problem("b")]
+        )
+    )
     assert text.splitlines()[0] == "2 problems:"
     for part in ("1. a", "2. b", "here", "expected  1", "got       2", "fix       do"):
         assert part in text
@@ -16,6 +20,6 @@ def test_near_misses_are_named() -> None:
 
 
 def test_errors_travel_between_processes() -> None:
-    error = pickle.loads(pickle.dumps(ManifestError([Problem("a", "b"), Problem("c")])))
+    error = pickle.loads(pickle.dumps(ManifestError.of([Problem("a", where="b"), Problem("c")])))
     assert isinstance(error, ManifestError)
-    assert error.problems == (Problem("a", "b"), Problem("c"))
+    assert error.problems == (Problem("a", where="b"), Problem("c"))

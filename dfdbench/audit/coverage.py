@@ -65,11 +65,19 @@ class DensityBound:
         problems = []
         if not 1 <= self.factor < math.inf:
             expected = "a number from 1 up"
-            problems.append(Problem("wrong density factor", "factor", expected, str(self.factor)))
+            problems.append(
+                Problem(
+                    "wrong density factor", where="factor", expected=expected, got=str(self.factor)
+                )
+            )
         if not 0 <= self.floor <= 1:
-            problems.append(Problem("wrong density floor", "floor", "0 to 1", str(self.floor)))
+            problems.append(
+                Problem(
+                    "wrong density floor", where="floor", expected="0 to 1", got=str(self.floor)
+                )
+            )
         if problems:
-            raise InputError(problems)
+            raise InputError.of(problems)
 
 
 @dataclass(frozen=True)
@@ -139,11 +147,11 @@ def depth_histogram(depth: NDArray[np.uint8], valid: Mask, pairs: int = 1) -> De
     """
     if depth.dtype != np.uint8 or depth.ndim != 2 or valid.shape != depth.shape:
         raise InputError(
-            Problem(
-                "not a depth map", "depth, valid", "uint8 and bool of one shape (y, x)",
-                f"{depth.dtype} {depth.shape}, {valid.shape}",
-            )
-        )  # fmt: skip
+            "not a depth map",
+            where="depth, valid",
+            expected="uint8 and bool of one shape (y, x)",
+            got=f"{depth.dtype} {depth.shape}, {valid.shape}",
+        )
     known = depth[valid]
     # A rotation or a mirror image shows the same levels again: eight times the crop.
     weights = ORIENTATIONS * expected_uses(depth.shape)[valid]
@@ -221,12 +229,15 @@ class Coverage:
         """The verdict on each level; None where the test has no pixel of it."""
         missing, scarce = self.missing, self.scarce
         return tuple(
-            Verdict.missing if missing[level]
-            else Verdict.scarce if scarce[level]
-            else Verdict.covered if self.test.counts[level]
+            Verdict.missing
+            if missing[level]
+            else Verdict.scarce
+            if scarce[level]
+            else Verdict.covered
+            if self.test.counts[level]
             else None
             for level in range(LEVELS)
-        )  # fmt: skip
+        )
 
     def share(self, levels: Mask) -> float:
         """Return the share of the test's known pixels that lie on some levels."""
@@ -273,7 +284,7 @@ def check_allowance(share: float) -> None:
         Where it is not 0 to 1.
     """
     if not 0 <= share <= 1:
-        raise InputError(Problem("wrong allowed share", "allow", "0 to 1", str(share)))
+        raise InputError("wrong allowed share", where="allow", expected="0 to 1", got=str(share))
 
 
 def runs(keys: Sequence[object]) -> list[tuple[int, int]]:

@@ -19,11 +19,16 @@ def coverage_table(record: CoverageRecord) -> Table:
     """Return the offending ranges of levels with the pixels and scenes they concern."""
     rows = tuple(
         (
-            item.levels, item.verdict, " and ".join(item.criteria), percent(item.share),
-            f"{item.test_pixels:,}", f"{item.train_pixels:,}", _scenes_of(item),
+            item.levels,
+            item.verdict,
+            " and ".join(item.criteria),
+            percent(item.share),
+            f"{item.test_pixels:,}",
+            f"{item.train_pixels:,}",
+            _scenes_of(item),
         )
         for item in record.ranges
-    )  # fmt: skip
+    )
     columns = ("levels", "verdict", "criterion", "share", "in test", "in training", "scenes")
     title = f"depths of {_name(record.test)} that {_name(record.train)} lacks"
     return Table(title, columns, rows, "lllrrrl", tuple(_notes(record)))
@@ -52,21 +57,29 @@ def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
     """Return a row for each scene or fold tested against all other scenes."""
     rows = tuple(
         (
-            name, ", ".join(record.test.scenes) if kind == "fold" else str(record.test.pairs),
-            percent(record.shares["thesis"]), record.ranges_of(Criterion.thesis) or "–",
-            percent(record.shares["density"]), record.ranges_of(Criterion.density) or "–",
+            name,
+            ", ".join(record.test.scenes) if kind == "fold" else str(record.test.pairs),
+            percent(record.shares["thesis"]),
+            record.ranges_of(Criterion.thesis) or "–",
+            percent(record.shares["density"]),
+            record.ranges_of(Criterion.density) or "–",
             record.ranges_of(Verdict.missing) or "–",
         )
         for name, record in records.items()
-    )  # fmt: skip
+    )
     columns = (
-        kind, "test scenes" if kind == "fold" else "pairs", "thesis", "levels", "density",
-        "levels", "missing",
-    )  # fmt: skip
+        kind,
+        "test scenes" if kind == "fold" else "pairs",
+        "thesis",
+        "levels",
+        "density",
+        "levels",
+        "missing",
+    )
     first = next(iter(records.values()))
     notes = [
         "share of the test's known pixels on levels that are not covered by criterion thesis and "
-        "by criterion density, and which; missing ones count in the first",
+        "by criterion density, and which; missing ones count in the first"
     ]
     absent = sorted({scene for r in records.values() for scene in _absent(r)})
     if absent:

@@ -28,9 +28,7 @@ def depth_table(side: Side) -> Table:
         pixels = int(counts[inside].sum())
         absent = inside & (counts == 0)
         gaps = "all" if not pixels else as_ranges(absent) or "–"
-        rows.append(
-            (f"{first}-{first + _BAND - 1}", f"{pixels:,}", percent(pixels / known), gaps)
-        )  # fmt: skip
+        rows.append((f"{first}-{first + _BAND - 1}", f"{pixels:,}", percent(pixels / known), gaps))
     everything = known + histogram.unknown
     notes = [
         f"{known:,} pixels of known depth; unknown, and left out, are "
@@ -44,9 +42,12 @@ def depth_table(side: Side) -> Table:
     scenes = f"{len(side.scenes)} scene{'s' * (len(side.scenes) != 1)}"
     return Table(
         f"depths of {side.dataset}, {side.name} ({histogram.pairs} pairs of {scenes})",
-        ("levels", "pixels", "share", "do not occur"), tuple(rows), "lrrl", tuple(notes),
+        ("levels", "pixels", "share", "do not occur"),
+        tuple(rows),
+        "lrrl",
+        tuple(notes),
         records=tuple(
             {"level": level, "pixels": int(count), "share": int(count) / known}
             for level, count in enumerate(counts)
         ),
-    )  # fmt: skip
+    )

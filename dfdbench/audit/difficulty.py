@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.synthesis import BlurRecipe, synthesize
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 #: The steps tried, in depth levels.
 STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
@@ -106,7 +106,7 @@ def smallest_step(
     """
     if not (isinstance(noise, int | np.integer) and noise >= 0):
         raise InputError(
-            Problem("wrong noise", "noise", "whole grey levels, 0 or more", str(noise))
+            "wrong noise", where="noise", expected="whole grey levels, 0 or more", got=str(noise)
         )
     here = synthesize(infocus, depth, recipe).astype(np.int16)
     found = np.full(depth.shape, UNSEEN, np.int64)

@@ -42,11 +42,14 @@ def difficulty_table(manifest: Manifest, rows: list[dict[str, object]], noise: i
     columns = ("scene", *lighting, "1 apart", f"{COARSE} apart", "median step")
     cells = tuple(
         (
-            str(row["scene"]), *(str(row[axis]) for axis in lighting),
-            _percent(row["neighbours"]), _percent(row["coarse"]), _step(row["median_step"]),
+            str(row["scene"]),
+            *(str(row[axis]) for axis in lighting),
+            _percent(row["neighbours"]),
+            _percent(row["coarse"]),
+            _step(row["median_step"]),
         )
         for row in rows
-    )  # fmt: skip
+    )
     notes = (
         f"1 apart, {COARSE} apart: share of the pixels whose blur cannot tell levels that far "
         "from each other",

@@ -59,9 +59,11 @@ class Leak:
     def as_problem(self) -> Problem:
         """Return the leak as a problem that a user can mend."""
         return Problem(
-            f"leak: the same {self.kind} in training and test", f"{self.train} and {self.test}",
-            got=self.detail, fix="put both into the same split, or train without the one",
-        )  # fmt: skip
+            f"leak: the same {self.kind} in training and test",
+            where=f"{self.train} and {self.test}",
+            got=self.detail,
+            fix="put both into the same split, or train without the one",
+        )
 
 
 def image_hash(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -159,11 +161,13 @@ def image_leaks(train: Mapping[str, Hashes], test: Mapping[str, Hashes]) -> list
     distances = (here[:, np.newaxis] != there[np.newaxis]).sum(axis=2)
     return [
         Leak(
-            LeakKind.image, left[i][0], right[j][0],
+            LeakKind.image,
+            left[i][0],
+            right[j][0],
             f"{distances[i, j]} of {_HASH_SIDE**2} bits of their perceptual hashes differ",
         )
         for i, j in np.argwhere(distances <= NEAR_DUPLICATE_BITS)
-    ]  # fmt: skip
+    ]
 
 
 def find_leaks(
@@ -182,9 +186,11 @@ def find_leaks(
 def leaks_between(train: Side, test: Side) -> tuple[Leak, ...]:
     """Return everything that the two sides of a comparison share."""
     found = find_leaks(
-        train.store.manifest, scene_hashes(train.store, train.scenes),
-        test.store.manifest, scene_hashes(test.store, test.scenes),
-    )  # fmt: skip
+        train.store.manifest,
+        scene_hashes(train.store, train.scenes),
+        test.store.manifest,
+        scene_hashes(test.store, test.scenes),
+    )
     return tuple(found)
 
 

@@ -30,9 +30,7 @@ class LevelErrors:
 
     def __add__(self, other: LevelErrors) -> LevelErrors:
         return LevelErrors(
-            self.pixels + other.pixels,
-            self.absolute + other.absolute,
-            self.squared + other.squared,
+            self.pixels + other.pixels, self.absolute + other.absolute, self.squared + other.squared
         )
 
     @classmethod

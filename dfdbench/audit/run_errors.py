@@ -87,12 +87,12 @@ def join_errors(store: Store, result: Result, folder: Path, record: CoverageReco
     """
     if result.dataset.fingerprint != store.fingerprint:
         raise ResultError(
-            Problem(
-                "the result is of another data set", str(store.path),
-                result.dataset.fingerprint, store.fingerprint,
-                "name the store that was run on: dfdbench coverage STORE --result FILE",
-            )
-        )  # fmt: skip
+            "the result is of another data set",
+            where=str(store.path),
+            expected=result.dataset.fingerprint,
+            got=store.fingerprint,
+            fix="name the store that was run on: dfdbench coverage STORE --result FILE",
+        )
     require_pairs_of(result, store, folder)
     errors, problems = {}, []
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
@@ -100,20 +100,22 @@ def join_errors(store: Store, result: Result, folder: Path, record: CoverageReco
         depth, valid = store.read_depth(pair_of(pair))
         prediction = read_prediction(folder, pair_of(pair), depth.shape)
         if prediction is None:
-            problems.append(Problem("no prediction was kept", f"{folder}: {pair.id}"))
+            problems.append(Problem("no prediction was kept", where=f"{folder}: {pair.id}"))
         elif array_digest("depth", ("y", "x"), prediction) != pair.prediction_sha256:
-            problems.append(Problem("the prediction is not the result's", f"{folder}: {pair.id}"))
+            problems.append(
+                Problem("the prediction is not the result's", where=f"{folder}: {pair.id}")
+            )
         else:
             errors[pair.id] = level_errors(depth, valid, prediction)
     if problems or not errors:
         more = f"{len(problems)} of {len(evaluated)} pairs"
-        first = problems[0] if problems else Problem("no pair was evaluated", str(folder))
+        first = problems[0] if problems else Problem("no pair was evaluated", where=str(folder))
         raise ResultError(
-            Problem(
-                first.what, first.where, got=more,
-                fix="run the method again, without --no-predictions",
-            )
-        )  # fmt: skip
+            first.what,
+            where=first.where,
+            got=more,
+            fix="run the method again, without --no-predictions",
+        )
     levels = {verdict: np.array(record.levels(verdict)) for verdict in Verdict}
     if record.test.inverted:
         levels = {verdict: mask[::-1] for verdict, mask in levels.items()}
@@ -136,27 +138,35 @@ def error_table(join: ErrorJoin, title: str, meaning: str) -> Table:
     }
     rows = [
         (
-            kind, f"{int(total.pixels[mask].sum()):,}", percent(total.share(mask)),
-            _number(total.mean(mask)), _number(total.root_mean_square(mask)),
+            kind,
+            f"{int(total.pixels[mask].sum()):,}",
+            percent(total.share(mask)),
+            _number(total.mean(mask)),
+            _number(total.root_mean_square(mask)),
         )
         for kind, mask in kinds.items()
-    ]  # fmt: skip
+    ]
     return Table(
-        title, ("levels", "pixels", "of all", "mean absolute error", "root mean square"),
-        tuple(rows), "lrrrr", (meaning,), frozenset({len(rows) - 2}),
-    )  # fmt: skip
+        title,
+        ("levels", "pixels", "of all", "mean absolute error", "root mean square"),
+        tuple(rows),
+        "lrrrr",
+        (meaning,),
+        frozenset({len(rows) - 2}),
+    )
 
 
 def scene_table(join: ErrorJoin) -> Table:
     """Return mean absolute errors by scene on covered, scarce and missing levels."""
     rows = [
         (
-            scene, percent(errors.share(join.uncovered)),
+            scene,
+            percent(errors.share(join.uncovered)),
             *(_number(errors.mean(join.levels[verdict])) for verdict in reversed(Verdict)),
             percent(excess) if (excess := errors.excess(join.uncovered)) > 0 else _NOTHING,
         )
         for scene, errors in join.of_scenes().items()
-    ]  # fmt: skip
+    ]
     columns = ("scene", "uncovered", *map(str, reversed(Verdict)), "excess")
     note = (
         "excess: by what share the scene's mean error would fall if its uncovered levels did as "

@@ -12,7 +12,7 @@ from dfdbench.audit.coverage import DepthHistogram, Mask, depth_histogram
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
-from dfdbench.errors import InputError, Problem, StoreError, unknown_name
+from dfdbench.errors import InputError, StoreError, unknown_name
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,8 @@ def scene_histograms(store: Store) -> dict[str, DepthHistogram]:
         histograms[scene] = DepthHistogram.total(
             depth_histogram(depth[place], valid[place], pairs)
             for place in np.ndindex(extent)
-            if valid[place].any()
-            and (pairs := uses[scene, _values(store.manifest, place)])
-        )  # fmt: skip
+            if valid[place].any() and (pairs := uses[scene, _values(store.manifest, place)])
+        )
     return histograms
 
 
@@ -101,12 +100,12 @@ def depth_maps(store: Store, scene: str) -> tuple[NDArray[np.uint8], Mask]:
         digest = array_digest(name, tuple(map(str, arrays[name].dims)), values)
         if digest != recorded.get(name):
             raise StoreError(
-                Problem(
-                    "the store is damaged: an array holds other values than were built",
-                    f"{store.path}, {scene}/{name}", str(recorded.get(name)), digest,
-                    f"dfdbench verify {store.path} tells all that is damaged",
-                )
-            )  # fmt: skip
+                "the store is damaged: an array holds other values than were built",
+                where=f"{store.path}, {scene}/{name}",
+                expected=str(recorded.get(name)),
+                got=digest,
+                fix=f"dfdbench verify {store.path} tells all that is damaged",
+            )
     return found["depth"], found["valid"]
 
 
@@ -136,11 +135,10 @@ def side_of(
     }
     if not any(histogram.known for histogram in chosen.values()):
         raise StoreError(
-            Problem(
-                f"the store holds no depth of {name}", str(store.path),
-                fix=f"build {store.manifest.short} with the scenes of that split",
-            )
-        )  # fmt: skip
+            f"the store holds no depth of {name}",
+            where=str(store.path),
+            fix=f"build {store.manifest.short} with the scenes of that split",
+        )
     absent = tuple(scene for scene in scenes if scene not in histograms)
     return Side(store, name, chosen, absent, inverted)
 
@@ -218,11 +216,11 @@ def sides_of(
     """
     if fold is not None and (train or test or other):
         raise InputError(
-            Problem(
-                "a fold says both what trains and what tests", "--fold", "no other split",
-                fix="leave out --train, --test and --test-dataset",
-            )
-        )  # fmt: skip
+            "a fold says both what trains and what tests",
+            where="--fold",
+            expected="no other split",
+            fix="leave out --train, --test and --test-dataset",
+        )
     histograms = scene_histograms(store)
     manifest = store.manifest
     if fold is not None:

@@ -26,12 +26,14 @@ def ranking_table(
         chosen.append((rank, ranking.candidates[rank - 1]))
     rows = tuple(
         (
-            f"{number:,}" + (" (published)" if number == rank else ""), ", ".join(candidate.test),
-            str(pair_count(manifest, candidate.test)), percent(candidate.uncovered),
+            f"{number:,}" + (" (published)" if number == rank else ""),
+            ", ".join(candidate.test),
+            str(pair_count(manifest, candidate.test)),
+            percent(candidate.uncovered),
             f"{candidate.overlap:.3f}",
         )
         for number, candidate in chosen
-    )  # fmt: skip
+    )
     count = len(ranking.candidates)
     notes = [
         f"{ranking.covered:,} of {count:,} choices are covered by criterion {criterion}"
@@ -45,9 +47,7 @@ def ranking_table(
         notes.append(f"the published test ({', '.join(published)}) is not covered: rank {rank:,}")
     columns = ("rank", "test scenes", "pairs", "uncovered", "overlap")
     rules = frozenset({SHOWN - 1}) if len(rows) > SHOWN else frozenset()
-    return Table(
-        f"test sets of {manifest.stem}", columns, rows, "rlrrr", tuple(notes), rules
-    )  # fmt: skip
+    return Table(f"test sets of {manifest.stem}", columns, rows, "rlrrr", tuple(notes), rules)
 
 
 def folds_table(
@@ -57,11 +57,15 @@ def folds_table(
     best = proposals[0]
     rows = tuple(
         (
-            fold_name(number), ", ".join(fold.test), str(pair_count(manifest, fold.test)),
-            percent(fold.uncovered), f"{fold.overlap:.3f}", "yes" if fold.covered else "no",
+            fold_name(number),
+            ", ".join(fold.test),
+            str(pair_count(manifest, fold.test)),
+            percent(fold.uncovered),
+            f"{fold.overlap:.3f}",
+            "yes" if fold.covered else "no",
         )
         for number, fold in enumerate(best.folds, 1)
-    )  # fmt: skip
+    )
     notes = [_score("best of " + str(len(proposals)) + " found", best)]
     if published.folds:
         ahead = sum(proposal.cost < published.cost for proposal in proposals)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.audit.coverage import Criterion, DensityBound, as_ranges, check_allowance, uncovered
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 #: Up to this many choices are all looked at; of more, so many are drawn at random.
 EXHAUSTIVE_LIMIT = 300_000
@@ -206,11 +206,11 @@ def _no_such_size(scenes: Scenes, sizes: Sequence[int], size: int) -> InputError
     right = [n for n in range(1, len(scenes.names)) if _choices(sizes, n)]
     together = [f"{' and '.join(group)} stay together" for group in scenes.groups if len(group) > 1]
     if not right:
-        return InputError(Problem("no split parts these scenes", got="; ".join(together)))
+        return InputError("no split parts these scenes", got="; ".join(together))
     whole = right == list(range(1, right[-1] + 1)) and len(right) > 2
     numbers = f"1 to {right[-1]}" if whole else " or ".join(map(str, right))
     expected = "; ".join([f"--test-scenes {numbers}", *together])
-    return InputError(Problem("no such split", "", expected, f"--test-scenes {size}"))
+    return InputError("no such split", where="", expected=expected, got=f"--test-scenes {size}")
 
 
 def _choices(sizes: Sequence[int], size: int) -> int:
@@ -258,7 +258,7 @@ def propose_folds(scenes: Scenes, number: int, seed: int = 0) -> list[Folds]:
     """
     if not 2 <= number <= len(scenes.groups):
         raise InputError(
-            Problem("no such folds", "folds", f"2 to {len(scenes.groups)}", str(number))
+            "no such folds", where="folds", expected=f"2 to {len(scenes.groups)}", got=str(number)
         )
     random = np.random.default_rng(seed)
     known: dict[Group, Candidate] = {}

@@ -10,7 +10,7 @@ from dfdbench.audit.coverage import Coverage, as_ranges
 from dfdbench.audit.leaks import manifest_leaks
 from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of, training_of
 from dfdbench.datasets.store import Store, open_store
-from dfdbench.errors import DfdbenchError, InputError, Problem
+from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.tables.table import percent
 
 #: How `trained_on` names scenes: a manifest's name and version, then a split, or the fold or
@@ -103,11 +103,10 @@ def _usual_training(store: Store, split: str) -> tuple[str, tuple[str, ...]]:
             return "train", scenes
     if not (others := training_of(manifest, split)):
         raise InputError(
-            Problem(
-                "the run tested every scene: none is left to hold it against", split,
-                fix="run the method on one split, or name its training in trained_on",
-            )
-        )  # fmt: skip
+            "the run tested every scene: none is left to hold it against",
+            where=split,
+            fix="run the method on one split, or name its training in trained_on",
+        )
     return f"all but {split}", others
 
 
@@ -165,9 +164,11 @@ def coverage_warnings(trained_on: str | None, store: Store, split: str) -> list[
 
 def _leak_warning(train: Side, test: Side) -> list[str]:
     leaks = manifest_leaks(
-        train.store.manifest, (*train.scenes, *train.absent),
-        test.store.manifest, tuple(test.scenes),
-    )  # fmt: skip
+        train.store.manifest,
+        (*train.scenes, *train.absent),
+        test.store.manifest,
+        tuple(test.scenes),
+    )
     if not leaks:
         return []
     names = ", ".join(dict.fromkeys(leak.test for leak in leaks))

@@ -77,12 +77,14 @@ class BlurRecipe:
             "invert": (isinstance(self.invert, bool), "true or false"),
         }
         problems = [
-            Problem("wrong blur recipe", name, expected, repr(getattr(self, name)))
+            Problem(
+                "wrong blur recipe", where=name, expected=expected, got=repr(getattr(self, name))
+            )
             for name, (right, expected) in fits.items()
             if not right
         ]
         if problems:
-            raise InputError(problems)
+            raise InputError.of(problems)
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
@@ -155,7 +157,7 @@ def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:
         if field.default is MISSING and field.name not in recipe
     ]
     if problems:
-        raise InputError(problems)
+        raise InputError.of(problems)
     return BlurRecipe(**recipe)
 
 
@@ -200,7 +202,7 @@ def synthesize(
     """
     problems = _input_problems(image, depth, recipe)
     if problems:
-        raise InputError(problems)
+        raise InputError.of(problems)
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
     radius = recipe.kernel_size // 2
     padded = np.pad(channels, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
@@ -215,23 +217,34 @@ def _input_problems(image: Any, depth: Any, recipe: BlurRecipe) -> list[Problem]
     for name, array, dimensions in (("image", image, (2, 3)), ("depth", depth, (2,))):
         if not isinstance(array, np.ndarray) or array.dtype != np.uint8:
             got = str(getattr(array, "dtype", type(array).__name__))
-            problems.append(Problem("wrong type", name, "a NumPy array of uint8", got))
+            problems.append(
+                Problem("wrong type", where=name, expected="a NumPy array of uint8", got=got)
+            )
         elif array.ndim not in dimensions or array.size == 0:
             shape = "(y, x, channel) or (y, x)" if name == "image" else "(y, x)"
-            problems.append(Problem("wrong shape", name, shape, str(array.shape)))
+            problems.append(
+                Problem("wrong shape", where=name, expected=shape, got=str(array.shape))
+            )
     if problems:
         return problems
     if image.shape[:2] != depth.shape:
         problems.append(
-            Problem("sizes differ", "depth", f"{image.shape[:2]}, as the image", str(depth.shape))
+            Problem(
+                "sizes differ",
+                where="depth",
+                expected=f"{image.shape[:2]}, as the image",
+                got=str(depth.shape),
+            )
         )
     if int(depth.max()) >= recipe.levels:
         problems.append(
             Problem(
-                "depth has no blur level", "depth", f"0 to {recipe.levels - 1}",
-                f"up to {int(depth.max())}",
+                "depth has no blur level",
+                where="depth",
+                expected=f"0 to {recipe.levels - 1}",
+                got=f"up to {int(depth.max())}",
             )
-        )  # fmt: skip
+        )
     return problems
 
 

@@ -88,7 +88,7 @@ def build_store(
     missing = tuple(pair for pair in manifest.pairs() if pair not in available)
     scenes = [name for name in manifest.scene_names if any(p.scene == name for p in available)]
     if not scenes:
-        raise SourceError(Problem("nothing to build", fix=source.missing_help(missing)))
+        raise SourceError("nothing to build", fix=source.missing_help(missing))
     done = 0
 
     def progress(*_: object) -> None:
@@ -113,12 +113,14 @@ def build_store(
         if problems and missing:
             named = ", ".join(pair.id for pair in missing[:3])
             problems.append(
-                Problem(f"{len(missing)} pairs are missing besides",
-                        got=f"{named}{' ...' if len(missing) > 3 else ''}",
-                        fix=source.missing_help(missing))
-            )  # fmt: skip
+                Problem(
+                    f"{len(missing)} pairs are missing besides",
+                    got=f"{named}{' ...' if len(missing) > 3 else ''}",
+                    fix=source.missing_help(missing),
+                )
+            )
         if problems:
-            raise SourceError(problems)
+            raise SourceError.of(problems)
         digests = {outcome.scene: outcome.digest for outcome in outcomes}
         fingerprint = writer.finish(digests, [pair.id for pair in missing])
     return BuildReport(
@@ -177,12 +179,11 @@ def scene_dataset(
     defocus = images.defocus
     if (defocus is None) == (blur is None):
         raise SourceError(
-            Problem(
-                "either the source captures defocus or a recipe makes it", manifest.stem,
-                got="neither" if blur is None else "both",
-                fix="the source's captures_defocus must say what its read gives",
-            )
-        )  # fmt: skip
+            "either the source captures defocus or a recipe makes it",
+            where=manifest.stem,
+            got="neither" if blur is None else "both",
+            fix="the source's captures_defocus must say what its read gives",
+        )
     if blur is not None:
         defocus = _synthesised(manifest, images, blur)
     pair_axes, depth_axes = tuple(axes), tuple(manifest.depth.axes)
@@ -205,16 +206,15 @@ def _blur_of(
     if source.captures_defocus and name:
         # A store must not name a blur that its images do not have.
         raise SourceError(
-            Problem(
-                f"the defocus images of {manifest.short} are captured: no recipe made them",
-                "--recipe" if recipe else f"{manifest.stem}: recipe", got=name,
-                fix="leave it out; realworld-synthetic blurs the thesis's captures",
-            )
-        )  # fmt: skip
+            f"the defocus images of {manifest.short} are captured: no recipe made them",
+            where="--recipe" if recipe else f"{manifest.stem}: recipe",
+            got=name,
+            fix="leave it out; realworld-synthetic blurs the thesis's captures",
+        )
     if source.captures_defocus:
         return "", None
     if name is None:
-        raise SourceError(Problem(f"{manifest.short} names no blur recipe", fix="--recipe NAME"))
+        raise SourceError(f"{manifest.short} names no blur recipe", fix="--recipe NAME")
     return name, find_recipe(name)
 
 

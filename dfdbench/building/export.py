@@ -13,7 +13,7 @@ from dfdbench.blur.synthesis import BlurRecipe
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store import Store
-from dfdbench.errors import Problem, StoreError
+from dfdbench.errors import StoreError
 from dfdbench.system.files import write_whole
 
 
@@ -59,7 +59,7 @@ def export_png(
     blurred = blur_name(recipe) if recipe else "defocus"
     pairs = store.pairs(split)
     if not pairs:
-        raise StoreError(Problem(f"the store holds no pair of split {split}", str(store.path)))
+        raise StoreError(f"the store holds no pair of split {split}", where=str(store.path))
     for number, pair in enumerate(pairs, 1):
         images = store.read(pair)
         sharp, depth = (folder / pair.scene / name for name in _names(store.manifest, pair))
@@ -104,12 +104,13 @@ def _write(path: Path, image: NDArray[np.uint8]) -> None:
             if there is not None and np.array_equal(there, stored):
                 return
             raise StoreError(
-                Problem("a file of that name holds something else", str(path),
-                        fix="export into another folder; no file was overwritten, and the pairs "
-                        "before this one are written")
-            )  # fmt: skip
+                "a file of that name holds something else",
+                where=str(path),
+                fix="export into another folder; no file was overwritten, and the pairs "
+                "before this one are written",
+            )
         write_whole(path, content)
     except OSError as error:
         raise StoreError(
-            Problem("cannot write the image", str(path), got=error.strerror or str(error))
+            "cannot write the image", where=str(path), got=error.strerror or str(error)
         ) from error

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import SourceError
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOUR_TYPES = {0: "grey", 2: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGB with alpha"}
@@ -82,8 +82,8 @@ def decode_depth(content: bytes, where: str, unknown: int) -> NDArray[np.uint8]:
         raise _refused("a depth map in colour", where, "grey levels", "channels that differ")
     if (image[..., 0] == unknown).all():
         raise _refused(
-            "the depth map tells no depths", where, got=f"level {unknown} all over, unknown",
-        )  # fmt: skip
+            "the depth map tells no depths", where, got=f"level {unknown} all over, unknown"
+        )
     return np.ascontiguousarray(image[..., 0])
 
 
@@ -107,8 +107,9 @@ def png_size(content: bytes, where: str) -> tuple[int, int]:
         kind = _COLOUR_TYPES.get(colour_type, f"type {colour_type}")
         raise _refused("wrong kind of colour", where, "RGB or grey", kind)
     if not 0 < rows * columns <= _MOST_PIXELS:
-        raise _refused("no plausible size", where, f"up to {_MOST_PIXELS} pixels",
-                       _sides((rows, columns)))  # fmt: skip
+        raise _refused(
+            "no plausible size", where, f"up to {_MOST_PIXELS} pixels", _sides((rows, columns))
+        )
     return rows, columns
 
 
@@ -147,4 +148,4 @@ def _sides(of: NDArray[np.uint8] | tuple[int, int]) -> str:
 def _refused(
     what: str, where: str, expected: str = "", got: str = "", fix: str = _FETCH_AGAIN
 ) -> SourceError:
-    return SourceError(Problem(what, where, expected, got, fix))
+    return SourceError(what, where=where, expected=expected, got=got, fix=fix)

@@ -96,7 +96,10 @@ def main() -> None:
             sys.exit(2)
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
-        say(f"error: {Problem('cannot write', str(error.filename or ''), got=str(error.strerror))}")
+        say(
+            "error: "
+            + str(Problem("cannot write", where=str(error.filename or ""), got=str(error.strerror)))
+        )
         sys.stderr.flush()
         # What standard output still holds cannot be written either.
         os._exit(2)

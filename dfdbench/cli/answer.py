@@ -13,7 +13,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from dfdbench.cli.screen import print_table, say
-from dfdbench.errors import InputError, Problem, ResultError
+from dfdbench.errors import InputError, ResultError
 from dfdbench.system.files import write_whole
 from dfdbench.tables.table import Table, as_markdown
 
@@ -58,11 +58,11 @@ def writing(place: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise ResultError(
-            Problem(
-                "cannot write the answer", str(error.filename or place),
-                got=error.strerror or str(error), fix="choose another place with --out",
-            )
-        ) from error  # fmt: skip
+            "cannot write the answer",
+            where=str(error.filename or place),
+            got=error.strerror or str(error),
+            fix="choose another place with --out",
+        ) from error
 
 
 def folder_or(out: str | None, default: Path) -> Path:
@@ -76,7 +76,7 @@ def folder_or(out: str | None, default: Path) -> Path:
     if out is None:
         return default
     if not out.strip():
-        raise InputError(Problem("--out names no folder", "--out", fix=f"leave it out: {default}"))
+        raise InputError("--out names no folder", where="--out", fix=f"leave it out: {default}")
     return Path(out)
 
 

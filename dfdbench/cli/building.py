@@ -62,19 +62,21 @@ def build(
     place = as_location(store or default_store(manifest, cache))
     if place.protocol == "memory":
         raise InputError(
-            Problem(
-                "a store in memory ends with this command", "--store", "a path or a URL", str(place)
-            )
+            "a store in memory ends with this command",
+            where="--store",
+            expected="a path or a URL",
+            got=str(place),
         )
     if recipe is not None:
         find_recipe(recipe)
     if recipe not in (None, manifest.recipe) and store is None:
         raise InputError(
-            Problem(
-                "another blur recipe makes another data set", "--recipe", str(manifest.recipe),
-                str(recipe), "name its place: --store PATH",
-            )
-        )  # fmt: skip
+            "another blur recipe makes another data set",
+            where="--recipe",
+            expected=str(manifest.recipe),
+            got=str(recipe),
+            fix="name its place: --store PATH",
+        )
     pool = pool_of(workers, scheduler)
     steps = _voltage_steps(manifest, pair, store)
     if source is None and manifest.reader == "middlebury":
@@ -128,7 +130,10 @@ def voltage_pair_stores(
         parts = re.fullmatch(r"(\d+)-(\d+)", pair)
         if not parts:
             raise InputError(
-                Problem("not a pair of voltage steps", "--values", "as 141-129,140-130", pair)
+                "not a pair of voltage steps",
+                where="--values",
+                expected="as 141-129,140-130",
+                got=pair,
             )
         steps[pair] = int(parts[1]), int(parts[2])
     usual = default_store(manifest, cache)
@@ -136,11 +141,11 @@ def voltage_pair_stores(
     left = [pair for pair, place in places.items() if not place.exists()]
     if left and source is None:
         raise InputError(
-            Problem(
-                "the sets of these voltage steps are not built", str(usual.parent),
-                got=", ".join(left), fix="name the folder of the captures: --source DIR",
-            )
-        )  # fmt: skip
+            "the sets of these voltage steps are not built",
+            where=str(usual.parent),
+            got=", ".join(left),
+            fix="name the folder of the captures: --source DIR",
+        )
     # A step that does not exist is told before the first set is built.
     sources = {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
     for pair, files in sources.items():
@@ -159,16 +164,20 @@ def _voltage_steps(
         infocus, defocus = (int(step) for step in pair.split(","))
     except ValueError:
         raise InputError(
-            Problem("not a pair of voltage steps", "--pair", "two steps, as 141,129", pair)
+            "not a pair of voltage steps",
+            where="--pair",
+            expected="two steps, as 141,129",
+            got=pair,
         ) from None
     usual = manifest.capture and (manifest.capture.infocus_step, manifest.capture.defocus_step)
     if usual not in (None, (infocus, defocus)) and store is None:
         raise InputError(
-            Problem(
-                "another pair of voltage steps makes another data set", "--pair", f"{usual}", pair,
-                "name its place: --store PATH",
-            )
-        )  # fmt: skip
+            "another pair of voltage steps makes another data set",
+            where="--pair",
+            expected=f"{usual}",
+            got=pair,
+            fix="name its place: --store PATH",
+        )
     return infocus, defocus
 
 
@@ -178,7 +187,7 @@ def _fetched(
     mirrors = [*(mirror or ()), *os.environ.get("DFDBENCH_MIRROR", "").split()]
     _check_mirrors(mirrors)
     if offline and mirror:
-        raise InputError(Problem("--offline asks nobody", "--mirror", fix="leave one of them out"))
+        raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
     folder = cache_folder(cache) / DOWNLOADS / manifest.stem
     before = _count_set_aside(folder)
     try:
@@ -194,13 +203,13 @@ def _fetched(
         say(f"their checksums are kept in {done.lock}")
     if not done.new and not done.kept:
         raise InputError(
-            Problem(
-                f"no file of {manifest.short} is there", str(folder),
-                got="--offline asks nobody" if offline else "the site has none of them",
-                fix="build once without --offline, or name a copy: --source DIR" if offline else
-                "name a --mirror URL, or a copy on disk: --source DIR",
-            )
-        )  # fmt: skip
+            f"no file of {manifest.short} is there",
+            where=str(folder),
+            got="--offline asks nobody" if offline else "the site has none of them",
+            fix="build once without --offline, or name a copy: --source DIR"
+            if offline
+            else "name a --mirror URL, or a copy on disk: --source DIR",
+        )
     return open_source(manifest, folder, known_checksums(manifest, folder))
 
 
@@ -210,12 +219,17 @@ def _count_set_aside(folder: Path) -> int:
 
 def _check_mirrors(mirrors: list[str]) -> None:
     problems = [
-        Problem("not an address", "--mirror or DFDBENCH_MIRROR", "https://HOST/FOLDER", mirror)
+        Problem(
+            "not an address",
+            where="--mirror or DFDBENCH_MIRROR",
+            expected="https://HOST/FOLDER",
+            got=mirror,
+        )
         for mirror in mirrors
         if not re.match(r"https?://[^/]+", mirror)
     ]
     if problems:
-        raise InputError(problems)
+        raise InputError.of(problems)
 
 
 def _refuse_to_fetch(
@@ -224,14 +238,13 @@ def _refuse_to_fetch(
     given = [name for name, value in (("--mirror", mirror), ("--offline", offline)) if value]
     if given and source:
         raise InputError(
-            Problem("--source reads a copy on disk: nothing is fetched", " and ".join(given),
-                    fix="leave it out, or leave out --source")
-        )  # fmt: skip
+            "--source reads a copy on disk: nothing is fetched",
+            where=" and ".join(given),
+            fix="leave it out, or leave out --source",
+        )
     if given:
         raise InputError(
-            Problem(
-                f"{manifest.short} is not fetched here", " and ".join(given), fix="leave it out"
-            )
+            f"{manifest.short} is not fetched here", where=" and ".join(given), fix="leave it out"
         )
 
 

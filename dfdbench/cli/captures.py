@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from dfdbench.datasets.manifest import Capture, Manifest
-from dfdbench.errors import InputError, Problem, UnknownNameError, unknown_name
+from dfdbench.errors import InputError, UnknownNameError, unknown_name
 
 
 def capture_of(manifest: Manifest) -> Capture:
@@ -19,7 +19,7 @@ def capture_of(manifest: Manifest) -> Capture:
     """
     if manifest.capture is None:
         raise InputError(
-            Problem("not captured by the rig", "--dataset", "realworld", manifest.short)
+            "not captured by the rig", where="--dataset", expected="realworld", got=manifest.short
         )
     return manifest.capture
 
@@ -42,13 +42,15 @@ def chosen_scenes(text: str, manifest: Manifest) -> tuple[str, ...]:
             if name not in known:
                 near = unknown_name("scene", name, known).problems[0].fix
                 raise UnknownNameError(
-                    Problem("unknown scene", "", f"of {known[0]} to {known[-1]}", name, near)
+                    "unknown scene",
+                    where="",
+                    expected=f"of {known[0]} to {known[-1]}",
+                    got=name,
+                    fix=near,
                 )
         begin, end = known.index(first), known.index(last or first)
         if end < begin:
-            raise InputError(
-                Problem("no scene in that span", got=part.strip(), fix=f"{last}-{first}")
-            )
+            raise InputError("no scene in that span", got=part.strip(), fix=f"{last}-{first}")
         chosen.update(known[begin : end + 1])
     return tuple(name for name in known if name in chosen)
 
@@ -67,16 +69,20 @@ def chosen_numbers(text: str, option: str, known: Sequence[int]) -> tuple[int, .
         ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
         if not ends:
             raise InputError(
-                Problem("not a list of numbers", option, f"as {known[0]} or {known[0]}-{known[-1]},"
-                        f" of {expected}", text)
-            )  # fmt: skip
+                "not a list of numbers",
+                where=option,
+                expected=f"as {known[0]} or {known[0]}-{known[-1]}, of {expected}",
+                got=text,
+            )
         first, last = int(ends[1]), int(ends[2] or ends[1])
         if last < first:
             raise InputError(
-                Problem("no number in that span", option, got=part.strip(), fix=f"{last}-{first}")
+                "no number in that span", where=option, got=part.strip(), fix=f"{last}-{first}"
             )
         # A span may pass over what is not known, as 10-70 over 15; its ends may not.
         if not {first, last} <= set(known):
-            raise InputError(Problem("unknown value", option, f"of {expected}", part.strip()))
+            raise InputError(
+                "unknown value", where=option, expected=f"of {expected}", got=part.strip()
+            )
         chosen.update(number for number in known if first <= number <= last)
     return tuple(sorted(chosen))

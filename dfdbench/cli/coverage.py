@@ -121,7 +121,7 @@ class Rule:
 def _end(*records: CoverageRecord) -> None:
     leaks = [leak for record in records for leak in record.leaks]
     if leaks:
-        raise LeakError(
+        raise LeakError.of(
             Leak(LeakKind(leak.kind), leak.train, leak.test, leak.detail).as_problem()
             for leak in leaks
         )
@@ -139,17 +139,21 @@ def _refuse_mixtures(
     if each and others:
         problems.append(
             Problem(
-                "--each takes no split and no result", "--each", fix=f"leave out {_list(others)}"
+                "--each takes no split and no result",
+                where="--each",
+                fix=f"leave out {_list(others)}",
             )
         )
     elif run and (tests := [name for name in named if name in ("--test", "--test-dataset")]):
         problems.append(
-            Problem("a result says itself what tests", "--result", fix=f"leave out {_list(tests)}")
+            Problem(
+                "a result says itself what tests", where="--result", fix=f"leave out {_list(tests)}"
+            )
         )
     if run and {"--train", "--fold"} <= set(named):
-        problems.append(Problem("a fold says what trains", "--fold", fix="leave out --train"))
+        problems.append(Problem("a fold says what trains", where="--fold", fix="leave out --train"))
     if problems:
-        raise InputError(problems)
+        raise InputError.of(problems)
 
 
 def _list(options: list[str]) -> str:
@@ -172,7 +176,7 @@ def _answer_each(
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
     tests = folds if each is Each.fold else {name: (name,) for name in histograms}
     if not tests:
-        raise InputError(Problem(f"{manifest.stem} has no folds", "--each", fix="--each scene"))
+        raise InputError(f"{manifest.stem} has no folds", where="--each", fix="--each scene")
     hashes = scene_hashes(store, histograms)
     records = {}
     for name, scenes in tests.items():

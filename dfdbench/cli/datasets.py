@@ -15,7 +15,7 @@ from dfdbench.datasets.catalog import find_manifest, released_manifests, typed_n
 from dfdbench.datasets.integrity import verify_store
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store, default_store, is_place, open_store
-from dfdbench.errors import InputError, Problem, unknown_name
+from dfdbench.errors import InputError, unknown_name
 from dfdbench.methods import registered_methods
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.system.location import size_of
@@ -26,12 +26,15 @@ def list_datasets(cache: Cache = None) -> None:
     """List the data sets and the registered methods."""
     rows = tuple(
         (
-            typed_name(manifest), manifest.stem, str(manifest.scene_count),
+            typed_name(manifest),
+            manifest.stem,
+            str(manifest.scene_count),
             str(manifest.pair_count),
-            "yes" if default_store(manifest, cache).exists() else "no", manifest.title,
+            "yes" if default_store(manifest, cache).exists() else "no",
+            manifest.title,
         )
         for manifest in released_manifests()
-    )  # fmt: skip
+    )
     print_table(
         Table("data sets", ("name", "manifest", "scenes", "pairs", "built", ""), rows, "llrrll")
     )
@@ -80,9 +83,11 @@ def verify(
         usual = str(store.path) == str(default_store(store.manifest, cache))
         place = "" if usual else f" --store {store.path}"
         build = f"dfdbench build {typed_name(store.manifest)}{place}"
-        say(f"error: the store is not what was built\n"
+        say(
+            f"error: the store is not what was built\n"
             f"  fix       {build}, with the options it was "
-            "built with, writes the scenes that differ again")  # fmt: skip
+            "built with, writes the scenes that differ again"
+        )
         raise typer.Exit(1)
     print("sound        the store holds what was built")
 
@@ -128,9 +133,7 @@ def clear_cache(
         return
     if not yes:
         if not sys.stdin.isatty():
-            raise InputError(
-                Problem("nobody can be asked", "dfdbench cache clear", fix="say --yes")
-            )
+            raise InputError("nobody can be asked", where="dfdbench cache clear", fix="say --yes")
         typer.confirm("Remove them?", abort=True)
     remove_entries(chosen)
     print(f"removed {len(chosen)} entries, {decimal(sum(entry.size for entry in chosen))}")

@@ -19,7 +19,7 @@ from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.cli.screen import progress
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store, open_store
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 from dfdbench.figures.coverage import difficulty_figure
 
 
@@ -44,7 +44,7 @@ def difficulty(
     pairs = store.pairs(split)
     if store.recipe is None or not pairs:
         what = "no synthetic blur: captured images" if store.recipe is None else "no pair of split"
-        raise InputError(Problem(f"{what} {split}", str(store.path)))
+        raise InputError(f"{what} {split}", where=str(store.path))
     for scene in dict.fromkeys(pair.scene for pair in pairs):
         depth_maps(store, scene)
     found: dict[Pair, Difficulty] = {}

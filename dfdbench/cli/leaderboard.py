@@ -10,7 +10,7 @@ import typer
 
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.store import open_store
-from dfdbench.errors import InputError, Problem, ResultError
+from dfdbench.errors import InputError, ResultError
 from dfdbench.leaderboard.board_tables import ranking_table
 from dfdbench.leaderboard.boards import boards, collect
 from dfdbench.leaderboard.claimed_method import ClaimedMethod
@@ -48,7 +48,7 @@ def leaderboard(
         return
     if check and format:
         raise InputError(
-            Problem("--check prints no rankings", f"--format {format}", fix="leave out one of them")
+            "--check prints no rankings", where=f"--format {format}", fix="leave out one of them"
         )
     if check:
         print(f"{folder}: {check_readme(folder)} results valid, README up to date")
@@ -90,12 +90,12 @@ def verify_command(
     """Run a random sample of each result's pairs again; the same numbers are reproduced."""
     if record and tolerance != TOLERANCE:
         raise InputError(
-            Problem(
-                what="what is recorded was found with the released tolerance", where="--tolerance",
-                expected=f"{TOLERANCE:g}", got=f"{tolerance:g}",
-                fix="leave out --tolerance, or --record",
-            )
-        )  # fmt: skip
+            what="what is recorded was found with the released tolerance",
+            where="--tolerance",
+            expected=f"{TOLERANCE:g}",
+            got=f"{tolerance:g}",
+            fix="leave out --tolerance, or --record",
+        )
     consent = _Consent(list(trust or []))
     # Given by a pattern, earlier verifications are among the files.
     for path in (path for path in results if not path.name.endswith(SUFFIX)):
@@ -103,7 +103,7 @@ def verify_command(
         claimed = load_result(path)
         problems = data_set_problems(claimed, folder, str(path))
         if problems:
-            raise ResultError(problems)
+            raise ResultError.of(problems)
         trusted = consent.to(claim_of(claimed, path), path)
         store = open_store(dataset or claimed.dataset.name)
         with progress(f"verifying {claimed.method.name}") as step:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 #: A longer one is a slip of the unit.
 LARGEST_PIXEL = "1mm"
@@ -44,9 +44,12 @@ def parse_length(text: str, where: str, unit: str = "", at_most: str = "") -> fl
     number, found = (float(match[1]), match[2] or unit) if match else (math.nan, "")
     if not number > 0 or not math.isfinite(number) or found not in _METRES:
         raise InputError(
-            Problem("not a length", where, "a positive number and a unit: 9.6mm, 0.5m, 4.8um", text)
+            "not a length",
+            where=where,
+            expected="a positive number and a unit: 9.6mm, 0.5m, 4.8um",
+            got=text,
         )
     length = number * _METRES[found]
     if at_most and length > parse_length(at_most, where):
-        raise InputError(Problem("too long", where, f"{at_most} at most", text))
+        raise InputError("too long", where=where, expected=f"{at_most} at most", got=text)
     return length

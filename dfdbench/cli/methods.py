@@ -12,7 +12,7 @@ from dfdbench.blur.synthesis import RECIPES
 from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.store import open_store
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 from dfdbench.evaluation.pair import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.runs import draw_run
@@ -75,9 +75,17 @@ def run(
     folder = out or Path("results") / f"{data.path.stem}-{split}" / _folder_name(method, param)
     with progress(f"running {method}") as step:
         done = run_method(
-            data, loaded, split, folder, limit, not no_predictions, fresh, seed,
-            pool_of_processes(workers, scheduler), step,
-        )  # fmt: skip
+            data,
+            loaded,
+            split,
+            folder,
+            limit,
+            not no_predictions,
+            fresh,
+            seed,
+            pool_of_processes(workers, scheduler),
+            step,
+        )
     if done.set_aside:
         say(f"an earlier run with other settings was moved to {done.set_aside}")
     if done.reused:
@@ -111,8 +119,7 @@ def run(
 
 
 def check_method_command(
-    method: Annotated[str, typer.Argument(help="As for run --method.")],
-    param: Params = None,
+    method: Annotated[str, typer.Argument(help="As for run --method.")], param: Params = None
 ) -> None:
     """Try a method on awkward inputs and say what is wrong, before an hour is spent."""
     offers: dict[str, Callable[[], Any]] = {
@@ -125,10 +132,12 @@ def check_method_command(
     rows = tuple(
         (
             "FAIL" if trial.error else "odd" if trial.warning else "ok",
-            trial.name, f"{trial.seconds:.3f} s", trial.error or trial.warning,
+            trial.name,
+            f"{trial.seconds:.3f} s",
+            trial.error or trial.warning,
         )
         for trial in trials
-    )  # fmt: skip
+    )
     columns = ("", "input", "time", "what is wrong")
     print_table(Table(f"{method} on awkward inputs", columns, rows, "llrl"))
     failed = sum(bool(trial.error) for trial in trials)
@@ -141,11 +150,11 @@ def _refuse_what_cannot_be_submitted(limit: int | None) -> None:
     # Before the run: it may take hours.
     if limit:
         raise InputError(
-            Problem(
-                "a limited run cannot be submitted", f"--limit {limit} --submit", "every pair of "
-                "the split", fix="leave out --limit; pairs that were run already are taken over",
-            )
-        )  # fmt: skip
+            "a limited run cannot be submitted",
+            where=f"--limit {limit} --submit",
+            expected="every pair of the split",
+            fix="leave out --limit; pairs that were run already are taken over",
+        )
     require_leaderboard(LEADERBOARD)
 
 

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from dfdbench.cli.lengths import LARGEST_PIXEL, parse_length
 from dfdbench.cli.screen import print_table, save_figure
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 from dfdbench.figures.captures import temperature_figure, voltage_figure
 from dfdbench.figures.optics import blur_figure, pair_figure
 from dfdbench.optics.lens_table import StepPair, rank_pairs, read_lens_table
@@ -48,17 +48,17 @@ def blur(
         )
     except InputError as error:
         problems = error.problems
-        raise InputError(
+        raise InputError.of(
             [replace(p, where=_OPTIONS.get(p.where, p.where)) for p in problems]
         ) from None
     near, far = _range(range)
     if near <= lens.focal_length:
         raise InputError(
-            Problem(
-                "no real image", "--range", f"distances beyond the focal length, {focal_length}",
-                " ".join(range),
-            )
-        )  # fmt: skip
+            "no real image",
+            where="--range",
+            expected=f"distances beyond the focal length, {focal_length}",
+            got=" ".join(range),
+        )
     # A figure that cannot be kept is told before anything is printed.
     save_figure(blur_figure(lens, near, far), out)
     print_table(_blur_table(lens, near, far))
@@ -82,11 +82,11 @@ def pairs(
     ranked = rank_pairs(table, near, far)
     if not ranked:
         raise InputError(
-            Problem(
-                "no pair has a monotonic difference of blur over the range", "--range",
-                got=f"{near:g} to {far:g} m", fix="choose a narrower range",
-            )
-        )  # fmt: skip
+            "no pair has a monotonic difference of blur over the range",
+            where="--range",
+            got=f"{near:g} to {far:g} m",
+            fix="choose a narrower range",
+        )
     save_figure(pair_figure(table, ranked[:_DRAWN]), out)
     print_table(_pair_table(ranked, limit))
 
@@ -132,10 +132,13 @@ def _blur_table(lens: ThinLens, near: float, far: float) -> Table:
         whole = int(lens.quantised_blur_radius(distance))
         rows.append(
             (
-                f"{distance:g}", f"{width * 1e6:.2f}", f"{width / lens.pixel_size:.2f}",
-                str(whole), _resolution(lens, distance),
+                f"{distance:g}",
+                f"{width * 1e6:.2f}",
+                f"{width / lens.pixel_size:.2f}",
+                str(whole),
+                _resolution(lens, distance),
             )
-        )  # fmt: skip
+        )
     sharp_near, sharp_far = lens.depth_of_field()
     far_text = "infinity" if np.isinf(sharp_far) else f"{sharp_far:.4f} m"
     depth = "infinite" if np.isinf(sharp_far) else f"{sharp_far - sharp_near:.4f} m"
@@ -146,9 +149,7 @@ def _blur_table(lens: ThinLens, near: float, far: float) -> Table:
         f"hyperfocal distance: {lens.hyperfocal_distance():.3f} m",
         "depth resolution: how much farther a point must lie for one pixel more (Eq. 2.21)",
     )
-    columns = (
-        "distance (m)", "blur radius (µm)", "(pixels)", "quantised", "depth resolution (m)",
-    )  # fmt: skip
+    columns = ("distance (m)", "blur radius (µm)", "(pixels)", "quantised", "depth resolution (m)")
     title = (
         f"f/{lens.f_number:g}, {lens.focal_length * 1e3:g} mm, focused at {lens.focus_distance:g} m"
     )
@@ -167,11 +168,15 @@ def _pair_table(ranked: tuple[StepPair, ...], limit: int) -> Table:
     distances = tuple(f"{distance:g}" for distance in shown[0].distances)
     rows = tuple(
         (
-            str(place), pair.name, *map(str, pair.differences), str(pair.repeats), str(pair.span),
+            str(place),
+            pair.name,
+            *map(str, pair.differences),
+            str(pair.repeats),
+            str(pair.span),
             str(pair.longest_run),
         )
         for place, pair in enumerate(shown, start=1)
-    )  # fmt: skip
+    )
     title = "absolute difference of the blur radii in pixels, by distance in metres"
     left = len(ranked) - len(shown)
     notes = (
@@ -187,6 +192,9 @@ def _range(given: tuple[str, str]) -> tuple[float, float]:
     near, far = (parse_length(text, "--range", unit="m") for text in given)
     if near >= far:
         raise InputError(
-            Problem("the range is empty", "--range", "the nearer end first", " ".join(given))
+            "the range is empty",
+            where="--range",
+            expected="the nearer end first",
+            got=" ".join(given),
         )
     return near, far

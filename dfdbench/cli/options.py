@@ -47,9 +47,11 @@ def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
         if name and equals:
             values[name] = value_of(value)
         else:
-            problems.append(Problem("not a NAME=VALUE", option, "NAME=VALUE", text))
+            problems.append(
+                Problem("not a NAME=VALUE", where=option, expected="NAME=VALUE", got=text)
+            )
     if problems:
-        raise InputError(problems)
+        raise InputError.of(problems)
     return values
 
 
@@ -87,6 +89,6 @@ def pool_of_processes(workers: int | None, scheduler: str | None) -> Pool | None
 def _cluster(workers: int | None, scheduler: str | None) -> Cluster | None:
     if scheduler and workers:
         raise InputError(
-            Problem("a cluster has its own number of workers", "--workers", fix="leave it out")
+            "a cluster has its own number of workers", where="--workers", fix="leave it out"
         )
     return Cluster(scheduler) if scheduler else None

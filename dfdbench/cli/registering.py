@@ -49,7 +49,7 @@ def register_scenes(
     capture = capture_of(manifest)
     if not source.is_dir():
         got = "a file" if source.exists() else "no such folder"
-        raise SourceError(Problem("no folder of captures", "--source", str(source), got))
+        raise SourceError("no folder of captures", where="--source", expected=str(source), got=got)
     height, width = capture.frame_size
     focal_pixels = parse_length(focal_length, "--focal-length") / parse_length(
         pixel, "--pixel", at_most=LARGEST_PIXEL
@@ -95,9 +95,11 @@ def register_scenes(
         print_table(Table("registration", columns, tuple(rows), "llrrr", _notes(found)))
     if problems:
         told = (_at_scene(p, source, name) for name in there for p in problems.get(name, ()))
-        raise SourceError(dict.fromkeys(told))
+        raise SourceError.of(dict.fromkeys(told))
     if not rows:
-        raise SourceError(Problem("no raw scene found", str(source), "folders such as k33/frames"))
+        raise SourceError(
+            "no raw scene found", where=str(source), expected="folders such as k33/frames"
+        )
 
 
 @dataclass(frozen=True)
@@ -114,10 +116,10 @@ class _Seen:
 
 def _look(files: RawScene | PublishedScene | None, place: Path, rig: Rig, fresh: bool) -> _Seen:
     if not isinstance(files, RawScene):
-        raise SourceError(_not_raw(place))
+        raise SourceError.of(_not_raw(place))
     wrong = files.scan_problems()
     if wrong:
-        raise SourceError(wrong)
+        raise SourceError.of(wrong)
     ranges, beams = files.ranges(), files.beams()
     frame, told = _sharp_frame(files)
     kept = files.registration.exists() and not fresh
@@ -139,11 +141,10 @@ def _drawn(name: str, one: _Seen, found: Registration | None, rig: Rig) -> tuple
     before = rays.matrix(Pose(), rig)
     if not warp(levels, valid, after, (rig.crop_size,) * 2)[1].any():
         raise SourceError(
-            Problem(
-                "no LIDAR return falls on the image", str(one.files.registration),
-                fix="correct it by hand, or estimate it anew with --fresh",
-            )
-        )  # fmt: skip
+            "no LIDAR return falls on the image",
+            where=str(one.files.registration),
+            fix="correct it by hand, or estimate it anew with --fresh",
+        )
     moved = [cv2.perspectiveTransform(rays.corners()[np.newaxis], m)[0] for m in (before, after)]
     # The whole frame is drawn, not its crop: the board's sides are what tells.
     y, x = rig.crop_offset
@@ -176,13 +177,13 @@ def _notes(found: Mapping[str, Registration]) -> tuple[str, ...]:
 def _sharp_frame(files: RawScene) -> tuple[NDArray[np.uint8], str]:
     exposures = files.exposures()
     if not exposures:
-        raise SourceError(Problem("scene has no frames", str(files.folder / "frames")))
+        raise SourceError("scene has no frames", where=str(files.folder / "frames"))
     exposure = exposures[len(exposures) // 2]
     steps = files.steps(exposure)
     problems = [problem for step in steps for problem in files.image_problems(exposure, step)]
     if problems or not steps:
-        raise SourceError(
-            problems or [Problem("exposure has no frames", f"{files.folder}, {exposure} ms")]
+        raise SourceError.of(
+            problems or [Problem("exposure has no frames", where=f"{files.folder}, {exposure} ms")]
         )
     frames = [files.frame(exposure, step) for step in steps]
     chosen = sharpest(frames)
@@ -191,13 +192,17 @@ def _sharp_frame(files: RawScene) -> tuple[NDArray[np.uint8], str]:
 
 def _not_raw(place: Path) -> Problem:
     return Problem(
-        "no raw captures", str(place), f"{place.name}/frames and {place.name}/lidar",
-        "images that are registered already" if place.is_dir() else "no such folder",
-    )  # fmt: skip
+        "no raw captures",
+        where=str(place),
+        expected=f"{place.name}/frames and {place.name}/lidar",
+        got="images that are registered already" if place.is_dir() else "no such folder",
+    )
 
 
 def _at_scene(problem: Problem, source: Path, name: str) -> Problem:
     # A path tells the scene, or that scenes share what is wrong.
     named = problem.where.startswith(str(source))
     where = problem.where if named else f"{name}: {problem.where}"
-    return Problem(problem.what, where, problem.expected, problem.got, problem.fix)
+    return Problem(
+        problem.what, where=where, expected=problem.expected, got=problem.got, fix=problem.fix
+    )

@@ -11,7 +11,7 @@ import typer
 
 from dfdbench.cli.answer import writing
 from dfdbench.cli.screen import print_table, progress, say
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 from dfdbench.figures.comparison import change_figure
 from dfdbench.leaderboard.folder import file_stems
 from dfdbench.leaderboard.submission import method_label
@@ -79,7 +79,7 @@ def compare(
     shown = find_protocol(protocol).label
     runs = open_run(first, dataset), open_run(second, dataset)
     if runs[0].path.resolve() == runs[1].path.resolve():
-        raise InputError(Problem("A and B are the same run", str(runs[0].path), "two runs"))
+        raise InputError("A and B are the same run", where=str(runs[0].path), expected="two runs")
     results = runs[0].result, runs[1].result
     picture = _picture(out, *results)
     tables = change_tables(*results, shown, most)
@@ -121,9 +121,10 @@ def _picture(out: Path | None, first: Result, second: Result) -> Path:
         return out / "compare.png"
     if out.suffix.lower() not in _PICTURES:
         raise InputError(
-            Problem(
-                "not a picture's name", "--out", f"a folder, or {', '.join(_PICTURES)}", out.name
-            )
+            "not a picture's name",
+            where="--out",
+            expected=f"a folder, or {', '.join(_PICTURES)}",
+            got=out.name,
         )
     return out
 

@@ -25,7 +25,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 from dfdbench.tables.table import Table, as_rich, least_width
 
 _INTERRUPTED = 130
@@ -67,10 +67,12 @@ def _spelt_out(table: Table, encoding: str) -> Table:
         return text.encode(encoding, "backslashreplace").decode(encoding)
 
     return replace(
-        table, title=spelt(table.title), columns=tuple(map(spelt, table.columns)),
+        table,
+        title=spelt(table.title),
+        columns=tuple(map(spelt, table.columns)),
         rows=tuple(tuple(map(spelt, row)) for row in table.rows),
         notes=tuple(map(spelt, table.notes)),
-    )  # fmt: skip
+    )
 
 
 def save_figure(figure: Figure, path: Path) -> None:
@@ -82,13 +84,15 @@ def save_figure(figure: Figure, path: Path) -> None:
         Where the file is to be no PNG, or cannot be written.
     """
     if path.suffix.lower() != ".png":
-        raise InputError(Problem("figures are PNG files", str(path), "a name that ends in .png"))
+        raise InputError(
+            "figures are PNG files", where=str(path), expected="a name that ends in .png"
+        )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=120, format="png")
     except OSError as error:
         raise InputError(
-            Problem("cannot write the figure", str(path), got=error.strerror or str(error))
+            "cannot write the figure", where=str(path), got=error.strerror or str(error)
         ) from error
     say(f"figure       {path}")
 
@@ -125,9 +129,14 @@ def _bar(
     what: str, *between: ProgressColumn, resumed: str = "the same command goes on from here"
 ) -> Iterator[tuple[Progress, TaskID]]:
     columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *between,
-        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
-    )  # fmt: skip
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        *between,
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
     console = Console(stderr=True)
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal

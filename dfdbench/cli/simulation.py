@@ -12,7 +12,7 @@ from dfdbench.cli.answer import writing
 from dfdbench.cli.captures import capture_of, chosen_numbers, chosen_scenes
 from dfdbench.cli.screen import progress, say
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 from dfdbench.rig.geometry import Pose
 from dfdbench.simulation.board_scene import MOUNTED
 from dfdbench.simulation.captures import Settings, write_captures
@@ -70,9 +70,14 @@ def _pose(text: str) -> Pose:
         yaw, pitch, roll = map(float, text.split(","))
     except ValueError:
         raise InputError(
-            Problem("not a turn", "--turn", "yaw,pitch,roll in degrees, as 0.5,-0.3,1", text)
+            "not a turn",
+            where="--turn",
+            expected="yaw,pitch,roll in degrees, as 0.5,-0.3,1",
+            got=text,
         ) from None
     if not all(abs(angle) <= _LARGEST_TURN for angle in (yaw, pitch, roll)):
         expected = f"angles of {_LARGEST_TURN:g} degrees at most"
-        raise InputError(Problem("the LIDAR would miss the board", "--turn", expected, text))
+        raise InputError(
+            "the LIDAR would miss the board", where="--turn", expected=expected, got=text
+        )
     return Pose(yaw, pitch, roll)

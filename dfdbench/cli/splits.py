@@ -26,7 +26,7 @@ from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store, open_store
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 
 def split(
@@ -52,7 +52,7 @@ def split(
     """Propose splits or folds by scene whose training covers their tests' depths."""
     if (test_scenes is None) == (folds is None):
         raise InputError(
-            Problem("ask for one thing", "--test-scenes or --folds", fix="--test-scenes 3")
+            "ask for one thing", where="--test-scenes or --folds", fix="--test-scenes 3"
         )
     store = open_store(dataset)
     bound = DensityBound(density_factor, density_floor)

@@ -15,7 +15,7 @@ from dfdbench.cli.options import Cache, value_of, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.store import Store, open_store
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 from dfdbench.system.extras import needed
 from dfdbench.system.files import write_whole
 from dfdbench.tables.table import Format, Table, render
@@ -112,7 +112,7 @@ def train(
     configuration = read_configuration(config, values_of(changes, "--set"))
     if split is not None and fold is not None:
         raise InputError(
-            Problem("--split and --fold both say what trains", "--fold", fix="give one of them")
+            "--split and --fold both say what trains", where="--fold", fix="give one of them"
         )
     split = split or "train"
     start = find_weights(method.value, weights) if weights else None
@@ -140,8 +140,10 @@ def train(
     scores = "scores.csv, " if log.log().scores else ""
     say(f"log          {folder / 'losses.csv'}, {scores}depth_levels.csv, patches.csv")
     say(f"weights      {outcome.weights}, and their card {outcome.weights.with_suffix('.md')}")
-    say(f"next         dfdbench run --method {method.value} --dataset {dataset} "
-        f"--param weights={outcome.weights}")  # fmt: skip
+    say(
+        f"next         dfdbench run --method {method.value} --dataset {dataset} "
+        f"--param weights={outcome.weights}"
+    )
 
 
 def experiment(
@@ -161,8 +163,7 @@ def experiment(
         ),
     ] = None,
     source: Annotated[
-        Path | None,
-        typer.Option(help="Folder of the captures, where the voltage steps vary."),
+        Path | None, typer.Option(help="Folder of the captures, where the voltage steps vary.")
     ] = None,
     config: Configuration = "published",
     changes: Changes = None,
@@ -204,7 +205,9 @@ def experiment(
         stem = manifest.stem
     else:
         if source:
-            raise InputError(Problem(f"{name} reads a built data set", "--source", "--dataset"))
+            raise InputError(
+                f"{name} reads a built data set", where="--source", expected="--dataset"
+            )
         store = open_store(dataset or "middlebury", cache=cache)
         stem = store.path.stem
     folder = out or Path("training") / f"{stem}-experiments" / f"{name}-{method.value}"
@@ -230,9 +233,7 @@ def keep_table(folder: Path, table: Table) -> None:
         write_whole(folder / f"scores.{suffix}", render([table], format))
 
 
-def _stepping(
-    bar: Callable[[int, int | None], None],
-) -> Callable[[int, int | None, float], None]:
+def _stepping(bar: Callable[[int, int | None], None]) -> Callable[[int, int | None, float], None]:
     def step(done: int, steps: int | None, loss: float) -> None:
         bar(done, steps)
 
@@ -244,7 +245,9 @@ def _listed(text: str | None) -> list[Any] | None:
         return None
     values = [part.strip() for part in text.split(",")]
     if not all(values):
-        raise InputError(Problem("not a list of values", "--values", "as 0,1,2", repr(text)))
+        raise InputError(
+            "not a list of values", where="--values", expected="as 0,1,2", got=repr(text)
+        )
     return [value_of(value) for value in values]
 
 
@@ -262,11 +265,16 @@ def card_table(card: Card) -> Table:
         ("parameters", f"{card.parameters:,}"),
         ("trained on", card.trained_on),
         ("steps", f"{card.steps:,}, ended by {card.ended_by}"),
-        ("time", f"{card.seconds:.0f} s on {card.environment['processor']}, "
-                 f"{card.environment['threads']} threads"),
-        *((f"{name.upper()} on {card.scored_on}", f"{value:.4f}")
-          for name, value in card.scores.items()),
-    ]  # fmt: skip
+        (
+            "time",
+            f"{card.seconds:.0f} s on {card.environment['processor']}, "
+            f"{card.environment['threads']} threads",
+        ),
+        *(
+            (f"{name.upper()} on {card.scored_on}", f"{value:.4f}")
+            for name, value in card.scores.items()
+        ),
+    ]
     return Table(f"{card.method}, seed {card.seed}", ("", ""), tuple(rows), "ll")
 
 
@@ -297,7 +305,9 @@ def seconds_of(text: str | None) -> float | None:
         return None
     parts = re.fullmatch(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s)?", text)
     if not parts or not any(float(part or 0) for part in parts.groups()):
-        raise InputError(Problem("not a duration", "--max-time", "as 90s, 30m, 1h30m", text))
+        raise InputError(
+            "not a duration", where="--max-time", expected="as 90s, 30m, 1h30m", got=text
+        )
     units = zip(parts.groups(), _SECONDS.values(), strict=True)
     return sum(float(part or 0) * unit for part, unit in units)
 
@@ -306,32 +316,27 @@ def _prepare(training: TrainingFolder, resume: bool, fresh: bool, start: Path | 
     folder, started = training.path, training.started
     if folder.exists() and not folder.is_dir():
         raise InputError(
-            Problem("not a folder", str(folder), fix="choose another place with --out DIR")
+            "not a folder", where=str(folder), fix="choose another place with --out DIR"
         )
     if resume and fresh:
-        raise InputError(Problem("--resume goes on, --fresh starts anew", fix="choose one"))
+        raise InputError("--resume goes on, --fresh starts anew", fix="choose one")
     if training.foreign:
         raise InputError(
-            Problem(
-                "the folder holds something else than a training", str(folder),
-                fix="choose another with --out DIR",
-            )
-        )  # fmt: skip
+            "the folder holds something else than a training",
+            where=str(folder),
+            fix="choose another with --out DIR",
+        )
     if fresh and start and start.resolve().parent == folder.resolve():
         raise InputError(
-            Problem(
-                "--fresh would remove the weights to begin with", str(start),
-                fix="choose another folder with --out DIR",
-            )
-        )  # fmt: skip
-    if resume and not started:
-        raise InputError(
-            Problem("no checkpoint to go on from", str(folder), fix="leave --resume out")
+            "--fresh would remove the weights to begin with",
+            where=str(start),
+            fix="choose another folder with --out DIR",
         )
+    if resume and not started:
+        raise InputError("no checkpoint to go on from", where=str(folder), fix="leave --resume out")
     if training.holds_files and not resume and not fresh:
         raise InputError(
-            Problem(
-                "there is a training already", str(folder),
-                fix="--resume goes on, --fresh starts anew, --out DIR takes another folder",
-            )
-        )  # fmt: skip
+            "there is a training already",
+            where=str(folder),
+            fix="--resume goes on, --fresh starts anew, --out DIR takes another folder",
+        )

@@ -50,7 +50,7 @@ def read_manifest(path: str | Path) -> Manifest:
         content = file.read_bytes()
     except OSError as error:
         raise ManifestError(
-            Problem("cannot read the manifest", str(file), got=str(error.strerror))
+            "cannot read the manifest", where=str(file), got=str(error.strerror)
         ) from error
     return parse_manifest(content, file.name)
 
@@ -67,14 +67,14 @@ def parse_manifest(content: bytes, file: str) -> Manifest:
         text = content.decode("utf-8")
         raw = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ManifestError(Problem("not a TOML file", file, got=str(error))) from error
+        raise ManifestError("not a TOML file", where=file, got=str(error)) from error
     raw["toml"] = text
     sections, problems = _validate_sections(raw, file)
     for check, needs in _CHECKS:
         if all(need in sections for need in needs):
             problems.extend(check(sections, file))
     if problems:
-        raise ManifestError(problems)
+        raise ManifestError.of(problems)
     return Manifest.model_construct(None, **sections)
 
 
@@ -85,7 +85,7 @@ def _validate_sections(raw: dict[str, Any], file: str) -> tuple[dict[str, Any], 
     for name, field in Manifest.model_fields.items():
         if name not in raw:
             if field.is_required():
-                problems.append(Problem("field is missing", f"{file}: {name}"))
+                problems.append(Problem("field is missing", where=f"{file}: {name}"))
             else:
                 sections[name] = field.get_default(call_default_factory=True)
             continue
@@ -96,7 +96,9 @@ def _validate_sections(raw: dict[str, Any], file: str) -> tuple[dict[str, Any], 
             problems.extend(_problem_of(detail, name, file) for detail in error.errors())
     known = set(Manifest.model_fields)
     problems.extend(
-        Problem("unknown field", f"{file}: {name}", expected="one of: " + ", ".join(sorted(known)))
+        Problem(
+            "unknown field", where=f"{file}: {name}", expected="one of: " + ", ".join(sorted(known))
+        )
         for name in raw
         if name not in known
     )
@@ -116,28 +118,39 @@ def _problem_of(detail: Mapping[str, Any], section: str, file: str) -> Problem:
 
 def _unknown(file: str, field: str, what: str, got: str, known: list[str]) -> Problem:
     near = unknown_name(what, got, known).problems[0]
-    return Problem(near.what, f"{file}: {field}", near.expected, got, near.fix)
+    return Problem(
+        near.what, where=f"{file}: {field}", expected=near.expected, got=got, fix=near.fix
+    )
 
 
 def _check_scenes(sections: dict[str, Any], file: str) -> Iterator[Problem]:
     names = [scene.name for scene in sections["scenes"]]
     for name, times in Counter(names).items():
         if times > 1:
-            yield Problem("scene is listed twice", f"{file}: scenes", "each scene once", name)
+            yield Problem(
+                "scene is listed twice",
+                where=f"{file}: scenes",
+                expected="each scene once",
+                got=name,
+            )
         if name.casefold() == _STORE_FILE:
             yield Problem(
-                what="scene is named as a file of the store", where=f"{file}: scenes", got=name,
+                what="scene is named as a file of the store",
+                where=f"{file}: scenes",
+                got=name,
                 fix="choose another name",
-            )  # fmt: skip
+            )
     sources = [source.name for source in sections["sources"]]
     for number, scene in enumerate(sections["scenes"]):
         if scene.source not in sources:
             yield _unknown(file, f"scenes[{number}].source", "source", scene.source, sources)
     if len(names) != sections["scene_count"]:
         yield Problem(
-            "scenes do not add up", f"{file}: scene_count", str(sections["scene_count"]),
-            f"{len(names)} scenes listed",
-        )  # fmt: skip
+            "scenes do not add up",
+            where=f"{file}: scene_count",
+            expected=str(sections["scene_count"]),
+            got=f"{len(names)} scenes listed",
+        )
 
 
 def _check_axes(sections: dict[str, Any], file: str) -> Iterator[Problem]:
@@ -145,12 +158,14 @@ def _check_axes(sections: dict[str, Any], file: str) -> Iterator[Problem]:
     for axis, values in axes.items():
         if axis in _STORE_NAMES or not _AXIS.fullmatch(axis):
             yield Problem(
-                what="no name for an axis", where=f"{file}: axes", got=repr(axis),
+                what="no name for an axis",
+                where=f"{file}: axes",
+                got=repr(axis),
                 expected="letters, digits and _, a letter first, and none of "
                 + ", ".join(_STORE_NAMES),
-            )  # fmt: skip
+            )
         if len(set(values)) != len(values):
-            yield Problem("value is listed twice", f"{file}: axes.{axis}", got=str(values))
+            yield Problem("value is listed twice", where=f"{file}: axes.{axis}", got=str(values))
     table = sections["table"]
     named = [("depth.axes", axis) for axis in sections["depth"].axes]
     named += [("table.blocks", table.blocks)]
@@ -163,7 +178,10 @@ def _check_axes(sections: dict[str, Any], file: str) -> Iterator[Problem]:
             yield _unknown(file, "default_lighting", "axis", axis, list(axes))
         elif value not in axes[axis]:
             yield Problem(
-                "no such value", f"{file}: default_lighting.{axis}", str(axes[axis]), str(value)
+                "no such value",
+                where=f"{file}: default_lighting.{axis}",
+                expected=str(axes[axis]),
+                got=str(value),
             )
 
 
@@ -180,23 +198,29 @@ def _check_exclusions(sections: dict[str, Any], file: str) -> Iterator[Problem]:
         for pair in pairs:
             if pair not in real:
                 yield Problem(
-                    "excluded pair does not exist", f"{file}: {field}",
-                    "a scene and values that the manifest lists", pair.id,
-                )  # fmt: skip
+                    "excluded pair does not exist",
+                    where=f"{file}: {field}",
+                    expected="a scene and values that the manifest lists",
+                    got=pair.id,
+                )
             elif pair in seen:
-                yield Problem("pair is excluded twice", f"{file}: {field}", got=pair.id)
+                yield Problem("pair is excluded twice", where=f"{file}: {field}", got=pair.id)
         seen.update(pairs)
         if len(pairs) != exclusion.pairs:
             yield Problem(
-                "excluded pairs do not add up", f"{file}: {field}.pairs", str(exclusion.pairs),
-                str(len(pairs)),
-            )  # fmt: skip
+                "excluded pairs do not add up",
+                where=f"{file}: {field}.pairs",
+                expected=str(exclusion.pairs),
+                got=str(len(pairs)),
+            )
     left = len(real - seen)
     if left != sections["pair_count"]:
         yield Problem(
-            "pairs do not add up", f"{file}: pair_count", str(sections["pair_count"]),
-            f"{left} after the exclusions",
-        )  # fmt: skip
+            "pairs do not add up",
+            where=f"{file}: pair_count",
+            expected=str(sections["pair_count"]),
+            got=f"{left} after the exclusions",
+        )
 
 
 def _check_splits(sections: dict[str, Any], file: str) -> Iterator[Problem]:
@@ -208,7 +232,7 @@ def _check_splits(sections: dict[str, Any], file: str) -> Iterator[Problem]:
     for number, split in enumerate(sections["splits"]):
         field = f"splits[{number}]"
         if split.name in names:
-            yield Problem("split name is taken", f"{file}: {field}.name", got=split.name)
+            yield Problem("split name is taken", where=f"{file}: {field}.name", got=split.name)
         names.add(split.name)
         for scene in split.scenes:
             if scene not in scenes:
@@ -216,16 +240,22 @@ def _check_splits(sections: dict[str, Any], file: str) -> Iterator[Problem]:
             other = taken.setdefault((split.partition, scene), split.name)
             if other != split.name:
                 yield Problem(
-                    "scene is in two splits", f"{file}: {field}.scenes",
-                    f"{scene} in one split of partition {split.partition}",
-                    f"in {other} and {split.name}",
-                )  # fmt: skip
+                    "scene is in two splits",
+                    where=f"{file}: {field}.scenes",
+                    expected=f"{scene} in one split of partition {split.partition}",
+                    got=f"in {other} and {split.name}",
+                )
         if len(set(split.scenes)) != len(split.scenes):
-            yield Problem("scene is listed twice", f"{file}: {field}.scenes", "each scene once")
+            yield Problem(
+                "scene is listed twice", where=f"{file}: {field}.scenes", expected="each scene once"
+            )
         pairs = sum(grid[scene] - excluded[scene] for scene in set(split.scenes))
         if pairs != split.pairs:
             yield Problem(
-                "pairs do not add up", f"{file}: {field}.pairs", str(split.pairs), str(pairs)
+                "pairs do not add up",
+                where=f"{file}: {field}.pairs",
+                expected=str(split.pairs),
+                got=str(pairs),
             )
 
 
@@ -240,13 +270,15 @@ def _check_folds(sections: dict[str, Any], file: str) -> Iterator[Problem]:
     for scene in scenes:
         if tested[scene] != 1:
             yield Problem(
-                "folds do not cover each scene once", f"{file}: folds", f"{scene} in one fold",
-                f"in {tested[scene]}",
-            )  # fmt: skip
+                "folds do not cover each scene once",
+                where=f"{file}: folds",
+                expected=f"{scene} in one fold",
+                got=f"in {tested[scene]}",
+            )
     names = {split.name for split in sections["splits"]} | {ALL_PAIRS, *scenes}
     for number, fold in enumerate(sections["folds"]):
         if fold.name in names:
-            yield Problem("name is taken", f"{file}: folds[{number}].name", got=fold.name)
+            yield Problem("name is taken", where=f"{file}: folds[{number}].name", got=fold.name)
         names.add(fold.name)
 
 

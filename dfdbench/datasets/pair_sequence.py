@@ -72,14 +72,18 @@ class PairSequence(Sequence[PairImages]):
 def _check_region(region: Region, shape: tuple[int, int]) -> None:
     # Slices beyond an end are cut there by Python's rule, and those that start before 0 empty.
     problems = [
-        Problem("the crop does not lie within the image", axis, f"pixels 0 to {size}, start first",
-                f"{part.start} to {part.stop}")
+        Problem(
+            "the crop does not lie within the image",
+            where=axis,
+            expected=f"pixels 0 to {size}, start first",
+            got=f"{part.start} to {part.stop}",
+        )
         for axis, part, size in zip(("rows", "columns"), region, shape, strict=True)
         if any(end is not None and not -size <= end <= size for end in (part.start, part.stop))
         or not range(*part.indices(size))
-    ]  # fmt: skip
+    ]
     if problems:
-        raise InputError(problems)
+        raise InputError.of(problems)
 
 
 def open_pairs(

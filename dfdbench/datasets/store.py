@@ -20,7 +20,7 @@ from dfdbench.blur.synthesis import BlurRecipe, find_recipe
 from dfdbench.datasets.catalog import find_manifest, typed_name
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import DfdbenchError, Problem, StoreError, UnknownNameError, unknown_name
+from dfdbench.errors import DfdbenchError, StoreError, UnknownNameError, unknown_name
 from dfdbench.system.cache import STORES, cache_folder
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
 
@@ -82,18 +82,18 @@ class Store:
             raise _not_ours(self.path)
         if self.attributes.get("format_version") != FORMAT_VERSION:
             raise StoreError(
-                Problem(
-                    "store of another version", str(self.path), str(FORMAT_VERSION),
-                    str(self.attributes.get("format_version")), "build it again",
-                )
-            )  # fmt: skip
+                "store of another version",
+                where=str(self.path),
+                expected=str(FORMAT_VERSION),
+                got=str(self.attributes.get("format_version")),
+                fix="build it again",
+            )
         if "fingerprint" not in self.attributes:
             raise StoreError(
-                Problem(
-                    "the store is not finished", str(self.path),
-                    fix="run the dfdbench build that began it again: it goes on from there",
-                )
-            )  # fmt: skip
+                "the store is not finished",
+                where=str(self.path),
+                fix="run the dfdbench build that began it again: it goes on from there",
+            )
         self.manifest = parse_manifest(self.attributes["manifest"].encode(), self.path.name)
         self._arrays: dict[str, zarr.Array[Any]] = {}
         groups = set(_group_names(self.path, self._root))
@@ -202,11 +202,11 @@ class Store:
             yield
         except (OSError, ValueError, RuntimeError, KeyError) as error:
             raise StoreError(
-                Problem(
-                    "an array of the store cannot be read", f"{self.path}, {what}",
-                    got=str(error), fix=f"dfdbench verify {self.path} tells what is damaged",
-                )
-            ) from error  # fmt: skip
+                "an array of the store cannot be read",
+                where=f"{self.path}, {what}",
+                got=str(error),
+                fix=f"dfdbench verify {self.path} tells what is damaged",
+            ) from error
 
     def __reduce__(self) -> tuple[type[Store], tuple[UPath]]:
         # Another process opens it anew.
@@ -250,11 +250,10 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
     if not default.exists():
         other = "" if manifest.short == "demo" else ", or name the small one, demo, instead"
         raise StoreError(
-            Problem(
-                f"data set {typed_name(manifest)} is not built", str(default),
-                fix=f"dfdbench build {typed_name(manifest)}{other}",
-            )
-        )  # fmt: skip
+            f"data set {typed_name(manifest)} is not built",
+            where=str(default),
+            fix=f"dfdbench build {typed_name(manifest)}{other}",
+        )
     return Store(default)
 
 
@@ -266,11 +265,11 @@ def _manifest_of(name: str) -> Manifest:
             raise
         kind = "folder" if Path(name).is_dir() else "file"
         raise StoreError(
-            Problem(
-                f"a {kind}, and not a data set", name, "a data set's name, or a store's path",
-                fix="`dfdbench list` shows the names; stores end in .zarr",
-            )
-        ) from None  # fmt: skip
+            f"a {kind}, and not a data set",
+            where=name,
+            expected="a data set's name, or a store's path",
+            fix="`dfdbench list` shows the names; stores end in .zarr",
+        ) from None
 
 
 def _open_scene(location: UPath, name: str) -> xarray.Dataset:
@@ -285,13 +284,13 @@ def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
         return tuple(root.group_keys())
     except (OSError, ValueError, KeyError) as error:
         raise StoreError(
-            Problem("cannot read the store", str(location), got=str(error), fix="build it again")
+            "cannot read the store", where=str(location), got=str(error), fix="build it again"
         ) from error
 
 
 def _not_ours(location: UPath) -> StoreError:
     return StoreError(
-        Problem("not a data set built by dfdbench", str(location), fix="dfdbench build NAME")
+        "not a data set built by dfdbench", where=str(location), fix="dfdbench build NAME"
     )
 
 
@@ -299,7 +298,7 @@ def _open_root(location: UPath) -> zarr.Group:
     try:
         if not exists(location):
             raise StoreError(
-                Problem("no such store", str(location), fix="dfdbench build NAME --store PATH")
+                "no such store", where=str(location), fix="dfdbench build NAME --store PATH"
             )
         return zarr.open_group(zarr_store(location), mode="r", zarr_format=3)
     except DfdbenchError:
@@ -311,5 +310,5 @@ def _open_root(location: UPath) -> zarr.Group:
         if is_local(location) and not isinstance(error, (OSError, ValueError, KeyError)):
             raise
         raise StoreError(
-            Problem("cannot read the store", str(location), got=str(error), fix="build it again")
+            "cannot read the store", where=str(location), got=str(error), fix="build it again"
         ) from error

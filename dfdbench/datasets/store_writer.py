@@ -15,7 +15,7 @@ from upath import UPath
 from dfdbench.datasets.fingerprint import combine, scene_digests
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import FORMAT, FORMAT_VERSION
-from dfdbench.errors import DfdbenchError, Problem, StoreError
+from dfdbench.errors import DfdbenchError, StoreError
 from dfdbench.system.location import (
     Place,
     as_location,
@@ -135,11 +135,10 @@ class StoreWriter:
 
     def __enter__(self) -> StoreWriter:
         taken = StoreError(
-            Problem(
-                "another build is writing this store", str(self.path),
-                fix="wait for it, or build elsewhere with --store PATH",
-            )
-        )  # fmt: skip
+            "another build is writing this store",
+            where=str(self.path),
+            fix="wait for it, or build elsewhere with --store PATH",
+        )
         with disk_errors(self.path), contextlib.ExitStack() as held:
             if is_local(self.path):
                 self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -169,13 +168,11 @@ class StoreWriter:
         if lost:
             named = ", ".join(lost[:3]) + (" ..." if len(lost) > 3 else "")
             raise StoreError(
-                Problem(
-                    f"the store there holds {len(lost)} pairs that this build lacks",
-                    str(self.path), got=named,
-                    fix="build elsewhere with --store PATH, or delete that store; "
-                    "nothing was changed",
-                )
-            )  # fmt: skip
+                f"the store there holds {len(lost)} pairs that this build lacks",
+                where=str(self.path),
+                got=named,
+                fix="build elsewhere with --store PATH, or delete that store; nothing was changed",
+            )
 
     def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:
         """Move the store into its place whole; return its fingerprint."""
@@ -198,21 +195,20 @@ class StoreWriter:
             found = _attributes_of(place) or {}
             if found.get("format") != FORMAT and not self._is_interrupted_move(place, found):
                 raise StoreError(
-                    Problem(
-                        "the place is taken by something that is no dfdbench store", str(place),
-                        fix="choose another with --store PATH; nothing was changed",
-                    )
-                )  # fmt: skip
+                    "the place is taken by something that is no dfdbench store",
+                    where=str(place),
+                    fix="choose another with --store PATH; nothing was changed",
+                )
         found = (_attributes_of(self.path) or {}) if exists(self.path) else {}
         for key, what in (("manifest_name", "data set"), ("recipe", "blur recipe")):
             if key in found and found[key] != self._attributes.get(key):
                 raise StoreError(
-                    Problem(
-                        f"the store there holds another {what}", str(self.path),
-                        str(self._attributes.get(key)), str(found[key]),
-                        "choose another place with --store PATH, or delete that store",
-                    )
-                )  # fmt: skip
+                    f"the store there holds another {what}",
+                    where=str(self.path),
+                    expected=str(self._attributes.get(key)),
+                    got=str(found[key]),
+                    fix="choose another place with --store PATH, or delete that store",
+                )
 
     def _is_interrupted_move(self, place: UPath, found: Mapping[str, Any]) -> bool:
         # In an object store the new store's metadata comes last; until then its twin is whole.
@@ -232,13 +228,12 @@ def disk_errors(location: UPath) -> Iterator[None]:
         if is_local(location) and not isinstance(error, OSError):
             raise
         raise StoreError(
-            Problem(
-                "cannot write the store", str(location),
-                got=getattr(error, "strerror", None) or str(error),
-                fix="make room or choose another place with --store PATH; "
-                "the same command goes on where it stopped",
-            )
-        ) from error  # fmt: skip
+            "cannot write the store",
+            where=str(location),
+            got=getattr(error, "strerror", None) or str(error),
+            fix="make room or choose another place with --store PATH; "
+            "the same command goes on where it stopped",
+        ) from error
 
 
 def _image_chunks(variable: xarray.DataArray) -> tuple[int, ...]:

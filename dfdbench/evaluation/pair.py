@@ -17,7 +17,7 @@ from dfdbench.blur.synthesis import BlurRecipe
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import PairImages, Store
-from dfdbench.errors import MethodError, Problem, StoreError
+from dfdbench.errors import MethodError, StoreError
 from dfdbench.methods import Method, Prediction, call, entry_of, load_method
 from dfdbench.methods.isolation import seeded
 from dfdbench.metrics.protocol import PROTOCOLS, Protocol, score
@@ -59,12 +59,12 @@ def _recipe_of(store: Store) -> BlurRecipe:
     recipe = store.recipe
     if recipe is None:
         raise MethodError(
-            Problem(
-                "the method asks for a blur recipe, and there is none", str(store.path),
-                "a data set with synthetic blur", f"{store.manifest.short}: captured defocus",
-                "--param recipe=published gives it one, which is not how these images were made",
-            )
-        )  # fmt: skip
+            "the method asks for a blur recipe, and there is none",
+            where=str(store.path),
+            expected="a data set with synthetic blur",
+            got=f"{store.manifest.short}: captured defocus",
+            fix="--param recipe=published gives it one, which is not how these images were made",
+        )
     return recipe
 
 
@@ -79,13 +79,12 @@ def training_mean(store: Store) -> float:
     splits = [split.name for split in store.manifest.splits]
     if "train" not in splits:
         raise StoreError(
-            Problem(
-                what="the method asks for the mean depth of the training split, and there is none",
-                where=str(store.path), expected="a split called train in the manifest",
-                got=", ".join(splits) or "no splits",
-                fix="--param training_mean=LEVEL, 0 to 255, or build from a manifest that has one",
-            )
-        )  # fmt: skip
+            what="the method asks for the mean depth of the training split, and there is none",
+            where=str(store.path),
+            expected="a split called train in the manifest",
+            got=", ".join(splits) or "no splits",
+            fix="--param training_mean=LEVEL, 0 to 255, or build from a manifest that has one",
+        )
     total, count = 0, 0
     seen: set[tuple[str, tuple[int, ...]]] = set()
     for pair in store.pairs("train"):
@@ -96,7 +95,7 @@ def training_mean(store: Store) -> float:
             total += int(depth[valid].astype(np.int64).sum())
             count += int(valid.sum())
     if not count:
-        raise StoreError(Problem("the store holds no training depth", str(store.path)))
+        raise StoreError("the store holds no training depth", where=str(store.path))
     return total / count
 
 

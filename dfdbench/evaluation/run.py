@@ -12,7 +12,7 @@ import dfdbench
 from dfdbench.audit.trained_on import coverage_warnings
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.errors import Problem, ResultError, StoreError
+from dfdbench.errors import ResultError, StoreError
 from dfdbench.evaluation.pair import (
     PRINTED,
     TURNED,
@@ -118,17 +118,17 @@ def run_method(
     available = store.pairs(split)
     if not available:
         raise StoreError(
-            Problem(f"the store holds no pair of split {split}", str(store.path),
-                    fix=f"build {store.manifest.short} with the scenes of that split")
-        )  # fmt: skip
+            f"the store holds no pair of split {split}",
+            where=str(store.path),
+            fix=f"build {store.manifest.short} with the scenes of that split",
+        )
     chosen = available[:limit]
     identity = _identity(store, method, split, keep_predictions, seed)
     taken = ResultError(
-        Problem(
-            "another run is writing this folder", str(folder),
-            fix="wait for it, or choose another with --out DIR",
-        )
-    )  # fmt: skip
+        "another run is writing this folder",
+        where=str(folder),
+        fix="wait for it, or choose another with --out DIR",
+    )
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with hold(as_location(folder.with_name(f".{folder.name}.lock")), taken):
@@ -170,12 +170,12 @@ def run_method(
             save_result(result, folder / RESULT)
     except OSError as error:
         raise ResultError(
-            Problem(
-                "cannot write the run", str(folder), got=error.strerror or str(error),
-                fix="make room or choose another place with --out DIR; "
-                "the same command goes on where it stopped",
-            )
-        ) from error  # fmt: skip
+            "cannot write the run",
+            where=str(folder),
+            got=error.strerror or str(error),
+            fix="make room or choose another place with --out DIR; "
+            "the same command goes on where it stopped",
+        ) from error
     return Run(result, folder, reused, set_aside)
 
 

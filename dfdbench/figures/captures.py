@@ -37,9 +37,12 @@ def overlay_figure(image: NDArray[np.uint8], depths: Mapping[str, Depth], title:
     for axis, (name, (levels, valid)) in zip(grid, depths.items(), strict=True):
         axis.imshow(shown)
         drawn = axis.imshow(
-            np.where(valid, levels, np.nan).astype(np.float64), cmap="viridis", alpha=0.4,
-            vmin=low, vmax=high,
-        )  # fmt: skip
+            np.where(valid, levels, np.nan).astype(np.float64),
+            cmap="viridis",
+            alpha=0.4,
+            vmin=low,
+            vmax=high,
+        )
         if valid.any() and not valid.all():
             axis.contour(valid, levels=[0.5], colors="#E69F00", linewidths=1.2)
         axis.set(xticks=[], yticks=[], title=name)
@@ -57,11 +60,17 @@ def temperature_figure(measured: Sequence[Measurement]) -> Figure:
         degrees, [item.sharpness for item in measured], marker="o", color=_BLUE, label="image"
     )
     axis.plot(
-        degrees, [item.background for item in measured], marker="s", color=_ORANGE,
+        degrees,
+        [item.background for item in measured],
+        marker="s",
+        color=_ORANGE,
         label="background: noise alone",
-    )  # fmt: skip
-    axis.set(xlabel="camera temperature (°C)", ylabel="discrete cosine sharpness measure",
-             title=f"sharpness over temperature, voltage step {measured[0].step}")  # fmt: skip
+    )
+    axis.set(
+        xlabel="camera temperature (°C)",
+        ylabel="discrete cosine sharpness measure",
+        title=f"sharpness over temperature, voltage step {measured[0].step}",
+    )
     axis.grid(alpha=0.3)
     axis.legend()
     return figure
@@ -77,11 +86,17 @@ def voltage_figure(up: Sequence[Measurement], down: Sequence[Measurement]) -> Fi
             steps = [item.step for item in measured]
             ends = (steps[0], steps[-1]) if measured is up else (steps[-1], steps[0])
             axis.plot(
-                steps, [item.sharpness for item in measured], marker=marker, color=colour,
+                steps,
+                [item.sharpness for item in measured],
+                marker=marker,
+                color=colour,
                 label=f"{ends[0]} → {ends[1]}",
-            )  # fmt: skip
-    axis.set(xlabel="voltage step", ylabel="discrete cosine sharpness measure",
-             title="sharpness over the voltage step: hysteresis")  # fmt: skip
+            )
+    axis.set(
+        xlabel="voltage step",
+        ylabel="discrete cosine sharpness measure",
+        title="sharpness over the voltage step: hysteresis",
+    )
     axis.grid(alpha=0.3)
     axis.legend()
     return figure

@@ -56,9 +56,12 @@ def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
     figure = Figure(figsize=(9, 1.4 + 0.45 * len(timed)), layout="constrained")
     axis = figure.subplots()
     boxes = axis.boxplot(
-        [seconds for _, seconds in timed], orientation="horizontal", patch_artist=True,
-        widths=0.6, whis=(0, 100),
-    )  # fmt: skip
+        [seconds for _, seconds in timed],
+        orientation="horizontal",
+        patch_artist=True,
+        widths=0.6,
+        whis=(0, 100),
+    )
     for box in boxes["boxes"]:
         box.set(facecolor=COLOURS[4], alpha=0.7)
     names = [wrapped(plain_text(label), 40) for label, _ in timed]
@@ -89,12 +92,17 @@ def change_figure(
     for number, (change, images, *predictions) in enumerate(rows):
         known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
         depth_style = {
-            "cmap": "viridis", "vmin": np.nanmin(known), "vmax": np.nanmax(known),
+            "cmap": "viridis",
+            "vmin": np.nanmin(known),
+            "vmax": np.nanmax(known),
             "interpolation": "nearest",
-        }  # fmt: skip
+        }
         error_style = {
-            "cmap": "PuOr", "vmin": -ERROR_LIMIT, "vmax": ERROR_LIMIT, "interpolation": "nearest"
-        }  # fmt: skip
+            "cmap": "PuOr",
+            "vmin": -ERROR_LIMIT,
+            "vmax": ERROR_LIMIT,
+            "interpolation": "nearest",
+        }
         axes = grid[number]
         axes[0].imshow(images.infocus)
         for axis, depth in zip(axes[1:4], (known, *predictions), strict=True):
@@ -138,9 +146,12 @@ def _scene_figure(
                 axis.plot(
                     [scenes.index(scene) + offset for scene, _ in found],
                     [score for _, score in found],
-                    linestyle="none", marker=MARKERS[number % len(MARKERS)], markersize=5,
-                    color=COLOURS[number % (len(COLOURS) - 1)], label=plain_text(run.label),
-                )  # fmt: skip
+                    linestyle="none",
+                    marker=MARKERS[number % len(MARKERS)],
+                    markersize=5,
+                    color=COLOURS[number % (len(COLOURS) - 1)],
+                    label=plain_text(run.label),
+                )
             axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
             axis.grid(alpha=0.3)
             if column == 0:

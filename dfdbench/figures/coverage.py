@@ -44,9 +44,13 @@ def coverage_figure(record: CoverageRecord) -> Figure:
         axis.set_ylabel("pixels of all pairs")
         for item in record.ranges:
             axis.axvspan(
-                item.first - 0.5, item.last + 0.5, color=_OF_VERDICT[item.verdict], alpha=_SHADE,
-                linewidth=0, zorder=0,
-            )  # fmt: skip
+                item.first - 0.5,
+                item.last + 0.5,
+                color=_OF_VERDICT[item.verdict],
+                alpha=_SHADE,
+                linewidth=0,
+                zorder=0,
+            )
     top.yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     middle.set_yscale("log")
     middle.set_ylabel("pixels of all pairs, log scale")
@@ -78,8 +82,9 @@ def depths_figure(side: Side) -> Figure:
         title=f"depths of {side.dataset}, {side.name}: {histogram.known:,} pixels of known depth, "
         f"{histogram.pairs} pairs of {scenes}",
         xlabel=f"depth level, grows with {side.store.manifest.depth.grows_with}",
-        ylabel="pixels of all pairs", xlim=(-1, LEVELS),
-    )  # fmt: skip
+        ylabel="pixels of all pairs",
+        xlim=(-1, LEVELS),
+    )
     axis.yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     axis.grid(alpha=0.3)
     return figure
@@ -136,9 +141,13 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
         scale = axes[3].imshow(known, **errors)
         axes[4].imshow(known, **errors)
         axes[4].imshow(
-            np.ma.masked_where(np.ma.filled(kind, 0) == 0, kind), cmap=colours, vmin=0, vmax=2,
-            alpha=0.5, interpolation="nearest",
-        )  # fmt: skip
+            np.ma.masked_where(np.ma.filled(kind, 0) == 0, kind),
+            cmap=colours,
+            vmin=0,
+            vmax=2,
+            alpha=0.5,
+            interpolation="nearest",
+        )
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
         figure.colorbar(scale_of_depth, ax=axes[1], label="depth level", fraction=0.05)
         figure.colorbar(scale, ax=axes[4], label="levels", fraction=0.05, extend="max")
@@ -154,8 +163,9 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
             Patch(color=_MISSING, label="missing"),
             Patch(color=_UNKNOWN, label="depth unknown"),
         ],
-        loc="outside lower center", ncols=3,
-    )  # fmt: skip
+        loc="outside lower center",
+        ncols=3,
+    )
     return figure
 
 
@@ -233,10 +243,16 @@ def _label_ranges(axis: Axes, record: CoverageRecord) -> None:
     ]
     for first, last in largest:
         axis.annotate(
-            str(first) if first == last else f"{first}-{last}", ((first + last) / 2, 1.0),
-            xycoords=("data", "axes fraction"), xytext=(0, 3), textcoords="offset points",
-            rotation=90, ha="center", va="bottom", fontsize=8,
-        )  # fmt: skip
+            str(first) if first == last else f"{first}-{last}",
+            ((first + last) / 2, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 3),
+            textcoords="offset points",
+            rotation=90,
+            ha="center",
+            va="bottom",
+            fontsize=8,
+        )
 
 
 def _name(side: SideRecord) -> str:

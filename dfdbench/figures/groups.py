@@ -64,22 +64,34 @@ def _figure(
                 values = [
                     score
                     for pair in result.pairs
-                    if pair.status == "ok" and label(pair) == group
+                    if pair.status == "ok"
+                    and label(pair) == group
                     and (score := getattr(pair.scores[protocol], metric)) is not None
-                ]  # fmt: skip
+                ]
                 if not values:
                     continue
                 at = place + offset
                 axis.plot(
-                    values, [at] * len(values), linestyle="none", marker=".", color=colour,
-                    alpha=0.35, markeredgewidth=0,
-                )  # fmt: skip
+                    values,
+                    [at] * len(values),
+                    linestyle="none",
+                    marker=".",
+                    color=colour,
+                    alpha=0.35,
+                    markeredgewidth=0,
+                )
                 spread = np.std(values, ddof=1) if len(values) > 1 else 0.0
                 axis.errorbar(
-                    np.mean(values), at, xerr=spread, marker=MARKERS[number % len(MARKERS)],
-                    markersize=5, color=colour, capsize=2, linewidth=1,
+                    np.mean(values),
+                    at,
+                    xerr=spread,
+                    marker=MARKERS[number % len(MARKERS)],
+                    markersize=5,
+                    color=colour,
+                    capsize=2,
+                    linewidth=1,
                     label=named,
-                )  # fmt: skip
+                )
                 named = "_"  # one entry of the legend a run
         axis.set_xlabel(f"{metric.upper()} ({'higher' if up else 'lower'} is better)")
         axis.locator_params(axis="x", nbins=4)

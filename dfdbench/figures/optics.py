@@ -31,17 +31,22 @@ def blur_figure(lens: ThinLens, near: float, far: float) -> Figure:
         distance, lens.blur_radius(distance) / lens.pixel_size, color=_BLUE, label="blur radius"
     )
     axis.plot(
-        distance, lens.quantised_blur_radius(distance), color=_BLACK, linewidth=1,
+        distance,
+        lens.quantised_blur_radius(distance),
+        color=_BLACK,
+        linewidth=1,
         label="quantised to whole pixels",
-    )  # fmt: skip
+    )
     axis.axhline(limit, color=_GREEN, linestyle="--", label=f"at infinity: {limit:.2f} pixels")
     axis.axvline(lens.focus_distance, color="0.6", linestyle=":", label="focus")
     axis.set(
-        xlabel="distance from the camera (m)", ylabel="blur radius (pixels)",
-        xlim=(near, far), ylim=(0, limit * 1.25 + 1),
+        xlabel="distance from the camera (m)",
+        ylabel="blur radius (pixels)",
+        xlim=(near, far),
+        ylim=(0, limit * 1.25 + 1),
         title=f"f/{lens.f_number:g}, {lens.focal_length * 1e3:g} mm, focused at "
         f"{lens.focus_distance:g} m, pixels of {lens.pixel_size * 1e6:g} µm",
-    )  # fmt: skip
+    )
     axis.grid(alpha=0.3)
     axis.legend()
     return figure
@@ -59,9 +64,13 @@ def pair_figure(table: LensTable, pairs: Sequence[StepPair]) -> Figure:
         axis.step(table.distances, first, where="mid", color=_BLUE, label=f"step {pair.first}")
         axis.step(table.distances, second, where="mid", color=_ORANGE, label=f"step {pair.second}")
         axis.step(
-            table.distances, np.abs(first - second), where="mid", color=_BLACK, linestyle="--",
+            table.distances,
+            np.abs(first - second),
+            where="mid",
+            color=_BLACK,
+            linestyle="--",
             label="difference",
-        )  # fmt: skip
+        )
         axis.set(xlabel="distance from the camera (m)", title=pair.name)
         axis.grid(alpha=0.3)
         axis.legend(fontsize=8)

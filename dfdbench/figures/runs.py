@@ -103,9 +103,12 @@ def panel_figure(
         truth = axes[2].imshow(known, **depth_style)
         axes[3].imshow(prediction, **depth_style)
         error = axes[4].imshow(
-            prediction - known, cmap="PuOr", vmin=-ERROR_LIMIT, vmax=ERROR_LIMIT,
+            prediction - known,
+            cmap="PuOr",
+            vmin=-ERROR_LIMIT,
+            vmax=ERROR_LIMIT,
             interpolation="nearest",
-        )  # fmt: skip
+        )
         scores = record.scores[protocol]
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
         axes[4].set_xlabel(
@@ -157,9 +160,12 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
                 axis.plot(
                     [scenes.index(pair.scene) + offset for pair in chosen],
                     [getattr(pair.scores[protocol], metric) for pair in chosen],
-                    linestyle="none", marker=MARKERS[number % len(MARKERS)], markersize=5,
-                    color=COLOURS[number % len(COLOURS)], label=f"{blocks} {level}",
-                )  # fmt: skip
+                    linestyle="none",
+                    marker=MARKERS[number % len(MARKERS)],
+                    markersize=5,
+                    color=COLOURS[number % len(COLOURS)],
+                    label=f"{blocks} {level}",
+                )
             axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
             axis.grid(alpha=0.3)
             if column == 0:
@@ -196,17 +202,27 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     axis = figure.subplots()
     levels = np.arange(256)
     axis.fill_between(
-        levels, 100 * truth / truth.sum(), step="mid", color=COLOURS[4], alpha=0.6,
+        levels,
+        100 * truth / truth.sum(),
+        step="mid",
+        color=COLOURS[4],
+        alpha=0.6,
         label="ground truth",
-    )  # fmt: skip
+    )
     axis.step(
-        levels, 100 * found / found.sum(), where="mid", color=COLOURS[5], linewidth=1,
+        levels,
+        100 * found / found.sum(),
+        where="mid",
+        color=COLOURS[5],
+        linewidth=1,
         label=f"prediction of {plain_text(result.method.name)}",
-    )  # fmt: skip
+    )
     axis.set(
-        xlabel="depth level", ylabel="known pixels (%)", xlim=(0, 255),
+        xlabel="depth level",
+        ylabel="known pixels (%)",
+        xlim=(0, 255),
         title=f"depths of {result.dataset.name}, split {result.dataset.split}",
-    )  # fmt: skip
+    )
     axis.grid(alpha=0.3)
     axis.legend()
     return figure
@@ -233,19 +249,27 @@ def pixel_time_figure(store: Store, result: Result) -> Figure | None:
     axis = figure.subplots()
     axis.plot(pixels, seconds, ".", color=COLOURS[0], alpha=0.4, label="a pair")
     axis.plot(
-        sizes, [np.mean(times[size]) for size in sizes], "D", color=COLOURS[5],
+        sizes,
+        [np.mean(times[size]) for size in sizes],
+        "D",
+        color=COLOURS[5],
         fillstyle="none",
         label="mean of the pairs of a size",
-    )  # fmt: skip
+    )
     axis.plot(
-        sizes, rate * sizes, color="black", linewidth=1,
+        sizes,
+        rate * sizes,
+        color="black",
+        linewidth=1,
         label=f"in proportion: {1e5 * rate:.3g} s for 100,000 pixels",
-    )  # fmt: skip
+    )
     axis.set(
-        xlabel="pixels of an image", ylabel="seconds a pair", ylim=(0, None),
+        xlabel="pixels of an image",
+        ylabel="seconds a pair",
+        ylim=(0, None),
         title=f"time of {plain_text(result.method.name)} on {result.dataset.name}, "
         f"split {result.dataset.split}",
-    )  # fmt: skip
+    )
     axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     axis.grid(alpha=0.3)
     axis.legend()

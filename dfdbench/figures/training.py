@@ -32,8 +32,10 @@ def training_figure(log: Log, title: str) -> Figure:
             axis.plot(
                 [int(row["step"]) for row in rows],
                 [float(row[f"{name}_{metric}"]) for row in rows],
-                marker=".", color=colour, label=f"{name} pairs",
-            )  # fmt: skip
+                marker=".",
+                color=colour,
+                label=f"{name} pairs",
+            )
         axis.set(ylabel=metric.upper(), xlabel="step")
         axis.xaxis.set_tick_params(labelbottom=True)
         if log.scores:
@@ -49,9 +51,11 @@ def _draw_losses(losses: Axes, rates: Axes, rows: Sequence[Row]) -> None:
     values = np.array([float(row["loss"]) for row in rows])
     width = max(1, len(rows) // _POINTS)
     losses.plot(
-        _means(steps, width), _means(values, width), color="black",
+        _means(steps, width),
+        _means(values, width),
+        color="black",
         label=f"mean of {width} steps" if width > 1 else "each step",
-    )  # fmt: skip
+    )
     losses.set(ylabel="training loss")
     losses.legend()
     rates.plot(steps, [float(row["learning_rate"]) for row in rows], color="black")
@@ -69,9 +73,13 @@ def levels_figure(rows: Sequence[Row], title: str) -> Figure:
     ):
         counts = np.array([int(row[name]) for row in rows], np.float64)
         axis.stairs(
-            100 * counts / max(counts.sum(), 1), np.append(levels, 256) - 0.5, color=colour,
-            label=f"{label}: {counts.sum():.4g} pixels", fill=name == "present", alpha=0.6,
-        )  # fmt: skip
+            100 * counts / max(counts.sum(), 1),
+            np.append(levels, 256) - 0.5,
+            color=colour,
+            label=f"{label}: {counts.sum():.4g} pixels",
+            fill=name == "present",
+            alpha=0.6,
+        )
     axis.set(title=title, xlabel="depth level", ylabel="pixels (%)", xlim=(-1, 256))
     axis.grid(alpha=0.3)
     axis.legend()
@@ -158,9 +166,12 @@ def _draw_band(axis: Axes, scores: NDArray[np.float64], baseline: str) -> None:
     mean, deviation = scores.mean(), scores.std(ddof=1)
     whose = f" of {baseline}" if baseline else ""
     axis.axhspan(
-        mean - 2 * deviation, mean + 2 * deviation, color=_TRAIN, alpha=0.15,
+        mean - 2 * deviation,
+        mean + 2 * deviation,
+        color=_TRAIN,
+        alpha=0.15,
         label=f"mean{whose} ± 2 σ",
-    )  # fmt: skip
+    )
     axis.axhline(mean, color=_TRAIN, linestyle="--", label=f"mean{whose}")
 
 

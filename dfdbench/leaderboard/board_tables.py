@@ -42,11 +42,17 @@ def ranking_table(board: Board, folder: Path) -> Table:
         scores = [_number(entry.score(protocol, metric)) for metric in METRICS]
         rows.append(
             (
-                _NOTHING if standing.rank is None else str(standing.rank), entry.label,
-                scores[0], _interval(standing.interval), scores[1], scores[2],
-                str(standing.above or _NOTHING), seconds_text(entry.seconds), entry.status,
+                _NOTHING if standing.rank is None else str(standing.rank),
+                entry.label,
+                scores[0],
+                _interval(standing.interval),
+                scores[1],
+                scores[2],
+                str(standing.above or _NOTHING),
+                seconds_text(entry.seconds),
+                entry.status,
             )
-        )  # fmt: skip
+        )
     notes = [
         _interval_note(board.scenes),
         *_incomplete_notes(board),
@@ -56,15 +62,27 @@ def ranking_table(board: Board, folder: Path) -> Table:
         ),
     ]
     columns = (
-        "", "method", _HEADS["nrmse"], interval_name(board.scenes), _HEADS["nmae"], _HEADS["ssim"],
-        "behind the row above", "seconds a pair", "status",
-    )  # fmt: skip
+        "",
+        "method",
+        _HEADS["nrmse"],
+        interval_name(board.scenes),
+        _HEADS["nmae"],
+        _HEADS["ssim"],
+        "behind the row above",
+        "seconds a pair",
+        "status",
+    )
     title = f"{board.dataset}, split {board.split}, protocol {title_of(protocol)}"
     records = tuple(_record(board, standing, folder) for standing in board.standings)
     return Table(
-        title, columns, tuple(rows), "rlrlrrlrl", tuple(notes), records=records,
+        title,
+        columns,
+        tuple(rows),
+        "rlrlrrlrl",
+        tuple(notes),
+        records=records,
         parts=((0, 1, 2, 3, 4, 5), (0, 1, 6, 7, 8)),
-    )  # fmt: skip
+    )
 
 
 def lighting_table(board: Board) -> Table:
@@ -89,9 +107,7 @@ def lighting_table(board: Board) -> Table:
         rules.add(len(rows) - 1)
     columns = ("method", "", *(f"{axis} {level}" for level in levels), "overall")
     align = "ll" + "r" * (len(levels) + 1)
-    return Table(
-        f"by {axis}", columns, tuple(rows), align, (), frozenset(rules), tuple(records)
-    )  # fmt: skip
+    return Table(f"by {axis}", columns, tuple(rows), align, (), frozenset(rules), tuple(records))
 
 
 def runs_table(board: Board, folder: Path | None = None) -> Table:
@@ -104,15 +120,24 @@ def runs_table(board: Board, folder: Path | None = None) -> Table:
         entry = standing.entry
         method = entry.result.method
         cells: tuple[str, ...] = (
-            method.name, parameters_of(entry.result), method.trained_on or "nothing",
-            seconds_text(entry.seconds), machine_of(entry.result), method.paper or _NOTHING,
-        )  # fmt: skip
+            method.name,
+            parameters_of(entry.result),
+            method.trained_on or "nothing",
+            seconds_text(entry.seconds),
+            machine_of(entry.result),
+            method.paper or _NOTHING,
+        )
         if folder:
             cells += (_checked(entry), Link("result", _target(entry, folder)))
         rows.append(cells)
     columns: tuple[str, ...] = (
-        "method", "parameters", "training data", "seconds a pair", "machine", "paper",
-    )  # fmt: skip
+        "method",
+        "parameters",
+        "training data",
+        "seconds a pair",
+        "machine",
+        "paper",
+    )
     align = "lllrll"
     if folder:
         columns, align = (*columns, "reproduced", "file"), align + "ll"
@@ -140,15 +165,23 @@ def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
             (
                 means["nrmse"] or 0.0,
                 (
-                    method, *map(_number, means.values()), *by_exposure,
-                    _published_seconds(tables, method), table.name, "published",
+                    method,
+                    *map(_number, means.values()),
+                    *by_exposure,
+                    _published_seconds(tables, method),
+                    table.name,
+                    "published",
                 ),
             )
-        )  # fmt: skip
+        )
     columns = (
-        "method", *_HEADS.values(), *(f"NRMSE, exposure {level}" for level in (0, 1, 2)),
-        "seconds an image", "where", "status",
-    )  # fmt: skip
+        "method",
+        *_HEADS.values(),
+        *(f"NRMSE, exposure {level}" for level in (0, 1, 2)),
+        "seconds an image",
+        "where",
+        "status",
+    )
     rows = tuple(cells for _, cells in sorted(lines))
     notes = (
         "The overall means are ours, of the exposures' printed ones, 18 pairs each; seconds are "

@@ -123,7 +123,7 @@ def collect(folder: Path) -> list[Entry]:
         except ResultError as error:
             problems += error.problems
     if problems:
-        raise ResultError(problems)
+        raise ResultError.of(problems)
     return entries
 
 
@@ -200,4 +200,4 @@ def _interval(result: Result, protocol: str) -> tuple[float, float] | None:
 
 def _refuse_orphan(path: Path) -> None:
     if not path.with_name(path.name.removesuffix(SUFFIX) + ".json").exists():
-        raise ResultError(Problem("a verification without its result", str(path), fix="delete it"))
+        raise ResultError("a verification without its result", where=str(path), fix="delete it")

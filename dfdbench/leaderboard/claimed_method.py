@@ -13,7 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from dfdbench.errors import Problem, ResultError, unknown_name
+from dfdbench.errors import ResultError, unknown_name
 from dfdbench.methods import built_in_methods, registered_methods
 from dfdbench.results.record import MethodRecord
 
@@ -59,14 +59,13 @@ class ClaimedMethod:
         if self.file is None or self.record.entry in trusted:
             return
         raise ResultError(
-            Problem(
-                what="the result's method is not ours: its code is run only if you agree",
-                where=f"{path}: method.entry", expected="a built-in method, or your consent",
-                got=str(self).replace("\n", "\n            "),
-                fix=f"read the file; then --trust {self.record.entry!a}, in a container: "
-                "CONTRIBUTING.md",
-            )
-        )  # fmt: skip
+            what="the result's method is not ours: its code is run only if you agree",
+            where=f"{path}: method.entry",
+            expected="a built-in method, or your consent",
+            got=str(self).replace("\n", "\n            "),
+            fix=f"read the file; then --trust {self.record.entry!a}, in a container: "
+            "CONTRIBUTING.md",
+        )
 
 
 def claimed_method(record: MethodRecord, path: Path) -> ClaimedMethod:
@@ -100,13 +99,12 @@ def claimed_method(record: MethodRecord, path: Path) -> ClaimedMethod:
     content = file.read_bytes()
     if not _defines(content, attribute, place):
         raise ResultError(
-            Problem(
-                what="the file does not define the method itself", where=where,
-                expected=f"a class, a function or a value {attribute} in {file}",
-                got="nothing of that name, or another package's",
-                fix="submit the run under the entry that defines it",
-            )
-        )  # fmt: skip
+            what="the file does not define the method itself",
+            where=where,
+            expected=f"a class, a function or a value {attribute} in {file}",
+            got="nothing of that name, or another package's",
+            fix="submit the run under the entry that defines it",
+        )
     return ClaimedMethod(record, file, hashlib.sha256(content).hexdigest())
 
 
@@ -138,21 +136,20 @@ def parameters_to_run(record: MethodRecord, weights: Path | None, path: Path) ->
             # The code is trusted, and what it makes of its parameters with it.
             return dict(record.parameters)
         raise ResultError(
-            Problem(
-                what="the result's weights are a file, which it must not choose",
-                where=f"{path}: method.parameters.weights",
-                expected=f"shipped weights, one of: {', '.join(shipped) or 'none'}",
-                got=ascii(named), fix="name your copy of it: --weights FILE",
-            )
-        )  # fmt: skip
+            what="the result's weights are a file, which it must not choose",
+            where=f"{path}: method.parameters.weights",
+            expected=f"shipped weights, one of: {', '.join(shipped) or 'none'}",
+            got=ascii(named),
+            fix="name your copy of it: --weights FILE",
+        )
     found = hashlib.sha256(weights.read_bytes()).hexdigest() if weights.is_file() else "no file"
     if found != record.weights_sha256:
         raise ResultError(
-            Problem(
-                what="other weights than the result was made with", where=str(weights),
-                expected=str(record.weights_sha256), got=found,
-            )
-        )  # fmt: skip
+            what="other weights than the result was made with",
+            where=str(weights),
+            expected=str(record.weights_sha256),
+            got=found,
+        )
     return {**record.parameters, "weights": str(weights)}
 
 
@@ -242,8 +239,8 @@ def _names_of(body: Sequence[ast.stmt], package: str) -> Iterator[str]:
 
 def _refused(what: str, where: str, got: str) -> ResultError:
     return ResultError(
-        Problem(
-            what=what, where=where, expected="module:name or file.py:name of source that is here",
-            got=ascii(got),
-        )
-    )  # fmt: skip
+        what=what,
+        where=where,
+        expected="module:name or file.py:name of source that is here",
+        got=ascii(got),
+    )

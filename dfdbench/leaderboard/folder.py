@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from dfdbench.errors import Problem, ResultError
+from dfdbench.errors import ResultError
 from dfdbench.results.record import DatasetRecord
 
 T = TypeVar("T")
@@ -36,20 +36,20 @@ def require_leaderboard(folder: Path) -> None:
     """
     if not any((folder / name).is_dir() for name in (RESULTS, PUBLISHED)):
         raise ResultError(
-            Problem(
-                "no leaderboard here", str(folder), f"a folder with {RESULTS}/ or {PUBLISHED}/",
-                fix="run this in the root of a clone of dfdbench; `dfdbench leaderboard` takes "
-                "--folder DIR too",
-            )
-        )  # fmt: skip
+            "no leaderboard here",
+            where=str(folder),
+            expected=f"a folder with {RESULTS}/ or {PUBLISHED}/",
+            fix="run this in the root of a clone of dfdbench; `dfdbench leaderboard` takes "
+            "--folder DIR too",
+        )
     readme = folder / README
     if readme.exists() and MARKER not in readme.read_text(encoding="utf-8", errors="replace"):
         raise ResultError(
-            Problem(
-                "this README is not the leaderboard's, and is left as it is", str(readme),
-                f"the line {MARKER}", fix="name the leaderboard's folder: --folder DIR",
-            )
-        )  # fmt: skip
+            "this README is not the leaderboard's, and is left as it is",
+            where=str(readme),
+            expected=f"the line {MARKER}",
+            fix="name the leaderboard's folder: --folder DIR",
+        )
 
 
 def place_of(dataset: DatasetRecord, protocol: str, folder: Path) -> Path:
@@ -110,6 +110,4 @@ def _read(path: Path, kind: TypeAdapter[dict[str, T]]) -> dict[str, T]:
     try:
         return kind.validate_json(path.read_bytes())
     except ValidationError as error:
-        raise ResultError(
-            Problem(what="cannot read the list", where=str(path), got=str(error))
-        ) from error
+        raise ResultError(what="cannot read the list", where=str(path), got=str(error)) from error

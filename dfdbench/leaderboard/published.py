@@ -101,15 +101,18 @@ def load_published(folder: Path) -> list[PublishedTable]:
             problems += [
                 Problem(
                     "wrong value in the published table",
-                    f"{path}: {'.'.join(map(str, detail['loc']))}", detail["msg"],
-                    repr(detail["input"])[:80],
+                    where=f"{path}: {'.'.join(map(str, detail['loc']))}",
+                    expected=detail["msg"],
+                    got=repr(detail["input"])[:80],
                 )
                 for detail in error.errors()
-            ]  # fmt: skip
+            ]
         except (UnicodeDecodeError, json.JSONDecodeError) as error:
-            problems.append(Problem("cannot read the published table", str(path), got=str(error)))
+            problems.append(
+                Problem("cannot read the published table", where=str(path), got=str(error))
+            )
     if problems:
-        raise ResultError(problems)
+        raise ResultError.of(problems)
     return sorted(tables, key=lambda table: table.order)
 
 

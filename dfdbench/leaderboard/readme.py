@@ -9,7 +9,7 @@ from pathlib import Path
 
 import jinja2
 
-from dfdbench.errors import Problem, ResultError
+from dfdbench.errors import ResultError
 from dfdbench.leaderboard.board_tables import board_tables, published_summary, published_table
 from dfdbench.leaderboard.boards import Board, Entry, boards, collect
 from dfdbench.leaderboard.folder import README
@@ -52,11 +52,10 @@ def check_readme(folder: Path) -> int:
     found = path.read_text(encoding="utf-8") if path.exists() else ""
     if found != expected:
         raise ResultError(
-            Problem(
-                "the leaderboard's README is stale", f"{path}, line {_first(found, expected)}",
-                fix="dfdbench leaderboard, and commit what it wrote",
-            )
-        )  # fmt: skip
+            "the leaderboard's README is stale",
+            where=f"{path}, line {_first(found, expected)}",
+            fix="dfdbench leaderboard, and commit what it wrote",
+        )
     return len(entries)
 
 

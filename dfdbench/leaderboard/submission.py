@@ -69,12 +69,12 @@ def submit(result: Result, folder: Path, submitted: datetime | None = None) -> l
     """
     problems = data_set_problems(result, folder, "this run")
     if problems:
-        raise ResultError(problems)
+        raise ResultError.of(problems)
     parts = [under_protocol(result, protocol) for protocol in result.protocol_names]
     places = [_free_place(part, folder) for part in parts]
     problems = [_partial(result, path) for path in places if not result.complete and _whole(path)]
     if problems:
-        raise ResultError(problems)
+        raise ResultError.of(problems)
     when = (submitted or datetime.now(UTC)).strftime(TIME_FORMAT)
     for narrowed, path in zip(parts, places, strict=True):
         unsealed = Submission(submitted=when, seal="0" * 64)
@@ -88,9 +88,7 @@ def under_protocol(result: Result, protocol: str) -> Result:
     """Return a result with the scores of one protocol only."""
     pairs = [
         pair.model_copy(
-            update={
-                "scores": {name: s for name, s in pair.scores.items() if name == protocol},
-            }
+            update={"scores": {name: s for name, s in pair.scores.items() if name == protocol}}
         )
         for pair in result.pairs
     ]
@@ -114,27 +112,34 @@ def load_submission(path: Path, folder: Path) -> Result:
     if result.submission is None:
         problems.append(
             Problem(
-                "not a submission", str(path), "a sealed result of one protocol",
+                "not a submission",
+                where=str(path),
+                expected="a sealed result of one protocol",
                 fix="write it with `dfdbench run ... --submit`",
             )
-        )  # fmt: skip
+        )
     elif len(result.protocols) != 1 or path.parent != _place(result, folder):
         problems.append(
             Problem(
-                "result in the wrong folder", str(path), str(_place(result, folder)),
-                str(path.parent),
+                "result in the wrong folder",
+                where=str(path),
+                expected=str(_place(result, folder)),
+                got=str(path.parent),
             )
-        )  # fmt: skip
+        )
     elif path.stem not in stems:
         problems.append(
             Problem(
-                "the file's name is not its method's", str(path), f"{stems[0]}.json", path.name,
-                "write it with `dfdbench run ... --submit`",
+                "the file's name is not its method's",
+                where=str(path),
+                expected=f"{stems[0]}.json",
+                got=path.name,
+                fix="write it with `dfdbench run ... --submit`",
             )
-        )  # fmt: skip
+        )
     problems += data_set_problems(result, folder, str(path))
     if problems:
-        raise ResultError(problems)
+        raise ResultError.of(problems)
     return result
 
 
@@ -146,25 +151,36 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
         expected = {pair.id: pair for pair in manifest.pairs(dataset.split)}
     except DfdbenchError as error:
         return [
-            Problem(problem.what, where, problem.expected, problem.got, problem.fix)
+            Problem(
+                problem.what,
+                where=where,
+                expected=problem.expected,
+                got=problem.got,
+                fix=problem.fix,
+            )
             for problem in error.problems
         ]
     problems = list(_other_facts(result, manifest, where))
     if dataset.manifest_sha256 != manifest.sha256:
         problems.append(
             Problem(
-                f"hash of another manifest than {dataset.name}", f"{where}: dataset",
-                manifest.sha256, dataset.manifest_sha256,
+                f"hash of another manifest than {dataset.name}",
+                where=f"{where}: dataset",
+                expected=manifest.sha256,
+                got=dataset.manifest_sha256,
             )
-        )  # fmt: skip
+        )
     known = known_fingerprints(folder).get(dataset.name)
     if known and dataset.recipe["name"] == manifest.recipe and dataset.fingerprint not in known:
         problems.append(
             Problem(
-                f"fingerprint of other data than {dataset.name}", f"{where}: dataset",
-                " or ".join(known), dataset.fingerprint, f"dfdbench build {dataset.short}",
+                f"fingerprint of other data than {dataset.name}",
+                where=f"{where}: dataset",
+                expected=" or ".join(known),
+                got=dataset.fingerprint,
+                fix=f"dfdbench build {dataset.short}",
             )
-        )  # fmt: skip
+        )
     found = {pair.id: pair for pair in result.pairs}
     for what, names in (
         ("missing from the split", expected.keys() - found.keys()),
@@ -174,9 +190,11 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
             count = f"{len(names)} pair{'s' if len(names) > 1 else ''}"
             whole = f"{len(expected)} pairs of {dataset.name}, split {dataset.split}"
             named = ", ".join(sorted(names)[:3]) + (", ..." if len(names) > 3 else "")
-            problems.append(Problem(f"{count} {what}", f"{where}: pairs", whole, named))
+            problems.append(
+                Problem(f"{count} {what}", where=f"{where}: pairs", expected=whole, got=named)
+            )
     problems += [
-        Problem("pair's coordinates are not those of its name", f"{where}: {name}")
+        Problem("pair's coordinates are not those of its name", where=f"{where}: {name}")
         for name, pair in found.items()
         if name in expected
         and (pair.scene, pair.coordinates) != (expected[name].scene, expected[name].at)
@@ -186,10 +204,12 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
         if released is None or released.as_dict() != protocol:
             problems.append(
                 Problem(
-                    "not a released protocol", f"{where}: protocols",
-                    str(released.as_dict()) if released else ", ".join(RELEASED), str(protocol),
+                    "not a released protocol",
+                    where=f"{where}: protocols",
+                    expected=str(released.as_dict()) if released else ", ".join(RELEASED),
+                    got=str(protocol),
                 )
-            )  # fmt: skip
+            )
     return problems + _left_out(result, folder, where)
 
 
@@ -203,14 +223,19 @@ def _released(name: str) -> Manifest:
 
 def _other_facts(result: Result, manifest: Manifest, where: str) -> Iterator[Problem]:
     facts = {
-        "short": manifest.short, "degradation": manifest.degradation, "axes": list(manifest.axes),
-        "blocks": manifest.table.blocks, "rows": manifest.table.rows,
-    }  # fmt: skip
+        "short": manifest.short,
+        "degradation": manifest.degradation,
+        "axes": list(manifest.axes),
+        "blocks": manifest.table.blocks,
+        "rows": manifest.table.rows,
+    }
     for field, value in facts.items():
         got = getattr(result.dataset, field)
         if got != value:
             what = f"not what the manifest of {manifest.stem} says"
-            yield Problem(what, f"{where}: dataset.{field}", str(value), str(got))
+            yield Problem(
+                what, where=f"{where}: dataset.{field}", expected=str(value), got=str(got)
+            )
 
 
 def _left_out(result: Result, folder: Path, where: str) -> list[Problem]:
@@ -233,7 +258,7 @@ def _left_out(result: Result, folder: Path, where: str) -> list[Problem]:
                         fix="run the method again; undefined ground truth is listed in "
                         f"{folder / UNDEFINED}",
                     )
-                )  # fmt: skip
+                )
     return problems
 
 
@@ -258,10 +283,12 @@ def _whole(path: Path) -> bool:
 def _partial(result: Result, path: Path) -> Problem:
     dataset = result.dataset
     return Problem(
-        "a partial run does not take the place of a complete one", str(path),
-        f"{dataset.expected} pairs", f"{dataset.evaluated} pairs",
-        "run the rest: the same command goes on where it stopped",
-    )  # fmt: skip
+        "a partial run does not take the place of a complete one",
+        where=str(path),
+        expected=f"{dataset.expected} pairs",
+        got=f"{dataset.evaluated} pairs",
+        fix="run the rest: the same command goes on where it stopped",
+    )
 
 
 def _shown(value: object) -> str:

@@ -94,7 +94,7 @@ def claim_of(result: Result, path: Path) -> ClaimedMethod:
         and where name and entry are not one.
     """
     if problems := entry_problems(result.method, path):
-        raise ResultError(problems)
+        raise ResultError.of(problems)
     return claimed_method(result.method, path)
 
 
@@ -150,21 +150,21 @@ def verify(
     """
     if not 0 <= tolerance <= 1:
         raise InputError(
-            Problem(what="not a tolerance", expected="a number from 0 to 1", got=f"{tolerance:g}")
+            what="not a tolerance", expected="a number from 0 to 1", got=f"{tolerance:g}"
         )
     if store.fingerprint != result.dataset.fingerprint:
         raise ResultError(
-            Problem(
-                "the result was made with other data", f"{path}: dataset.fingerprint",
-                f"{store.fingerprint} ({store.path})", result.dataset.fingerprint,
-                f"dfdbench build {result.dataset.name}, or name the store: --dataset PATH",
-            )
-        )  # fmt: skip
+            "the result was made with other data",
+            where=f"{path}: dataset.fingerprint",
+            expected=f"{store.fingerprint} ({store.path})",
+            got=result.dataset.fingerprint,
+            fix=f"dfdbench build {result.dataset.name}, or name the store: --dataset PATH",
+        )
     require_pairs_of(result, store, path)
     claim_of(result, path).require_consent(trusted, path)
     chosen = sample(result, count, seed)
     if not chosen:
-        raise ResultError(Problem("no pair was evaluated: nothing to verify", str(path)))
+        raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
     record = result.method
     # By its entry, which was agreed to: a name may hold a folder of another machine.
     parameters = parameters_to_run(record, weights, path)
@@ -188,7 +188,7 @@ def verify(
         else:
             largest = max(largest, difference)
     if problems:
-        raise ResultError(problems)
+        raise ResultError.of(problems)
     return Outcome(
         pairs=tuple(claim.id for claim in chosen),
         identical=identical,
@@ -208,10 +208,13 @@ def entry_problems(method: MethodRecord, path: Path) -> list[Problem]:
         return []
     return [
         Problem(
-            "the method's name leads to another entry", f"{path}: method.entry",
-            without_folder(entry), method.entry, "submit the run again with this version",
+            "the method's name leads to another entry",
+            where=f"{path}: method.entry",
+            expected=without_folder(entry),
+            got=method.entry,
+            fix="submit the run again with this version",
         )
-    ]  # fmt: skip
+    ]
 
 
 def save_verification(outcome: Outcome, seed: int, path: Path) -> Path:
@@ -258,14 +261,16 @@ def load_verification(result: Result, path: Path) -> Verification | None:
     try:
         verification = Verification.model_validate_json(place.read_bytes())
     except ValidationError as error:
-        raise ResultError(
+        raise ResultError.of(
             Problem(
                 what="wrong value in the verification",
-                where=f"{place}: {'.'.join(map(str, detail['loc']))}", expected=detail["msg"],
-                got=repr(detail["input"])[:80], fix=fix,
+                where=f"{place}: {'.'.join(map(str, detail['loc']))}",
+                expected=detail["msg"],
+                got=repr(detail["input"])[:80],
+                fix=fix,
             )
             for detail in error.errors()
-        ) from error  # fmt: skip
+        ) from error
     there = sha256(path.read_bytes()).hexdigest()
     drawn = [pair.id for pair in sample(result, len(verification.pairs), verification.seed)]
     problems = []
@@ -273,27 +278,34 @@ def load_verification(result: Result, path: Path) -> Verification | None:
         problems.append(
             Problem(
                 what="the verification is of another file than the result beside it",
-                where=f"{place}: result_sha256", expected=there, got=verification.result_sha256,
+                where=f"{place}: result_sha256",
+                expected=there,
+                got=verification.result_sha256,
                 fix=fix,
             )
-        )  # fmt: skip
+        )
     if verification.pairs != drawn:
         problems.append(
             Problem(
-                what="the pairs are not those that the seed draws", where=f"{place}: pairs",
-                expected=", ".join(drawn), got=", ".join(verification.pairs)[:200], fix=fix,
+                what="the pairs are not those that the seed draws",
+                where=f"{place}: pairs",
+                expected=", ".join(drawn),
+                got=", ".join(verification.pairs)[:200],
+                fix=fix,
             )
-        )  # fmt: skip
+        )
     if verification.identical > len(verification.pairs):
         problems.append(
             Problem(
-                what="more depth maps are the same than were made", where=f"{place}: identical",
-                expected=f"at most {len(verification.pairs)}", got=str(verification.identical),
+                what="more depth maps are the same than were made",
+                where=f"{place}: identical",
+                expected=f"at most {len(verification.pairs)}",
+                got=str(verification.identical),
                 fix=fix,
             )
-        )  # fmt: skip
+        )
     if problems:
-        raise ResultError(problems)
+        raise ResultError.of(problems)
     return verification
 
 
@@ -325,7 +337,7 @@ def _mismatch(claim: PairResult, rerun: PairResult, path: Path, tolerance: float
     same = claim.prediction_sha256 == rerun.prediction_sha256
     return Problem(
         "the same depth map has other scores" if same else "the pair gives another depth map",
-        f"{path}: {claim.id}",
-        f"{told(rerun, protocol)} (run here), within {tolerance:g}",
-        f"{told(claim, protocol)} (in the file)",
+        where=f"{path}: {claim.id}",
+        expected=f"{told(rerun, protocol)} (run here), within {tolerance:g}",
+        got=f"{told(claim, protocol)} (in the file)",
     )

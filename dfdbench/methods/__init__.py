@@ -232,7 +232,7 @@ def load_method(
             raise
         except (Exception, SystemExit) as error:
             raise MethodError(
-                Problem("the method cannot be constructed", entry, got=_describe(error))
+                "the method cannot be constructed", where=entry, got=_describe(error)
             ) from error
     else:
         uses = ()
@@ -242,11 +242,11 @@ def load_method(
             predict = functools.partial(target, **given)
     if not callable(predict):
         raise MethodError(
-            Problem(
-                "not a method", entry, "something to call as predict(infocus, defocus)",
-                type(predict).__name__,
-            )
-        )  # fmt: skip
+            "not a method",
+            where=entry,
+            expected="something to call as predict(infocus, defocus)",
+            got=type(predict).__name__,
+        )
     return Method(name, entry, predict, recorded, uses, source)
 
 
@@ -268,15 +268,13 @@ def entry_of(target: Callable[..., Any]) -> str:
     module = sys.modules.get(place)
     if not getattr(module, "__file__", None) or getattr(module, name, None) is not target:
         raise MethodError(
-            Problem(
-                what="the method has no name under which it could be found again",
-                where=name or type(target).__name__,
-                expected="a name, or a function or class at the top of a module's file",
-                got=repr(target)[:80],
-                fix="put it into a file and pass 'file.py:name'; an object's class: its parameters "
-                "go beside it",
-            )
-        )  # fmt: skip
+            what="the method has no name under which it could be found again",
+            where=name or type(target).__name__,
+            expected="a name, or a function or class at the top of a module's file",
+            got=repr(target)[:80],
+            fix="put it into a file and pass 'file.py:name'; an object's class: its parameters "
+            "go beside it",
+        )
     return f"{place}:{name}"
 
 
@@ -368,7 +366,9 @@ def _import(entry: str) -> tuple[Any, str | None]:
     place, _, attribute = entry.rpartition(":")
     if not place or not attribute:
         raise MethodError(
-            Problem("not a method's name", entry, "module:attribute or path/to/file.py:attribute")
+            "not a method's name",
+            where=entry,
+            expected="module:attribute or path/to/file.py:attribute",
         )
     module = _import_file(Path(place)) if place.endswith(".py") else _import_module(place)
     found: Any = module
@@ -378,7 +378,11 @@ def _import(entry: str) -> tuple[Any, str | None]:
             public = [key for key in names if not key.startswith("_")] or ["nothing to call"]
             near = unknown_name("attribute", part, public).problems[0]
             raise MethodError(
-                Problem(f"{place} has no {part}", entry, near.expected, part, near.fix)
+                f"{place} has no {part}",
+                where=entry,
+                expected=near.expected,
+                got=part,
+                fix=near.fix,
             )
         found = getattr(found, part)
     file = getattr(module, "__file__", None)
@@ -397,30 +401,30 @@ def _import_module(name: str) -> ModuleType:
     except ModuleNotFoundError as error:
         extra = extra_of(error.name)
         if extra:
-            raise MethodError(absent(str(error.name), extra)) from error
+            raise MethodError.of(absent(str(error.name), extra)) from error
         if error.name and (name == error.name or name.startswith(error.name + ".")):
             raise MethodError(
-                Problem(
-                    f"no module named {error.name}", name, got=f"looked in {Path.cwd()} too",
-                    fix="run from the module's folder, install it, or name its file: file.py:name",
-                )
-            ) from error  # fmt: skip
+                f"no module named {error.name}",
+                where=name,
+                got=f"looked in {Path.cwd()} too",
+                fix="run from the module's folder, install it, or name its file: file.py:name",
+            ) from error
         raise MethodError(
-            Problem("the module cannot be imported", name, got=_describe(error))
+            "the module cannot be imported", where=name, got=_describe(error)
         ) from error
     except (Exception, SystemExit) as error:
         raise MethodError(
-            Problem("the module cannot be imported", name, got=_describe(error))
+            "the module cannot be imported", where=name, got=_describe(error)
         ) from error
 
 
 def _import_file(path: Path) -> ModuleType:
     if not path.is_file():
-        raise MethodError(Problem("no such file", str(path), got=f"looked in {Path.cwd()}"))
+        raise MethodError("no such file", where=str(path), got=f"looked in {Path.cwd()}")
     name = f"dfdbench_method_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}"
     specification = importlib.util.spec_from_file_location(name, path)
     if specification is None or specification.loader is None:
-        raise MethodError(Problem("not a Python file", str(path)))
+        raise MethodError("not a Python file", where=str(path))
     module = importlib.util.module_from_spec(specification)
     # Its own folder comes first, as when the file is run; dataclasses and pickle want the entry.
     sys.path.insert(0, str(path.resolve().parent))
@@ -430,7 +434,7 @@ def _import_file(path: Path) -> ModuleType:
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise MethodError(
-            Problem("the file cannot be imported", str(path), got=_describe(error))
+            "the file cannot be imported", where=str(path), got=_describe(error)
         ) from error
     finally:
         sys.path.remove(str(path.resolve().parent))
@@ -455,15 +459,17 @@ def _check_parameters(entry: str, target: Callable[..., Any], arguments: dict[st
     if unknown and inspect.Parameter.VAR_KEYWORD not in kinds:
         unknown = [name for name in unknown if name not in ("infocus", "defocus")]
         if unknown:
-            raise MethodError(
+            raise MethodError.of(
                 [
                     Problem(
-                        "unknown parameter", entry,
-                        "one of: " + ", ".join(names) if names else "no parameters", name,
+                        "unknown parameter",
+                        where=entry,
+                        expected="one of: " + ", ".join(names) if names else "no parameters",
+                        got=name,
                     )
                     for name in unknown
                 ]
-            )  # fmt: skip
+            )
     empty = inspect.Parameter.empty
     missing = [
         name
@@ -473,9 +479,11 @@ def _check_parameters(entry: str, target: Callable[..., Any], arguments: dict[st
         and name not in arguments
     ]
     if inspect.isclass(target) and missing:
-        raise MethodError(
+        raise MethodError.of(
             [
-                Problem("parameter is needed", entry, name, fix=f"--param {name}=VALUE")
+                Problem(
+                    "parameter is needed", where=entry, expected=name, fix=f"--param {name}=VALUE"
+                )
                 for name in missing
             ]
         )

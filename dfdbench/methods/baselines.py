@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.synthesis import RECIPES, BlurRecipe
-from dfdbench.errors import MethodError, Problem
+from dfdbench.errors import MethodError
 
 Image = NDArray[np.uint8]
 
@@ -32,7 +32,10 @@ class Constant:
     def __init__(self, training_mean: float) -> None:
         if not 0 <= training_mean <= 255:
             raise MethodError(
-                Problem("wrong parameter", "training_mean", "0 to 255", str(training_mean))
+                "wrong parameter",
+                where="training_mean",
+                expected="0 to 255",
+                got=str(training_mean),
             )
         self._level = training_mean
 
@@ -67,7 +70,9 @@ class Local:
 
     def __init__(self, recipe: BlurRecipe = RECIPES["published"], window: int = 7) -> None:
         if not isinstance(window, int) or window < 1 or window % 2 == 0:
-            raise MethodError(Problem("wrong parameter", "window", "odd, positive", str(window)))
+            raise MethodError(
+                "wrong parameter", where="window", expected="odd, positive", got=str(window)
+            )
         self._recipe = recipe
         self._window = (window, window)
 

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 __all__ = ["data_cost"]
 
@@ -103,7 +103,7 @@ def data_cost(
     unary = np.empty(shape, np.uint16) if out is None else out
     if unary.shape != shape or unary.dtype != np.uint16 or not unary.flags.c_contiguous:
         raise InputError(
-            Problem(f"out: expected contiguous uint16 {shape}, got {unary.dtype} {unary.shape}")
+            f"out: expected contiguous uint16 {shape}, got {unary.dtype} {unary.shape}"
         )
     offset = _fill(
         np.ascontiguousarray(padded),
@@ -127,29 +127,22 @@ def _check(
     for name, image in (("infocus", infocus), ("defocus", defocus)):
         if image.ndim != 3 or 0 in image.shape or image.shape[2] > 4:
             raise InputError(
-                Problem(
-                    f"{name}: expected a shape (y, x, channel) with 1 to 4 channels, "
-                    f"got {image.shape}"
-                )
+                f"{name}: expected a shape (y, x, channel) with 1 to 4 channels, got {image.shape}"
             )
         if image.dtype not in (np.uint8, np.float32):
-            raise InputError(Problem(f"{name}: expected uint8 or float32, got {image.dtype}"))
+            raise InputError(f"{name}: expected uint8 or float32, got {image.dtype}")
     if infocus.shape != defocus.shape:
-        raise InputError(
-            Problem(f"defocus: expected the shape {infocus.shape}, got {defocus.shape}")
-        )
+        raise InputError(f"defocus: expected the shape {infocus.shape}, got {defocus.shape}")
     if sigmas.ndim != 1 or not 2 <= len(sigmas) <= 65536:
-        raise InputError(Problem(f"sigmas: expected 2 to 65536 values, got shape {sigmas.shape}"))
+        raise InputError(f"sigmas: expected 2 to 65536 values, got shape {sigmas.shape}")
     if not np.all(np.isfinite(sigmas)) or sigmas[0] <= 0 or np.any(np.diff(sigmas) <= 0):
-        raise InputError(Problem(f"sigmas: expected ascending values above 0, got {sigmas}"))
+        raise InputError(f"sigmas: expected ascending values above 0, got {sigmas}")
     if not 0 < weight <= 5000:
-        raise InputError(
-            Problem(f"weight: expected above 0, at most 5000 (int32 costs), got {weight}")
-        )
+        raise InputError(f"weight: expected above 0, at most 5000 (int32 costs), got {weight}")
     if not 0 < limit <= 65535:
-        raise InputError(Problem(f"limit: expected 1 to 65535, got {limit}"))
+        raise InputError(f"limit: expected 1 to 65535, got {limit}")
     if kernel_size < 1 or kernel_size % 2 == 0:
-        raise InputError(Problem(f"kernel_size: expected odd and positive, got {kernel_size}"))
+        raise InputError(f"kernel_size: expected odd and positive, got {kernel_size}")
 
 
 def _kernels(sigmas: Array, radius: int) -> NDArray[np.float64]:

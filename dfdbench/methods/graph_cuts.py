@@ -142,7 +142,7 @@ class GraphCuts:
                     _wrong("cap and scale", f"a largest smoothness of {most}", int(table.max()))
                 )
         if problems:
-            raise MethodError(problems)
+            raise MethodError.of(problems)
         self._recipe, self._weight, self._table = recipe, weight, table
         # The middle of each group of levels stands for it.
         self._levels = np.arange(step // 2, levels, step)
@@ -211,9 +211,14 @@ class GraphCuts:
             self._memory.costs = memory = None
             self._memory.costs = memory = np.empty(shape, np.uint16)
         unary, offset = data_cost(
-            sharp, blurred, recipe.sigmas[self._levels], self._weight, self._limit,
-            recipe.kernel_size, memory,
-        )  # fmt: skip
+            sharp,
+            blurred,
+            recipe.sigmas[self._levels],
+            self._weight,
+            self._limit,
+            recipe.kernel_size,
+            memory,
+        )
         right, down = None, None
         if self._threshold is not None:
             grey = infocus if infocus.ndim == 2 else cv2.cvtColor(infocus, cv2.COLOR_RGB2GRAY)
@@ -233,4 +238,4 @@ class GraphCuts:
 
 
 def _wrong(name: str, expected: str, got: Any) -> Problem:
-    return Problem("wrong parameter", name, expected, str(got))
+    return Problem("wrong parameter", where=name, expected=expected, got=str(got))

@@ -77,24 +77,26 @@ def files_sha256(parameters: Mapping[str, Any]) -> dict[str, str]:
 def _recipe_of(given: Any, where: str) -> BlurRecipe:
     if not isinstance(given, str | Mapping | BlurRecipe):
         raise MethodError(
-            Problem(
-                what="not a blur recipe", where=where,
-                expected=f"{', '.join(RECIPES)}, fields such as sigma_min, or FILE.toml",
-                got=repr(given),
-            )
-        )  # fmt: skip
+            what="not a blur recipe",
+            where=where,
+            expected=f"{', '.join(RECIPES)}, fields such as sigma_min, or FILE.toml",
+            got=repr(given),
+        )
     try:
         return find_recipe(given)
     except UnknownNameError:
         raise
     except DfdbenchError as error:
-        raise MethodError(
+        raise MethodError.of(
             Problem(
-                what=problem.what, where=f"{where}: {problem.where}" if problem.where else where,
-                expected=problem.expected, got=problem.got, fix=problem.fix,
+                what=problem.what,
+                where=f"{where}: {problem.where}" if problem.where else where,
+                expected=problem.expected,
+                got=problem.got,
+                fix=problem.fix,
             )
             for problem in error.problems
-        ) from error  # fmt: skip
+        ) from error
 
 
 def _read_fields(file: str | Path) -> dict[str, Any]:
@@ -108,11 +110,11 @@ def _read_fields(file: str | Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         raise MethodError(
-            Problem(
-                what="cannot read the blur recipe", where=str(file),
-                expected="a TOML file with sigma_min, sigma_step, ...", got=reason,
-            )
-        ) from error  # fmt: skip
+            what="cannot read the blur recipe",
+            where=str(file),
+            expected="a TOML file with sigma_min, sigma_step, ...",
+            got=reason,
+        ) from error
 
 
 def _plain(value: Any) -> Any:
@@ -148,12 +150,11 @@ def _digest(path: Path) -> str:
         return _of_file(path) if path.is_file() else _of_folder(path)
     except OSError as error:
         raise MethodError(
-            Problem(
-                what="cannot read what a parameter names", where=str(error.filename or path),
-                got=error.strerror or str(error),
-                fix="a run keeps the SHA-256 of files and folders that parameters name",
-            )
-        ) from error  # fmt: skip
+            what="cannot read what a parameter names",
+            where=str(error.filename or path),
+            got=error.strerror or str(error),
+            fix="a run keeps the SHA-256 of files and folders that parameters name",
+        ) from error
 
 
 def _of_file(path: Path) -> str:

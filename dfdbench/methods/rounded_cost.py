@@ -107,18 +107,31 @@ def _check(infocus: Array, defocus: Array, kernels: Array, limit: int) -> None:
     for name, image in (("infocus", infocus), ("defocus", defocus)):
         if image.ndim != 3 or 0 in image.shape or image.dtype != np.uint8:
             got = f"{image.dtype} {image.shape}"
-            problems.append(Problem("wrong image", name, "uint8 (y, x, channel)", got))
+            problems.append(
+                Problem("wrong image", where=name, expected="uint8 (y, x, channel)", got=got)
+            )
     if not problems and infocus.shape != defocus.shape:
         problems.append(
-            Problem("sizes differ", "defocus", f"the shape {infocus.shape}", f"{defocus.shape}")
+            Problem(
+                "sizes differ",
+                where="defocus",
+                expected=f"the shape {infocus.shape}",
+                got=f"{defocus.shape}",
+            )
         )
     if kernels.ndim != 2 or kernels.shape[0] < 2 or kernels.shape[1] % 2 == 0:
         got = str(kernels.shape)
-        problems.append(Problem("wrong kernels", "kernels", "(label, odd size), 2 or more", got))
+        problems.append(
+            Problem(
+                "wrong kernels", where="kernels", expected="(label, odd size), 2 or more", got=got
+            )
+        )
     if not 0 < limit <= 65535:
-        problems.append(Problem("wrong limit", "limit", "1 to 65535", str(limit)))
+        problems.append(
+            Problem("wrong limit", where="limit", expected="1 to 65535", got=str(limit))
+        )
     if problems:
-        raise InputError(problems)
+        raise InputError.of(problems)
 
 
 @numba.njit(cache=True, nogil=True)

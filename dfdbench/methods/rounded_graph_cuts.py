@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.synthesis import RECIPES, BlurRecipe
-from dfdbench.errors import MethodError, Problem
+from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
 from dfdbench.methods.rounded_cost import rounded_cost
 
@@ -60,7 +60,7 @@ class RoundedGraphCuts:
         most = (65535 - 1) // (4 * _UNIT)
         if not isinstance(truncation, int) or not 1 <= truncation <= most:
             raise MethodError(
-                Problem("wrong parameter", "truncation", f"1 to {most}", str(truncation))
+                "wrong parameter", where="truncation", expected=f"1 to {most}", got=str(truncation)
             )
         self._recipe = recipe
         self._kernels = recipe.kernels()

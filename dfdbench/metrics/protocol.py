@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import Problem, UnknownNameError, unknown_name
+from dfdbench.errors import UnknownNameError, unknown_name
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 #: The metrics' names, and whether a larger value is better.
@@ -105,20 +105,32 @@ class Protocol:
 
 _ALL = (
     Protocol(
-        "thesis", 1, "all", "own-range", "whole",
+        "thesis",
+        1,
+        "all",
+        "own-range",
+        "whole",
         "Emerson 2019, Eq. 3.11, 3.13, 3.14; unknown pixels count as depth 0",
     ),
     Protocol(
-        "thesis-networks", 1, "all", "255", "network",
+        "thesis-networks",
+        1,
+        "all",
+        "255",
+        "network",
         "the scoring code published with the thesis's networks",
     ),
     Protocol(
-        "thesis-networks", 2, "all", "255", "network-of-16",
+        "thesis-networks",
+        2,
+        "all",
+        "255",
+        "network-of-16",
         "the scoring code published with the thesis's networks, which cuts images to multiples "
         "of 16 before it takes their centre",
     ),
     Protocol("valid", 1, "known", "255", "whole", "dfdbench: known pixels only"),
-)  # fmt: skip
+)
 
 
 def _newest(name: str) -> Protocol:
@@ -185,13 +197,13 @@ def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
     for other in (RELEASED[found] for found in there if found in RELEASED):
         if asked and other.name == asked.name:
             raise UnknownNameError(
-                Problem(
-                    what=f"scored under another version of protocol {asked.name}", where=whose,
-                    expected=asked.title, got=other.title,
-                    fix=f"`dfdbench run` scores under version {_newest(asked.name).version}; "
-                    f"--protocol {other.name}-{other.version} shows what is there",
-                )
-            )  # fmt: skip
+                what=f"scored under another version of protocol {asked.name}",
+                where=whose,
+                expected=asked.title,
+                got=other.title,
+                fix=f"`dfdbench run` scores under version {_newest(asked.name).version}; "
+                f"--protocol {other.name}-{other.version} shows what is there",
+            )
     raise unknown_name(f"protocol of {whose}", label, there)
 
 

@@ -246,23 +246,34 @@ def _checked(
     for name, image in (("image_true", image_true), ("image_test", image_test)):
         array = np.asarray(image)
         if array.dtype.kind not in "uif":
-            problems.append(Problem("wrong type", name, "real numbers", str(array.dtype)))
+            problems.append(
+                Problem("wrong type", where=name, expected="real numbers", got=str(array.dtype))
+            )
         elif array.ndim != 2 or array.size == 0:
-            problems.append(Problem("wrong shape", name, "(y, x)", str(array.shape)))
+            problems.append(
+                Problem("wrong shape", where=name, expected="(y, x)", got=str(array.shape))
+            )
         elif array.dtype.kind == "f" and not np.isfinite(array).all():
-            problems.append(Problem("not finite", name, "finite levels", "NaN or infinity"))
+            problems.append(
+                Problem("not finite", where=name, expected="finite levels", got="NaN or infinity")
+            )
         arrays.append(array)
     truth, test = arrays
     if not problems and truth.shape != test.shape:
         problems.append(
-            Problem("sizes differ", "image_test", f"{truth.shape}, as image_true", str(test.shape))
+            Problem(
+                "sizes differ",
+                where="image_test",
+                expected=f"{truth.shape}, as image_true",
+                got=str(test.shape),
+            )
         )
     if problems:
-        raise InputError(problems)
+        raise InputError.of(problems)
     counts = np.ones(truth.shape, bool) if mask is None else np.asarray(mask)
     if counts.shape != truth.shape or counts.dtype != np.bool_:
         got = f"{counts.dtype} {counts.shape}"
-        raise InputError(Problem("wrong mask", "mask", f"bool {truth.shape}", got))
+        raise InputError("wrong mask", where="mask", expected=f"bool {truth.shape}", got=got)
     return truth.astype(np.float64), test.astype(np.float64), counts
 
 
@@ -270,7 +281,7 @@ def _divisor(truth: NDArray[np.float64], data_range: Any) -> float:
     if data_range is not None:
         if not (math.isfinite(data_range) and data_range > 0):
             raise InputError(
-                Problem("wrong range", "data_range", "a positive number", str(data_range))
+                "wrong range", where="data_range", expected="a positive number", got=str(data_range)
             )
         return float(data_range) if truth.size else math.nan
     own = float(np.ptp(truth)) if truth.size else 0.0

@@ -53,7 +53,10 @@ class LensTable:
         """
         if step not in self.steps:
             raise InputError(
-                Problem("no such voltage step", "lens table", _range_text(self.steps), str(step))
+                "no such voltage step",
+                where="lens table",
+                expected=_range_text(self.steps),
+                got=str(step),
             )
         row = self.radius[self.steps.index(step)].astype(np.float64)
         return np.asarray(np.interp(np.asarray(distance, np.float64), self.distances, row))
@@ -129,11 +132,11 @@ def read_lens_table(path: Path | None = None) -> LensTable:
         text = path.read_text("utf-8") if path else shipped.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise SourceError(
-            Problem(
-                "cannot read the lens table", str(path), f"a CSV file: {_LAYOUT}",
-                getattr(error, "strerror", None) or str(error),
-            )
-        ) from error  # fmt: skip
+            "cannot read the lens table",
+            where=str(path),
+            expected=f"a CSV file: {_LAYOUT}",
+            got=getattr(error, "strerror", None) or str(error),
+        ) from error
     return parse_lens_table(text, str(path or _TABLE))
 
 
@@ -148,11 +151,11 @@ def parse_lens_table(text: str, where: str) -> LensTable:
     rows = [row for row in csv.reader(text.splitlines()) if row]
     if len(rows) < 2 or rows[0][0].strip() != "step" or len(rows[0]) < 3:
         raise SourceError(
-            Problem(
-                "not a lens table", where, _LAYOUT,
-                ",".join(rows[0][:4]) if rows else "an empty file",
-            )
-        )  # fmt: skip
+            "not a lens table",
+            where=where,
+            expected=_LAYOUT,
+            got=",".join(rows[0][:4]) if rows else "an empty file",
+        )
     problems: list[Problem] = []
     distances = _numbers(rows[0][1:], f"{where}: heading", problems)
     steps, radii = [], []
@@ -160,19 +163,26 @@ def parse_lens_table(text: str, where: str) -> LensTable:
         place = f"{where}: line {line}"
         if len(row) != len(rows[0]):
             problems.append(
-                Problem("a row of another length", place, str(len(rows[0])), str(len(row)))
+                Problem(
+                    "a row of another length",
+                    where=place,
+                    expected=str(len(rows[0])),
+                    got=str(len(row)),
+                )
             )
             continue
         numbers = _numbers(row, place, problems)
         if any(number != int(number) or number < 0 for number in numbers):
-            problems.append(Problem("not whole pixels", place, "0, 1, 2, ...", ",".join(row)))
+            problems.append(
+                Problem("not whole pixels", where=place, expected="0, 1, 2, ...", got=",".join(row))
+            )
         steps.append(int(numbers[0]))
         radii.append([int(number) for number in numbers[1:]])
     for what, values in (("distances", distances), ("voltage steps", steps)):
         if sorted(set(values)) != list(values):
-            problems.append(Problem(f"{what} do not ascend", where, got=str(values)))
+            problems.append(Problem(f"{what} do not ascend", where=where, got=str(values)))
     if problems:
-        raise SourceError(problems)
+        raise SourceError.of(problems)
     return LensTable(tuple(steps), tuple(distances), np.array(radii, np.int64))
 
 
@@ -236,9 +246,14 @@ def _merit(pair: StepPair) -> tuple[float, ...]:
     even = np.linspace(pair.differences[0], pair.differences[-1], len(pair.differences))
     unevenness = float(np.round(np.square(even - pair.differences).sum(), 9))
     return (
-        pair.repeats, -pair.span, pair.longest_run, unevenness, sum(pair.differences),
-        -pair.first, -pair.second,
-    )  # fmt: skip
+        pair.repeats,
+        -pair.span,
+        pair.longest_run,
+        unevenness,
+        sum(pair.differences),
+        -pair.first,
+        -pair.second,
+    )
 
 
 def _distances_within(table: LensTable, near: float, far: float) -> list[int]:
@@ -247,11 +262,11 @@ def _distances_within(table: LensTable, near: float, far: float) -> list[int]:
     if len(within) < 2:
         ends = f"{table.distances[0]:g} to {table.distances[-1]:g} m"
         raise InputError(
-            Problem(
-                "fewer than two measured distances in the range", "--range", f"within {ends}",
-                f"{near:g} to {far:g} m",
-            )
-        )  # fmt: skip
+            "fewer than two measured distances in the range",
+            where="--range",
+            expected=f"within {ends}",
+            got=f"{near:g} to {far:g} m",
+        )
     return within
 
 
@@ -263,7 +278,7 @@ def _numbers(cells: list[str], where: str, problems: list[Problem]) -> list[floa
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
-            problems.append(Problem("not a number", where, got=cell))
+            problems.append(Problem("not a number", where=where, got=cell))
             number = 0.0
         numbers.append(number)
     return numbers

@@ -51,19 +51,21 @@ class ThinLens:
 
     def __post_init__(self) -> None:
         problems = [
-            Problem("not a positive number", name, got=str(value))
+            Problem("not a positive number", where=name, got=str(value))
             for name, value in vars(self).items()
             if not (np.isfinite(value) and value > 0)
         ]
         if not problems and self.focus_distance <= self.focal_length:
             problems.append(
                 Problem(
-                    "no real image", "focus_distance", f"more than the {self.focal_length:g} m "
-                    "of the focal length", f"{self.focus_distance:g} m",
+                    "no real image",
+                    where="focus_distance",
+                    expected=f"more than the {self.focal_length:g} m of the focal length",
+                    got=f"{self.focus_distance:g} m",
                 )
-            )  # fmt: skip
+            )
         if problems:
-            raise InputError(problems)
+            raise InputError.of(problems)
 
     def blur_radius_far(self, distance: ArrayLike) -> Floats:
         """Return the blur of points beyond the focus, in metres on the sensor (Eq. 2.8 to 2.11).
@@ -238,5 +240,5 @@ def image_height(
 def _distances(distance: ArrayLike) -> Floats:
     metres = np.asarray(distance, np.float64)
     if not (metres > 0).all():
-        raise InputError(Problem("a distance is not positive", "distance", got=str(metres.min())))
+        raise InputError("a distance is not positive", where="distance", got=str(metres.min()))
     return metres

@@ -69,18 +69,20 @@ def read_lens_captures(folder: Path) -> dict[str, tuple[Measurement, ...]]:
         whole = [item for item in measured if item is not None]
         if whole:
             by_temperature = name == "temperature"
-            found[name] = tuple(sorted(whole, key=lambda m: m.temperature if by_temperature
-                                       else m.step))  # fmt: skip
+            found[name] = tuple(
+                sorted(whole, key=lambda m: m.temperature if by_temperature else m.step)
+            )
     if not found and not problems:
         problems.append(
             Problem(
-                "no captures of a lens test", str(folder),
-                "temperature/image_135_40.00_27.25.png, up/image_127_30.00.png, down/...",
+                "no captures of a lens test",
+                where=str(folder),
+                expected="temperature/image_135_40.00_27.25.png, up/image_127_30.00.png, down/...",
                 fix="to see the layout: dfdbench simulate lens --out DIR",
             )
-        )  # fmt: skip
+        )
     if problems:
-        raise SourceError(problems)
+        raise SourceError.of(problems)
     return found
 
 
@@ -108,17 +110,21 @@ def _measure(path: Path, warms: bool, problems: list[Problem]) -> Measurement | 
     match = _NAME.fullmatch(path.name)
     if not match or (warms and match[3] is None):
         expected = "image_STEP_EXPOSURE_TEMPERATURE.png" if warms else "image_STEP_EXPOSURE.png"
-        problems.append(Problem("name tells no voltage step", str(path), expected))
+        problems.append(Problem("name tells no voltage step", where=str(path), expected=expected))
         return None
     image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR_RGB)
     if image is None:
-        problems.append(Problem("not an image", str(path), "a PNG file"))
+        problems.append(Problem("not an image", where=str(path), expected="a PNG file"))
         return None
     grey = to_grey(np.asarray(image, np.uint8))
     if int(grey.max()) - int(grey.min()) < _LEAST_CONTRAST:
-        problems.append(Problem("no dot in the image", str(path), "a white dot on black"))
+        problems.append(
+            Problem("no dot in the image", where=str(path), expected="a white dot on black")
+        )
         return None
     return Measurement(
-        int(match[1]), float(match[3] or "nan"), dct_sharpness(grey),
+        int(match[1]),
+        float(match[3] or "nan"),
+        dct_sharpness(grey),
         dct_sharpness(without_dot(grey)),
-    )  # fmt: skip
+    )

@@ -158,6 +158,4 @@ def _worst_first(runs: Sequence[SavedRun], protocol: str) -> tuple[ShownPair, ..
         if run.store is not None
         for pair in ranked(run.result, protocol)
     ]
-    return tuple(
-        sorted(found, key=lambda shown: -(shown.pair.scores[protocol].nrmse or 0.0))
-    )  # fmt: skip
+    return tuple(sorted(found, key=lambda shown: -(shown.pair.scores[protocol].nrmse or 0.0)))

@@ -77,10 +77,16 @@ def inline_svg(figure: Figure, name: str) -> str:
 def ink() -> dict[Any, str]:
     """Return matplotlib's settings under which figures for `inline_svg` are drawn."""
     names = (
-        "text.color", "axes.labelcolor", "axes.edgecolor", "axes.titlecolor", "xtick.color",
-        "ytick.color", "boxplot.boxprops.color", "boxplot.whiskerprops.color",
+        "text.color",
+        "axes.labelcolor",
+        "axes.edgecolor",
+        "axes.titlecolor",
+        "xtick.color",
+        "ytick.color",
+        "boxplot.boxprops.color",
+        "boxplot.whiskerprops.color",
         "boxplot.capprops.color",
-    )  # fmt: skip
+    )
     return {**dict.fromkeys(names, _INK), "legend.facecolor": "none", "font.family": "sans-serif"}
 
 

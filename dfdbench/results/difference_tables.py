@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dfdbench.errors import Problem, ResultError
+from dfdbench.errors import ResultError
 from dfdbench.leaderboard.submission import method_label
 from dfdbench.metrics.protocol import METRICS
 from dfdbench.results.differences import PairChange, changes, check_comparable, paired_difference
@@ -36,7 +36,7 @@ def change_tables(first: Result, second: Result, protocol: str, most: int = 10) 
     check_comparable(first, second, protocol)
     if not any(changes(first, second, protocol, metric) for metric in METRICS):
         raise ResultError(
-            Problem("no pair was scored in both runs", fix="complete them: `dfdbench run` goes on")
+            "no pair was scored in both runs", fix="complete them: `dfdbench run` goes on"
         )
     tables = [difference_table(first, second, protocol)]
     if most_changed(first, second, protocol, most):
@@ -65,11 +65,17 @@ def difference_table(first: Result, second: Result, protocol: str) -> Table:
             rows.append((head, where, str(difference), *map(str, counts)))
             records.append(
                 {
-                    "metric": metric, "pairs": where, "difference": difference.mean,
-                    "low": difference.low, "high": difference.high, "wins": counts[0],
-                    "losses": counts[1], "ties": counts[2], "verdict": difference.verdict,
+                    "metric": metric,
+                    "pairs": where,
+                    "difference": difference.mean,
+                    "low": difference.low,
+                    "high": difference.high,
+                    "wins": counts[0],
+                    "losses": counts[1],
+                    "ties": counts[2],
+                    "verdict": difference.verdict,
                 }
-            )  # fmt: skip
+            )
         rules.add(len(rows) - 1)
     scenes = len({pair.scene for pair in first.pairs})
     columns = (
@@ -105,11 +111,13 @@ def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table
     found = most_changed(first, second, protocol, most)
     rows = tuple(
         (
-            change.first.id, f"{change.first.scores[protocol].nrmse:.4f}",
-            f"{change.second.scores[protocol].nrmse:.4f}", f"{change.difference:+.4f}",
+            change.first.id,
+            f"{change.first.scores[protocol].nrmse:.4f}",
+            f"{change.second.scores[protocol].nrmse:.4f}",
+            f"{change.difference:+.4f}",
         )
         for change in found
-    )  # fmt: skip
+    )
     records = tuple(
         {
             "pair": change.first.id,
@@ -120,9 +128,12 @@ def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table
         for change in found
     )
     return Table(
-        "pairs that changed most in NRMSE", ("pair", "A", "B", "B less A"), rows, "lrrr",
+        "pairs that changed most in NRMSE",
+        ("pair", "A", "B", "B less A"),
+        rows,
+        "lrrr",
         records=records,
-    )  # fmt: skip
+    )
 
 
 def most_changed(first: Result, second: Result, protocol: str, most: int) -> tuple[PairChange, ...]:

@@ -79,23 +79,27 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
         if values[0] != values[1]:
             problems.append(
                 Problem(
-                    "runs on different data are not comparable", f"dataset.{what}",
-                    values[0], values[1], "run both methods on the same built data set and split",
+                    "runs on different data are not comparable",
+                    where=f"dataset.{what}",
+                    expected=values[0],
+                    got=values[1],
+                    fix="run both methods on the same built data set and split",
                 )
-            )  # fmt: skip
+            )
     if problems:
-        raise ResultError(problems)
+        raise ResultError.of(problems)
     definitions = []
     for result in (first, second):
         require_scored(protocol, result.protocol_names, f"{result.method.name}'s result")
         definitions += [known for known in result.protocols if label_of(known) == protocol]
     if definitions[0] != definitions[1]:
         raise ResultError(
-            Problem(
-                f"protocol {protocol} is defined differently in the two results", "",
-                str(definitions[0]), str(definitions[1]), "run both with the same version",
-            )
-        )  # fmt: skip
+            f"protocol {protocol} is defined differently in the two results",
+            where="",
+            expected=str(definitions[0]),
+            got=str(definitions[1]),
+            fix="run both with the same version",
+        )
 
 
 def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[PairChange, ...]:

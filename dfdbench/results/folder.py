@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store import Store
-from dfdbench.errors import Problem, ResultError
+from dfdbench.errors import ResultError
 from dfdbench.results.record import PairResult, Result
 from dfdbench.system.files import write_whole
 from dfdbench.system.location import Place, as_location, is_local
@@ -52,11 +52,10 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> P
     if folder.exists() and any(folder.iterdir()):
         if not (folder / _IDENTITY).exists():
             raise ResultError(
-                Problem(
-                    "the folder holds something else than a run", str(folder),
-                    fix="choose another with --out DIR",
-                )
-            )  # fmt: skip
+                "the folder holds something else than a run",
+                where=str(folder),
+                fix="choose another with --out DIR",
+            )
         before = _read_identity(folder / _IDENTITY)
         if fresh or before != identity:
             set_aside = folder.with_name(folder.name + ".previous")
@@ -176,12 +175,12 @@ def read_prediction(folder: Path, pair: Pair, shape: tuple[int, int]) -> NDArray
             raise ValueError("levels outside 0 to 255")
     except (LookupError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
         raise ResultError(
-            Problem(
-                what="no depth maps of a run", where=str(place),
-                expected=f"float32 maps of {shape[0]} x {shape[1]} pixels, {pair.id} among them",
-                got=str(error)[:200], fix="run the method again with --fresh",
-            )
-        ) from error  # fmt: skip
+            what="no depth maps of a run",
+            where=str(place),
+            expected=f"float32 maps of {shape[0]} x {shape[1]} pixels, {pair.id} among them",
+            got=str(error)[:200],
+            fix="run the method again with --fresh",
+        ) from error
     return depth if kept else None
 
 
@@ -197,10 +196,9 @@ def require_pairs_of(result: Result, store: Store, path: Path) -> None:
     strange = [pair.id for pair in result.pairs if known.get(pair.id) != pair.coordinates]
     if strange:
         raise ResultError(
-            Problem(
-                what="pairs that the data set does not have", where=f"{path}: pairs",
-                expected=f"pairs of {store.manifest.stem}",
-                got=strange[0] + (f" and {len(strange) - 1} more" if strange[1:] else ""),
-                fix="run the method again",
-            )
-        )  # fmt: skip
+            what="pairs that the data set does not have",
+            where=f"{path}: pairs",
+            expected=f"pairs of {store.manifest.stem}",
+            got=strange[0] + (f" and {len(strange) - 1} more" if strange[1:] else ""),
+            fix="run the method again",
+        )

@@ -237,7 +237,7 @@ def load_result(path: Path) -> Result:
     """
     result, problems = examine_result(path)
     if problems:
-        raise ResultError(problems)
+        raise ResultError.of(problems)
     return result
 
 
@@ -259,30 +259,35 @@ def examine_result(path: Path) -> tuple[Result, list[Problem]]:
     found = content.get("schema_version") if isinstance(content, dict) else None
     if found != SCHEMA_VERSION:
         raise ResultError(
-            Problem(
-                "result of another version", str(path), str(SCHEMA_VERSION), str(found),
-                "run the method again with this version of dfdbench",
-            )
-        )  # fmt: skip
+            "result of another version",
+            where=str(path),
+            expected=str(SCHEMA_VERSION),
+            got=str(found),
+            fix="run the method again with this version of dfdbench",
+        )
     try:
         result = Result.model_validate(content)
     except ValidationError as error:
-        raise ResultError(
+        raise ResultError.of(
             Problem(
-                "wrong value in the result", f"{path}: {'.'.join(map(str, detail['loc']))}",
-                detail["msg"], repr(detail["input"])[:80],
+                "wrong value in the result",
+                where=f"{path}: {'.'.join(map(str, detail['loc']))}",
+                expected=detail["msg"],
+                got=repr(detail["input"])[:80],
             )
             for detail in error.errors()
-        ) from error  # fmt: skip
+        ) from error
     problems = list(_contradictions(result, path))
     if result.submission and result.submission.seal != seal_of(content):
         problems.append(
             Problem(
-                "the file was edited after it was sealed", f"{path}: submission.seal",
-                "the SHA-256 of the file's content", result.submission.seal,
-                "submit the run again: `dfdbench run ... --submit`",
+                "the file was edited after it was sealed",
+                where=f"{path}: submission.seal",
+                expected="the SHA-256 of the file's content",
+                got=result.submission.seal,
+                fix="submit the run again: `dfdbench run ... --submit`",
             )
-        )  # fmt: skip
+        )
     return result, problems
 
 
@@ -292,21 +297,22 @@ def _read_json(path: Path) -> Any:
     except (OSError, UnicodeDecodeError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         raise ResultError(
-            Problem(
-                "cannot read the result", str(path), "a result file or the folder of a run",
-                reason, "name what `dfdbench run` wrote: results/DATASET-SPLIT/METHOD",
-            )
-        ) from error  # fmt: skip
+            "cannot read the result",
+            where=str(path),
+            expected="a result file or the folder of a run",
+            got=reason,
+            fix="name what `dfdbench run` wrote: results/DATASET-SPLIT/METHOD",
+        ) from error
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ResultError(
-            Problem(
-                "the result is damaged", str(path), "JSON as `dfdbench run` wrote it",
-                "an empty file" if not text.strip() else str(error),
-                "the same `dfdbench run` writes it anew, from the pairs that it kept",
-            )
-        ) from error  # fmt: skip
+            "the result is damaged",
+            where=str(path),
+            expected="JSON as `dfdbench run` wrote it",
+            got="an empty file" if not text.strip() else str(error),
+            fix="the same `dfdbench run` writes it anew, from the pairs that it kept",
+        ) from error
 
 
 def _misplaced(result: Result, path: Path) -> list[Problem]:
@@ -314,23 +320,35 @@ def _misplaced(result: Result, path: Path) -> list[Problem]:
     dataset = result.dataset
     axes = dataset.axes
     problems = [
-        Problem("no such axis", f"{path}: dataset.{field}", ", ".join(axes), axis)
+        Problem(
+            "no such axis", where=f"{path}: dataset.{field}", expected=", ".join(axes), got=axis
+        )
         for field, axis in (("blocks", dataset.blocks), ("rows", dataset.rows))
         if axis is not None and axis not in axes
     ]
     if len(set(axes)) != len(axes):
-        problems.append(Problem("an axis is listed twice", f"{path}: dataset.axes", got=str(axes)))
+        problems.append(
+            Problem("an axis is listed twice", where=f"{path}: dataset.axes", got=str(axes))
+        )
     for number, pair in enumerate(result.pairs):
         where = f"{path}: pairs.{number}"
         if pair.coordinates.keys() != set(axes):
             found = ", ".join(pair.coordinates)
-            problems.append(Problem("a pair is not on the axes", where, ", ".join(axes), found))
+            problems.append(
+                Problem(
+                    "a pair is not on the axes", where=where, expected=", ".join(axes), got=found
+                )
+            )
         elif pair.id != (name := _pair_of(pair, axes).id):
-            problems.append(Problem("a pair is not where its name says", where, name, pair.id))
+            problems.append(
+                Problem(
+                    "a pair is not where its name says", where=where, expected=name, got=pair.id
+                )
+            )
     names = result.protocol_names
     if len(set(names)) != len(names):
         problems.append(
-            Problem("a protocol is listed twice", f"{path}: protocols", got=", ".join(names))
+            Problem("a protocol is listed twice", where=f"{path}: protocols", got=", ".join(names))
         )
     return problems
 
@@ -345,22 +363,29 @@ def _contradictions(result: Result, path: Path) -> list[Problem]:
     if len(set(ids)) != len(ids) or len(ids) != result.dataset.expected:
         problems.append(
             Problem(
-                "pairs do not add up", f"{path}: pairs", f"{result.dataset.expected} pairs, each "
-                "once", f"{len(ids)} pairs, {len(set(ids))} different",
+                "pairs do not add up",
+                where=f"{path}: pairs",
+                expected=f"{result.dataset.expected} pairs, each once",
+                got=f"{len(ids)} pairs, {len(set(ids))} different",
             )
-        )  # fmt: skip
+        )
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
     if len(evaluated) != result.dataset.evaluated:
         problems.append(
             Problem(
-                "evaluated pairs do not add up", f"{path}: dataset.evaluated",
-                str(len(evaluated)), str(result.dataset.evaluated),
+                "evaluated pairs do not add up",
+                where=f"{path}: dataset.evaluated",
+                expected=str(len(evaluated)),
+                got=str(result.dataset.evaluated),
             )
-        )  # fmt: skip
+        )
     names = list(result.protocol_names)
     problems += [
         Problem(
-            "scores are missing", f"{path}: {pair.id}", ", ".join(names), ", ".join(pair.scores)
+            "scores are missing",
+            where=f"{path}: {pair.id}",
+            expected=", ".join(names),
+            got=", ".join(pair.scores),
         )
         for pair in evaluated
         if set(pair.scores) != set(names)
@@ -368,7 +393,10 @@ def _contradictions(result: Result, path: Path) -> list[Problem]:
     # What holds for every error cannot be otherwise: its mean never exceeds its root mean square.
     problems += [
         Problem(
-            "NMAE is larger than NRMSE", f"{path}: {pair.id}, {name}", f"at most {nrmse}", str(nmae)
+            "NMAE is larger than NRMSE",
+            where=f"{path}: {pair.id}, {name}",
+            expected=f"at most {nrmse}",
+            got=str(nmae),
         )
         for pair in evaluated
         for name, scores in pair.scores.items()
@@ -380,7 +408,7 @@ def _contradictions(result: Result, path: Path) -> list[Problem]:
     expected = average(evaluated, names) if result.complete else None
     if (result.averages is None) != (expected is None):
         state = "null: the run is incomplete" if expected is None else "averages"
-        return [Problem("wrong averages", f"{path}: averages", state)]
+        return [Problem("wrong averages", where=f"{path}: averages", expected=state)]
     for protocol, means in (expected or {}).items():
         for metric, value in means.items():
             recorded = (result.averages or {}).get(protocol, {}).get(metric)
@@ -391,9 +419,11 @@ def _contradictions(result: Result, path: Path) -> list[Problem]:
                 problems.append(
                     Problem(
                         "average does not follow from the pairs",
-                        f"{path}: averages.{protocol}.{metric}", str(value), str(recorded),
+                        where=f"{path}: averages.{protocol}.{metric}",
+                        expected=str(value),
+                        got=str(recorded),
                     )
-                )  # fmt: skip
+                )
     return problems
 
 

@@ -87,9 +87,12 @@ def extremes_table(result: Result, protocol: str) -> Table:
     ]
     return Table(
         f"best and worst pairs, protocol {title_of(protocol)}",
-        ("", "scene", *axes, *_ARROWS.values()), tuple(rows),
-        "ll" + "r" * (len(axes) + len(_ARROWS)), (), frozenset({len(top) - 1}),
-    )  # fmt: skip
+        ("", "scene", *axes, *_ARROWS.values()),
+        tuple(rows),
+        "ll" + "r" * (len(axes) + len(_ARROWS)),
+        (),
+        frozenset({len(top) - 1}),
+    )
 
 
 def time_table(result: Result, protocol: str) -> Table:
@@ -108,9 +111,13 @@ def time_table(result: Result, protocol: str) -> Table:
     alone = all(pair.timed_alone for pair in result.pairs)
     how = "one at a time" if alone else "several at once: not comparable"
     return Table(
-        f"seconds a pair, warm, {how}", (*labels, "mean", "std"), tuple(rows),
-        "l" * len(labels) + "rr", (machine,), _rules(groups),
-    )  # fmt: skip
+        f"seconds a pair, warm, {how}",
+        (*labels, "mean", "std"),
+        tuple(rows),
+        "l" * len(labels) + "rr",
+        (machine,),
+        _rules(groups),
+    )
 
 
 def run_as_csv(
@@ -145,17 +152,42 @@ def run_as_csv(
         for metric, statistic in [*group.metrics.items(), ("seconds", group.seconds)]:
             rows.append(
                 (
-                    result.method.name, dataset.name, dataset.split, protocol, *where, metric,
-                    statistic.mean, statistic.std, statistic.minimum, statistic.maximum,
-                    statistic.low, statistic.high,
+                    result.method.name,
+                    dataset.name,
+                    dataset.split,
+                    protocol,
+                    *where,
+                    metric,
+                    statistic.mean,
+                    statistic.std,
+                    statistic.minimum,
+                    statistic.maximum,
+                    statistic.low,
+                    statistic.high,
                     None if statistic.low is None else interval_name(statistic.scenes),
-                    statistic.defined, group.evaluated, group.expected,
+                    statistic.defined,
+                    group.evaluated,
+                    group.expected,
                 )
-            )  # fmt: skip
+            )
     columns = (
-        "method", "dataset", "split", "protocol", *places, "metric", "mean", "std", "min", "max",
-        "low", "high", "interval", "defined", "evaluated", "expected",
-    )  # fmt: skip
+        "method",
+        "dataset",
+        "split",
+        "protocol",
+        *places,
+        "metric",
+        "mean",
+        "std",
+        "min",
+        "max",
+        "low",
+        "high",
+        "interval",
+        "defined",
+        "evaluated",
+        "expected",
+    )
     return as_csv(columns, rows)
 
 

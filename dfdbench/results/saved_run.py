@@ -79,7 +79,7 @@ def open_run(path: Path, dataset: str | None = None) -> SavedRun:
         Where a store was named and is none, or holds other data.
     """
     if path.is_dir() and not (path / RESULT).exists():
-        raise ResultError(_no_run(path))
+        raise ResultError.of(_no_run(path))
     file = path / RESULT if path.is_dir() else path
     result = load_result(file)
     if not (file.parent / PREDICTIONS).is_dir():
@@ -89,11 +89,11 @@ def open_run(path: Path, dataset: str | None = None) -> SavedRun:
         store = open_store(dataset)
         if store.fingerprint != result.dataset.fingerprint:
             raise ResultError(
-                Problem(
-                    "the store holds other data than the run was made with", str(file),
-                    result.dataset.fingerprint, store.fingerprint,
-                )
-            )  # fmt: skip
+                "the store holds other data than the run was made with",
+                where=str(file),
+                expected=result.dataset.fingerprint,
+                got=store.fingerprint,
+            )
         found, without = store, ""
     else:
         found, without = _find_store(file.parent, result)
@@ -126,6 +126,8 @@ def _no_run(folder: Path) -> Problem:
     below = [found.parent for depth in ("*", "*/*") for found in folder.glob(f"{depth}/{RESULT}")]
     names = ", ".join(map(str, sorted(below)[:3])) + (", ..." if len(below) > 3 else "")
     return Problem(
-        "no run in this folder", str(folder), f"a folder with {RESULT}, or a result file",
+        "no run in this folder",
+        where=str(folder),
+        expected=f"a folder with {RESULT}, or a result file",
         fix=f"name the runs: {names}" if below else "`dfdbench run` makes one",
-    )  # fmt: skip
+    )

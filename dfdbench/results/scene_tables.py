@@ -52,9 +52,11 @@ def spread_table(result: Result, protocol: str, splits: Sequence[Split] = ()) ->
             lacking.append(part)
             continue
         for name, statistic in (
-            ("minimum", "minimum"), ("mean", "mean"), ("maximum", "maximum"),
+            ("minimum", "minimum"),
+            ("mean", "mean"),
+            ("maximum", "maximum"),
             ("std deviation", "std"),
-        ):  # fmt: skip
+        ):
             first = (part, str(group.expected)) if name == "minimum" else ("", "")
             found = (getattr(group.metrics[metric], statistic) for metric in METRICS)
             rows.append((*first, name, *map(_number, found)))
@@ -68,7 +70,7 @@ def spread_table(result: Result, protocol: str, splits: Sequence[Split] = ()) ->
     notes = (f"not every pair was evaluated of {', '.join(lacking)}",) if lacking else ()
     return Table(
         title, columns, tuple(rows), "lrl" + "r" * len(METRICS), notes, frozenset(rules[:-1])
-    )  # fmt: skip
+    )
 
 
 def _parts(result: Result, splits: Sequence[Split]) -> dict[str, tuple[str, ...]]:

@@ -275,6 +275,12 @@ def _group(
         for pair in evaluated
     )
     return Group(
-        block, row, len(pairs), len(evaluated), failed, undefined, metrics,
+        block,
+        row,
+        len(pairs),
+        len(evaluated),
+        failed,
+        undefined,
+        metrics,
         statistic([pair.seconds for pair in evaluated]),
-    )  # fmt: skip
+    )

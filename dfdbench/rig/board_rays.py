@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import SourceError
 from dfdbench.rig.geometry import Pose, Rig, beam_directions, depth_image_places
 from dfdbench.rig.lidar import Beams, align_columns, crop_columns, in_range
 
@@ -82,11 +82,11 @@ def board_rays(ranges: Floats, beams: Beams) -> Rays:
     sizes[0] = 0
     if sizes.max(initial=0) < _LEAST_RAYS:
         raise SourceError(
-            Problem(
-                "the LIDAR sees no board", "ranges", f"{_LEAST_RAYS} neighbouring returns from "
-                "less than 2.55 m ahead", f"{sizes.max(initial=0)}",
-            )
-        )  # fmt: skip
+            "the LIDAR sees no board",
+            where="ranges",
+            expected=f"{_LEAST_RAYS} neighbouring returns from less than 2.55 m ahead",
+            got=f"{sizes.max(initial=0)}",
+        )
     board = labels == sizes.argmax()
     normal, offset = _fit_plane(points[board])
     on_plane = offset / (directions @ normal)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -77,7 +77,9 @@ def average_scans(scans: Sequence[NDArray[np.int32]]) -> Floats:
     """
     shapes = {scan.shape for scan in scans}
     if len(shapes) != 1:
-        raise InputError(Problem("scans differ in shape", "scans", "one shape", str(shapes or 0)))
+        raise InputError(
+            "scans differ in shape", where="scans", expected="one shape", got=str(shapes or 0)
+        )
     stack = np.stack(scans).astype(np.float64)
     count = (stack > 0).sum(axis=0)
     return np.asarray(stack.sum(axis=0) / np.maximum(count, 1))
@@ -110,7 +112,10 @@ def to_cartesian(ranges: Floats, beams: Beams) -> tuple[Floats, Floats, Floats]:
     rows, columns = ranges.shape
     if rows != len(beams.altitude):
         raise InputError(
-            Problem("not a beam for each row", "beams", f"{rows} beams", f"{len(beams.altitude)}")
+            "not a beam for each row",
+            where="beams",
+            expected=f"{rows} beams",
+            got=f"{len(beams.altitude)}",
         )
     measurement = np.arange(columns) + beams.azimuth_index[:, np.newaxis]
     theta = 2 * np.pi * (measurement % columns - (columns - 1) / 2) / columns
@@ -169,7 +174,9 @@ def fill_missing(values: Floats, valid: Mask) -> Floats:
     [[5.0, 5.0, 9.0, 9.0]]
     """
     if not valid.any():
-        raise InputError(Problem("the LIDAR saw nothing ahead", "ranges", "returns", "all are 0"))
+        raise InputError(
+            "the LIDAR saw nothing ahead", where="ranges", expected="returns", got="all are 0"
+        )
     nearest = ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True)
     return np.asarray(values[tuple(nearest)])
 

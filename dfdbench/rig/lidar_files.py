@@ -43,15 +43,15 @@ def read_ranges(path: Path) -> NDArray[np.int32]:
         ranges = _load_array(path) if path.suffix == ".npy" else _decode(path.read_bytes(), path)
     except OSError as error:
         raise SourceError(
-            Problem("cannot read the range file", str(path), got=error.strerror or str(error))
+            "cannot read the range file", where=str(path), got=error.strerror or str(error)
         ) from error
     if ranges.size == 0 or ranges.min() < 0:
         raise SourceError(
-            Problem(
-                "not ranges", str(path), "0 or more millimetres in each cell",
-                f"shape {ranges.shape}" if ranges.size == 0 else f"a range of {ranges.min()}",
-            )
-        )  # fmt: skip
+            "not ranges",
+            where=str(path),
+            expected="0 or more millimetres in each cell",
+            got=f"shape {ranges.shape}" if ranges.size == 0 else f"a range of {ranges.min()}",
+        )
     return ranges
 
 
@@ -98,23 +98,26 @@ def read_beams(path: Path | None = None) -> Beams:
         text = path.read_text("utf-8") if path else shipped.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise SourceError(
-            Problem("cannot read the beam calibration", where, got=str(error))
+            "cannot read the beam calibration", where=where, got=str(error)
         ) from error
     reader = csv.DictReader(text.splitlines())
     missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
     if missing:
         raise SourceError(
-            Problem("column is missing", where, ",".join(_COLUMNS), ", ".join(missing) + " absent")
+            "column is missing",
+            where=where,
+            expected=",".join(_COLUMNS),
+            got=", ".join(missing) + " absent",
         )
     rows = list(reader)
     if not rows:
-        raise SourceError(Problem("no beam", where, "a line a beam"))
+        raise SourceError("no beam", where=where, expected="a line a beam")
     problems: list[Problem] = []
     altitudes = _column(rows, "altitude_deg", 90, where, problems)
     azimuths = _column(rows, "azimuth_deg", 360, where, problems)
     indices = _column(rows, "azimuth_index", None, where, problems)
     if problems:
-        raise SourceError(problems)
+        raise SourceError.of(problems)
     return Beams(np.array(altitudes), np.array(azimuths), np.array(indices, np.int64))
 
 
@@ -139,7 +142,12 @@ def _column(
         expected = "whole numbers" if limit is None else f"degrees, {limit} at most"
         got = "nothing" if first is None else first
         problems.append(
-            Problem(f"not the {name} of a beam", f"{where}: line {line}{more}", expected, got)
+            Problem(
+                f"not the {name} of a beam",
+                where=f"{where}: line {line}{more}",
+                expected=expected,
+                got=got,
+            )
         )
     return numbers
 
@@ -148,39 +156,42 @@ def _load_array(path: Path) -> NDArray[np.int32]:
     try:
         array = np.load(path, allow_pickle=False)
     except ValueError as error:
-        raise SourceError(Problem("not a NumPy array", str(path), got=str(error))) from error
+        raise SourceError("not a NumPy array", where=str(path), got=str(error)) from error
     if array.ndim != 2 or not np.issubdtype(array.dtype, np.integer):
         raise SourceError(
-            Problem(
-                "not an array of ranges", str(path), "whole numbers, shape (beam, column)",
-                f"{array.dtype}, shape {array.shape}",
-            )
-        )  # fmt: skip
+            "not an array of ranges",
+            where=str(path),
+            expected="whole numbers, shape (beam, column)",
+            got=f"{array.dtype}, shape {array.shape}",
+        )
     return np.asarray(array, np.int32)
 
 
 def _decode(content: bytes, path: Path) -> NDArray[np.int32]:
     if len(content) < _HEADER:
         raise SourceError(
-            Problem("range file is cut short", str(path), "a header of 8 bytes", f"{len(content)}")
+            "range file is cut short",
+            where=str(path),
+            expected="a header of 8 bytes",
+            got=f"{len(content)}",
         )
     little, big = (tuple(map(int, np.frombuffer(content, f"{order}u4", 2))) for order in "<>")
     if _length(little) != len(content) and _length(big) == len(content):
         raise SourceError(
-            Problem(
-                "range file is big-endian", str(path), "little-endian numbers",
-                f"a header that reads {big[0]} x {big[1]} only with its bytes swapped",
-                "write it again as uint32 rows, uint32 columns, int32 ranges, little-endian",
-            )
-        )  # fmt: skip
+            "range file is big-endian",
+            where=str(path),
+            expected="little-endian numbers",
+            got=f"a header that reads {big[0]} x {big[1]} only with its bytes swapped",
+            fix="write it again as uint32 rows, uint32 columns, int32 ranges, little-endian",
+        )
     if _length(little) != len(content):
         raise SourceError(
-            Problem(
-                "header disagrees with the file's length", str(path),
-                f"{_length(little)} bytes for {little[0]} x {little[1]} ranges",
-                f"{len(content)} bytes", "copy the file again",
-            )
-        )  # fmt: skip
+            "header disagrees with the file's length",
+            where=str(path),
+            expected=f"{_length(little)} bytes for {little[0]} x {little[1]} ranges",
+            got=f"{len(content)} bytes",
+            fix="copy the file again",
+        )
     return np.frombuffer(content, "<i4", offset=_HEADER).reshape(little).astype(np.int32)
 
 

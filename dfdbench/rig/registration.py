@@ -117,9 +117,7 @@ def sight(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: Rig) -> S
 
 
 def register(
-    sightings: Mapping[str, Sighting],
-    rig: Rig,
-    on_scene: Callable[[int, int], None] | None = None,
+    sightings: Mapping[str, Sighting], rig: Rig, on_scene: Callable[[int, int], None] | None = None
 ) -> tuple[dict[str, Registration], dict[str, tuple[Problem, ...]]]:
     """Estimate the transforms from the LIDAR's depth images to the images of scenes of one rig.
 
@@ -179,11 +177,12 @@ def _fit(sighting: Sighting, rig: Rig) -> _Fitted:
     sides = sighting.sides
     if len(sides) < _LEAST_SIDES:
         raise SourceError(
-            Problem(
-                "the board's sides are not found in the image", "image",
-                f"{_LEAST_SIDES} sides at least", str(len(sides)), _BY_HAND,
-            )
-        )  # fmt: skip
+            "the board's sides are not found in the image",
+            where="image",
+            expected=f"{_LEAST_SIDES} sides at least",
+            got=str(len(sides)),
+            fix=_BY_HAND,
+        )
     best = _turned(sighting, np.array([lines[0] for lines in sides]), rig)
     for number, lines in enumerate(sides):
         # A texture may have a line that is clearer than a side; then the rays do not agree.
@@ -193,12 +192,12 @@ def _fit(sighting: Sighting, rig: Rig) -> _Fitted:
             best = max(best, _turned(sighting, outline, rig), key=lambda one: one.agreement)
     if best.agreement < _DOUBTFUL:
         raise SourceError(
-            Problem(
-                "the board in the image and the board of the LIDAR do not agree", "image",
-                f"{100 * _DOUBTFUL:.0f} % of the rays on their side of the outline",
-                f"{100 * best.agreement:.1f} %", _BY_HAND,
-            )
-        )  # fmt: skip
+            "the board in the image and the board of the LIDAR do not agree",
+            where="image",
+            expected=f"{100 * _DOUBTFUL:.0f} % of the rays on their side of the outline",
+            got=f"{100 * best.agreement:.1f} %",
+            fix=_BY_HAND,
+        )
     return best
 
 
@@ -321,8 +320,11 @@ def _turn_into_place(boards: Sequence[_Fitted], start: Floats, reach: float, rig
     for softness in _SOFTNESS:
         simplex = angles + size * np.vstack([np.zeros(3), np.eye(3)])
         angles = optimize.minimize(
-            cost, angles, args=(softness,), method="Nelder-Mead",
+            cost,
+            angles,
+            args=(softness,),
+            method="Nelder-Mead",
             options={"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-3, "maxiter": 600},
-        ).x  # fmt: skip
+        ).x
         size = 0.2
     return Pose(*(float(angle) for angle in angles))

@@ -51,31 +51,35 @@ def read_registration(path: Path) -> Floats:
         content = tomllib.loads(path.read_text("utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         got = getattr(error, "strerror", None) or str(error)
-        raise SourceError(Problem("cannot read the registration", where, got=got)) from error
+        raise SourceError("cannot read the registration", where=where, got=got) from error
     if "matrix" in content and "pairs" in content:
-        raise SourceError(Problem("a matrix and pairs", where, "one of them", "both"))
+        raise SourceError("a matrix and pairs", where=where, expected="one of them", got="both")
     if "matrix" in content:
         return _matrix(content["matrix"], where)
     pairs = content.get("pairs", [])
     if not isinstance(pairs, list) or len(pairs) < _LEAST_PAIRS:
         raise SourceError(
-            Problem(
-                "too few pairs of points", where, f"{_LEAST_PAIRS} or more [[pairs]], or a matrix",
-                f"{len(pairs) if isinstance(pairs, list) else pairs}",
-            )
-        )  # fmt: skip
+            "too few pairs of points",
+            where=where,
+            expected=f"{_LEAST_PAIRS} or more [[pairs]], or a matrix",
+            got=f"{len(pairs) if isinstance(pairs, list) else pairs}",
+        )
     source, target = (_points(pairs, key, where) for key in ("lidar", "image"))
     for key, points in (("lidar", source), ("image", target)):
         if len(np.unique(points, axis=0)) < len(points):
             raise SourceError(
-                Problem("two pairs share a point", f"{where}: {key}", "a point of its own a pair")
+                "two pairs share a point",
+                where=f"{where}: {key}",
+                expected="a point of its own a pair",
             )
     fitted, _ = cv2.findHomography(source, target, 0)
     flat = any(
         np.linalg.matrix_rank(points - points[0], tol=1e-6) < 2 for points in (source, target)
     )
     if flat or fitted is None or not np.isfinite(fitted).all():
-        raise SourceError(Problem("the points lie on one line", where, "corners of a surface"))
+        raise SourceError(
+            "the points lie on one line", where=where, expected="corners of a surface"
+        )
     return np.asarray(fitted, np.float64)
 
 
@@ -113,7 +117,7 @@ def write_registration(path: Path, matrix: Floats, corners: Floats, note: str) -
         write_whole(path, "\n".join([f"{_HEAD}# {note}\n", *pairs]))
     except OSError as error:
         got = error.strerror or str(error)
-        raise SourceError(Problem("cannot write the registration", str(path), got=got)) from error
+        raise SourceError("cannot write the registration", where=str(path), got=got) from error
 
 
 def _matrix(given: Any, where: str) -> Floats:
@@ -123,9 +127,10 @@ def _matrix(given: Any, where: str) -> Floats:
         matrix = np.zeros(0)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not np.linalg.det(matrix):
         raise SourceError(
-            Problem(
-                "not a projective matrix", f"{where}: matrix", "3 rows of 3 numbers", f"{given}"
-            )
+            "not a projective matrix",
+            where=f"{where}: matrix",
+            expected="3 rows of 3 numbers",
+            got=f"{given}",
         )
     return matrix
 
@@ -139,7 +144,9 @@ def _points(pairs: list[Any], key: str, where: str) -> Floats:
                 raise ValueError
             points.append((x, y))
         except (TypeError, ValueError, KeyError):
-            problems.append(Problem("not a point", f"{where}: pairs[{number}].{key}", "[x, y]"))
+            problems.append(
+                Problem("not a point", where=f"{where}: pairs[{number}].{key}", expected="[x, y]")
+            )
     if problems:
-        raise SourceError(problems)
+        raise SourceError.of(problems)
     return np.array(points)

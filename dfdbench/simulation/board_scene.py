@@ -195,9 +195,11 @@ def defocus(view: View, table: LensTable, step: int) -> Floats:
     light = np.zeros_like(view.reflectance)
     for value in np.unique(radius):
         blurred = cv2.filter2D(
-            view.reflectance.astype(np.float32), -1, _disc(float(value)),
+            view.reflectance.astype(np.float32),
+            -1,
+            _disc(float(value)),
             borderType=cv2.BORDER_REPLICATE,
-        )  # fmt: skip
+        )
         light[radius == value] = blurred[radius == value]
     return light
 

@@ -92,7 +92,7 @@ def write_captures(
     wanted = json.dumps({"version": _VERSION, **asdict(settings)}, indent=1) + "\n"
     problems = [problem for name in scenes for problem in _foreign(folder / name, wanted)]
     if problems:
-        raise InputError(problems)
+        raise InputError.of(problems)
     left = [name for name in scenes if not (folder / name).exists()]
     table = read_lens_table()
     done = len(scenes) - len(left)
@@ -136,9 +136,11 @@ def _write_scene(
     write_png(truth / "distance_mm.png", scene.truth(view))
     rays = board_rays(average_scans(scans), beams)
     write_registration(
-        truth / NAME, rays.matrix(scene.pose, scene.rig), rays.corners(),
+        truth / NAME,
+        rays.matrix(scene.pose, scene.rig),
+        rays.corners(),
         "the truth of the simulation",
-    )  # fmt: skip
+    )
 
 
 def write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
@@ -148,7 +150,7 @@ def write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None
     # Noise hardly shrinks: the fastest compression is as good as the best.
     done, content = cv2.imencode(".png", stored, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not done:
-        raise InputError(Problem("cannot encode the image", str(path), got=str(image.dtype)))
+        raise InputError("cannot encode the image", where=str(path), got=str(image.dtype))
     path.write_bytes(content.tobytes())
 
 
@@ -159,4 +161,6 @@ def _foreign(place: Path, wanted: str) -> list[Problem]:
     if settings.exists() and settings.read_text("utf-8") == wanted:
         return []
     what = "a simulation with other settings" if settings.exists() else "captures of another kind"
-    return [Problem(f"the folder holds {what}", str(place), fix="choose another with --out DIR")]
+    return [
+        Problem(f"the folder holds {what}", where=str(place), fix="choose another with --out DIR")
+    ]

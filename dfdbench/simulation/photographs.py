@@ -10,7 +10,7 @@ import skimage.data
 import skimage.io
 from numpy.typing import NDArray
 
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import SourceError
 
 Floats = NDArray[np.float64]
 
@@ -29,11 +29,11 @@ def photograph(name: str) -> Floats:
     path = Path(skimage.data.__file__).parent / f"{name}.png"
     if not path.exists():
         raise SourceError(
-            Problem(
-                "a photograph is missing", str(path), "shipped with scikit-image",
-                fix="pip install --force-reinstall scikit-image",
-            )
-        )  # fmt: skip
+            "a photograph is missing",
+            where=str(path),
+            expected="shipped with scikit-image",
+            fix="pip install --force-reinstall scikit-image",
+        )
     image = skimage.io.imread(path)
     if image.ndim == 2:
         image = np.repeat(image[:, :, np.newaxis], 3, axis=2)
@@ -54,7 +54,8 @@ def normal_numbers(shape: tuple[int, ...], seed: tuple[int, ...]) -> Floats:
     # the raw stream is promised never to change.
     generator = np.random.PCG64(np.random.SeedSequence(seed))
     raw = generator.random_raw(int(np.prod(shape)))
-    total = sum(((raw >> np.uint64(16 * part)) & np.uint64(0xFFFF)).astype(np.float64)
-                for part in range(4))  # fmt: skip
+    total = sum(
+        ((raw >> np.uint64(16 * part)) & np.uint64(0xFFFF)).astype(np.float64) for part in range(4)
+    )
     spread = np.sqrt(4 * (65536.0**2 - 1) / 12)
     return np.asarray((total - 2 * 65535.0) / spread).reshape(shape)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import platformdirs
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 DOWNLOADS = "downloads"
 STORES = "stores"
@@ -64,7 +64,7 @@ def cache_entries(folder: Path) -> tuple[CacheEntry, ...]:
         Where there is something that is no folder.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(Problem("the cache is no folder", str(folder), fix="--cache DIR"))
+        raise InputError("the cache is no folder", where=str(folder), fix="--cache DIR")
     entries = []
     for kind in KINDS:
         place = folder / kind

@@ -42,4 +42,4 @@ def needed() -> Iterator[None]:
         extra = extra_of(error.name)
         if extra is None:
             raise
-        raise InputError(absent(str(error.name), extra)) from error
+        raise InputError.of(absent(str(error.name), extra)) from error

@@ -9,7 +9,7 @@ import zarr.abc.store
 import zarr.storage
 from upath import UPath
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 #: What a place may be given as.
 Place = str | Path | UPath
@@ -42,24 +42,24 @@ def as_location(place: Place) -> UPath:
         _ = location.fs
     except (ImportError, ValueError) as error:
         raise InputError(
-            Problem(
-                "cannot reach places of this kind", str(place), got=str(error),
-                fix="install what fsspec needs for it; for s3:// that is dfdbench[s3]",
-            )
-        ) from error  # fmt: skip
+            "cannot reach places of this kind",
+            where=str(place),
+            got=str(error),
+            fix="install what fsspec needs for it; for s3:// that is dfdbench[s3]",
+        ) from error
     except OSError as error:
         # Some libraries connect at once.
         raise InputError(
-            Problem(
-                what="cannot reach the host", where=str(place), got=error.strerror or str(error),
-                fix="check the URL and the network",
-            )
-        ) from error  # fmt: skip
+            what="cannot reach the host",
+            where=str(place),
+            got=error.strerror or str(error),
+            fix="check the URL and the network",
+        ) from error
     if location.protocol in _LOCAL:
         return UPath(location.path)
     if not location.name:
         raise InputError(
-            Problem("the URL names no folder", str(place), "such as s3://bucket/demo.zarr")
+            "the URL names no folder", where=str(place), expected="such as s3://bucket/demo.zarr"
         )
     return location
 

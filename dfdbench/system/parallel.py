@@ -13,7 +13,7 @@ from dask.base import compute
 from dask.callbacks import Callback
 from dask.delayed import delayed
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
@@ -167,15 +167,20 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
         from distributed import Client, as_completed
     except ImportError as error:
         raise InputError(
-            Problem("dask.distributed is not installed", "--scheduler", got=str(error),
-                    fix="pip install 'dfdbench[cluster]', here and on the cluster's workers")
-        ) from error  # fmt: skip
+            "dask.distributed is not installed",
+            where="--scheduler",
+            got=str(error),
+            fix="pip install 'dfdbench[cluster]', here and on the cluster's workers",
+        ) from error
     try:
         client = Client(address, timeout=_SECONDS_TO_ANSWER, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(
-            Problem("no scheduler answers", "--scheduler", "such as tcp://node1:8786",
-                    f"{address} ({error})", "start one with: dask scheduler")
-        ) from error  # fmt: skip
+            "no scheduler answers",
+            where="--scheduler",
+            expected="such as tcp://node1:8786",
+            got=f"{address} ({error})",
+            fix="start one with: dask scheduler",
+        ) from error
     with client:
         yield client, as_completed

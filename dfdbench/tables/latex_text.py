@@ -6,13 +6,38 @@ import re
 import unicodedata
 
 _MARKS = {
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#",
-    "%": r"\%", "_": r"\_", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}",
-    "<": r"$<$", ">": r"$>$", "|": r"$|$", "[": "{[}", "]": "{]}", '"': "''",
-    "↓": r"$\downarrow$", "↑": r"$\uparrow$", "–": "--", "—": "---", "−": "$-$",
-    "×": r"$\times$", "±": r"$\pm$", "≤": r"$\le$", "≥": r"$\ge$", "°": r"$^\circ$",
-    "…": r"\dots{}", "‘": "`", "’": "'", "“": "``", "”": "''",
-}  # fmt: skip
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "%": r"\%",
+    "_": r"\_",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"$<$",
+    ">": r"$>$",
+    "|": r"$|$",
+    "[": "{[}",
+    "]": "{]}",
+    '"': "''",
+    "↓": r"$\downarrow$",
+    "↑": r"$\uparrow$",
+    "–": "--",
+    "—": "---",
+    "−": "$-$",
+    "×": r"$\times$",
+    "±": r"$\pm$",
+    "≤": r"$\le$",
+    "≥": r"$\ge$",
+    "°": r"$^\circ$",
+    "…": r"\dots{}",
+    "‘": "`",
+    "’": "'",
+    "“": "``",
+    "”": "''",
+}
 _MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
 # What LaTeX's own fonts have besides letters with accents; of those the ogonek is lacking.
 _LETTERS = "ßæœøłıÆŒØŁ"

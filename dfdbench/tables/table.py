@@ -112,9 +112,12 @@ def as_rich(table: Table) -> RichTable:
     """Return the table for a terminal; text in it is shown as it is, never as markup."""
     caption = Text("\n".join(table.notes)) if table.notes else None
     shown = RichTable(
-        title=Text(table.title, style="bold"), caption=caption, box=box.SIMPLE_HEAD,
-        title_justify="left", caption_justify="left",
-    )  # fmt: skip
+        title=Text(table.title, style="bold"),
+        caption=caption,
+        box=box.SIMPLE_HEAD,
+        title_justify="left",
+        caption_justify="left",
+    )
     for column, side in zip(table.columns, table.align, strict=True):
         right = side == "r"
         shown.add_column(
@@ -188,10 +191,11 @@ def as_latex(table: Table) -> str:
     <BLANKLINE>
     """
     lines = [
-        r"% \usepackage{booktabs,graphicx}", r"\begin{table}",
+        r"% \usepackage{booktabs,graphicx}",
+        r"\begin{table}",
         r"  \centering\small\setlength{\tabcolsep}{4pt}",
         rf"  \caption{{{latex_text(table.title)}}}\label{{{latex_label(table.title)}}}",
-    ]  # fmt: skip
+    ]
     for number, part in enumerate(table.parts or (tuple(range(len(table.columns))),)):
         lines += [r"  \par\medskip"] * (number > 0) + _tabular(table, part)
     if table.notes:

@@ -28,14 +28,28 @@ LEVELS_FIGURE = "depth_levels.png"
 PATCHES = "patches.csv"
 PATCHES_FIGURE = "patches.png"
 _OWN = (
-    _CHECKPOINT, WEIGHTS, Path(WEIGHTS).with_suffix(".md").name, _LOSSES, _SCORES, LEVELS,
-    TRAINING_FIGURE, LEVELS_FIGURE, PATCHES, PATCHES_FIGURE,
-)  # fmt: skip
+    _CHECKPOINT,
+    WEIGHTS,
+    Path(WEIGHTS).with_suffix(".md").name,
+    _LOSSES,
+    _SCORES,
+    LEVELS,
+    TRAINING_FIGURE,
+    LEVELS_FIGURE,
+    PATCHES,
+    PATCHES_FIGURE,
+)
 #: What reading a damaged checkpoint comes to, by where it is damaged.
 _DAMAGED = (
-    pickle.UnpicklingError, RuntimeError, EOFError, ValueError, TypeError, LookupError,
-    AttributeError, OSError,
-)  # fmt: skip
+    pickle.UnpicklingError,
+    RuntimeError,
+    EOFError,
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    OSError,
+)
 _LEAST = {"identity", "step"}
 
 Row = dict[str, Any]
@@ -109,25 +123,24 @@ class TrainingFolder:
                 raise KeyError("it lacks what a checkpoint holds")
         except _DAMAGED as error:
             raise InputError(
-                Problem(
-                    "the checkpoint cannot be read", str(path),
-                    got=str(error).partition("\n")[0][:100] or "no content",
-                    fix="--fresh starts anew",
-                )
-            ) from error  # fmt: skip
+                "the checkpoint cannot be read",
+                where=str(path),
+                got=str(error).partition("\n")[0][:100] or "no content",
+                fix="--fresh starts anew",
+            ) from error
         if state.get("version") != VERSION:
             raise InputError(
-                Problem(
-                    "a checkpoint of another version", str(path), str(VERSION),
-                    str(state.get("version")),
-                    "go on with the dfdbench that wrote it, or --fresh starts anew",
-                )
-            )  # fmt: skip
+                "a checkpoint of another version",
+                where=str(path),
+                expected=str(VERSION),
+                got=str(state.get("version")),
+                fix="go on with the dfdbench that wrote it, or --fresh starts anew",
+            )
         before = json.loads(state["identity"])
         now = json.loads(json.dumps(identity))
         problems = list(_differences(before, now, str(path)))
         if problems:
-            raise InputError(problems)
+            raise InputError.of(problems)
         for name in (_LOSSES, _SCORES):
             _write(self.path / name, _up_to(state["step"], _read(self.path / name)))
         return state
@@ -173,10 +186,12 @@ def _differences(
             yield from _differences(one, other, where, f"{name}{key}.")
         elif one != other:
             yield Problem(
-                "the checkpoint is of another training", f"{where}: {name}{key}",
-                str(one), str(other),
-                "ask for the same again, choose another folder with --out, or --fresh",
-            )  # fmt: skip
+                "the checkpoint is of another training",
+                where=f"{where}: {name}{key}",
+                expected=str(one),
+                got=str(other),
+                fix="ask for the same again, choose another folder with --out, or --fresh",
+            )
 
 
 def _as_csv(rows: list[Row], header: bool) -> str:

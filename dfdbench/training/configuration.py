@@ -144,16 +144,21 @@ class TrainingConfiguration(BaseModel):
     def _refuse_choices_of_dfd_net(self) -> None:
         defaults = type(self).model_fields
         problems = [
-            Problem("U-Net has no such choice", name, got=str(getattr(self, name)))
+            Problem("U-Net has no such choice", where=name, got=str(getattr(self, name)))
             for name in ("sampling_size", "first_activation", "normalization")
             if getattr(self, name) != defaults[name].default
         ]
         if isinstance(self.filters, str):
             problems.append(
-                Problem("U-Net has no such choice", "filters", "5 numbers", self.filters)
+                Problem(
+                    "U-Net has no such choice",
+                    where="filters",
+                    expected="5 numbers",
+                    got=self.filters,
+                )
             )
         if problems:
-            raise InputError(problems)
+            raise InputError.of(problems)
 
 
 def shipped_configurations() -> dict[str, str]:
@@ -195,25 +200,27 @@ def read_configuration(
         text = Path(name).read_text(encoding="utf-8", errors="replace")
     else:
         raise InputError(
-            Problem(
-                "no such configuration", "--config",
-                f"a file, or one of: {', '.join(shipped)}", name,
-            )
-        )  # fmt: skip
+            "no such configuration",
+            where="--config",
+            expected=f"a file, or one of: {', '.join(shipped)}",
+            got=name,
+        )
     try:
         return TrainingConfiguration.model_validate({**tomllib.loads(text), **(changes or {})})
     except tomllib.TOMLDecodeError as error:
-        raise InputError(Problem("not a TOML file", name, got=str(error))) from error
+        raise InputError("not a TOML file", where=name, got=str(error)) from error
     except ValidationError as error:
-        raise InputError([_problem(name, dict(item)) for item in error.errors()]) from error
+        raise InputError.of([_problem(name, dict(item)) for item in error.errors()]) from error
 
 
 def _problem(name: str, item: dict[str, Any]) -> Problem:
     where = ".".join(str(part) for part in item["loc"])
     if item["type"] == "extra_forbidden":
         known = ", ".join(TrainingConfiguration.model_fields)
-        return Problem("unknown choice", f"{name}: {where}", f"one of: {known}", where)
+        return Problem(
+            "unknown choice", where=f"{name}: {where}", expected=f"one of: {known}", got=where
+        )
     got = "" if item["type"] == "value_error" else str(item["input"])
     what = "the configuration cannot be used"
     expected = item["msg"].removeprefix("Value error, ")
-    return Problem(what, f"{name}: {where}" if where else name, expected, got)
+    return Problem(what, where=f"{name}: {where}" if where else name, expected=expected, got=got)

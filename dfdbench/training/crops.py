@@ -13,7 +13,7 @@ from torch import Tensor
 from dfdbench.blur.synthesis import BlurRecipe, synthesize
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 #: What cross-entropy leaves out.
 IGNORED = -100
@@ -249,7 +249,7 @@ def require_fit(size: int, shapes: Iterable[tuple[int, ...]], margin: int) -> No
     fits = min(min(shape) for shape in shapes) - 2 * margin
     if size > fits:
         raise InputError(
-            Problem("crops do not fit the images", "crop", f"at most {fits}", str(size))
+            "crops do not fit the images", where="crop", expected=f"at most {fits}", got=str(size)
         )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
-from dfdbench.errors import InputError, Problem, unknown_name
+from dfdbench.errors import InputError, unknown_name
 from dfdbench.methods.networks.weights import Card, load_weights
 from dfdbench.metrics.protocol import METRICS
 from dfdbench.tables.table import Table
@@ -68,11 +68,16 @@ def experiments() -> dict[str, Experiment]:
     content = tomllib.loads(source.read_text(encoding="utf-8"))
     return {
         name: Experiment(
-            name, item["title"], item.get("varies", ""), tuple(item.get("values", ())),
-            item["repeats"], item.get("split", "train"), str(item.get("baseline", "")),
+            name,
+            item["title"],
+            item.get("varies", ""),
+            tuple(item.get("values", ())),
+            item["repeats"],
+            item.get("split", "train"),
+            str(item.get("baseline", "")),
         )
         for name, item in content.items()
-    }  # fmt: skip
+    }
 
 
 def find_experiment(name: str) -> Experiment:
@@ -154,15 +159,14 @@ def trials(
         chosen = tuple(values or folds_of(store.manifest))
     elif not experiment.varies:
         if values:
-            raise InputError(Problem(f"{experiment.name} varies the seed alone", "--values"))
+            raise InputError(f"{experiment.name} varies the seed alone", where="--values")
         chosen = ("",)
     if experiment.varies in changes:
         raise InputError(
-            Problem(
-                f"{experiment.name} varies {experiment.varies} itself", "--set",
-                fix="choose its values with --values",
-            )
-        )  # fmt: skip
+            f"{experiment.name} varies {experiment.varies} itself",
+            where="--set",
+            fix="choose its values with --values",
+        )
     found = []
     # A value given twice is one value: its trainings would be counted twice.
     for value in dict.fromkeys(chosen):
@@ -195,18 +199,19 @@ def run_trial(
     path = trial.folder / WEIGHTS
     if path.exists():
         card = load_weights(path, trial.task.method)[1]
-        same = (
-            TrainingConfiguration.model_validate(card.configuration) == trial.task.configuration
-            and (card.fingerprint, card.trained_on, card.seed)
-            == (trial.task.store.fingerprint, trial.task.trained_on, trial.task.seed)
-        )  # fmt: skip
+        same = TrainingConfiguration.model_validate(
+            card.configuration
+        ) == trial.task.configuration and (card.fingerprint, card.trained_on, card.seed) == (
+            trial.task.store.fingerprint,
+            trial.task.trained_on,
+            trial.task.seed,
+        )
         if not same:
             raise InputError(
-                Problem(
-                    "the folder holds another training", str(trial.folder),
-                    fix="choose another with --out DIR",
-                )
-            )  # fmt: skip
+                "the folder holds another training",
+                where=str(trial.folder),
+                fix="choose another with --out DIR",
+            )
         ended_early = max_seconds is None or card.seconds < max_seconds
         if not (card.ended_by.startswith(TIME_LIMIT) and ended_early):
             return card
@@ -238,11 +243,12 @@ def score_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Ta
             }
             rows.append(
                 (
-                    value or "all seeds", str(len(group)),
+                    value or "all seeds",
+                    str(len(group)),
                     "score" if len(group) == 1 else statistic,
                     *(f"{scores[metric]:.4f}" if metric in scores else "–" for metric in METRICS),
                 )
-            )  # fmt: skip
+            )
             record: dict[str, object] = {"value": value, "trainings": len(group)}
             records.append({**record, "statistic": rows[-1][2], **scores})
     some = cards[0][1] if cards else None
@@ -251,9 +257,13 @@ def score_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Ta
     arrows = ("NRMSE ↓", "NMAE ↓", "SSIM ↑")
     heading = experiment.varies.replace("_", " ") or "value"
     return Table(
-        experiment.title, (heading, "trainings", "", *arrows), tuple(rows), "lrlrrr", tuple(notes),
+        experiment.title,
+        (heading, "trainings", "", *arrows),
+        tuple(rows),
+        "lrlrrr",
+        tuple(notes),
         records=tuple(records),
-    )  # fmt: skip
+    )
 
 
 _STATISTICS: dict[str, Callable[[Sequence[float]], float]] = {

@@ -52,9 +52,11 @@ class Selections:
         # Each patch by its corners; their sums along both axes are its pixels.
         corners = np.zeros((rows + 1, columns + 1), np.int64)
         for row, column, sign in (
-            (top, left, 1), (top + self.size, left, -1), (top, left + self.size, -1),
+            (top, left, 1),
+            (top + self.size, left, -1),
+            (top, left + self.size, -1),
             (top + self.size, left + self.size, 1),
-        ):  # fmt: skip
+        ):
             np.add.at(corners, (row, column), sign)
         summed: NDArray[np.int64] = corners.cumsum(0).cumsum(1)[:rows, :columns]
         return summed
@@ -66,10 +68,13 @@ class Selections:
             uses = self.uses(number)
             found.append(
                 {
-                    "pair": pair, "patches": int(patches), "pixel_least": int(uses.min()),
-                    "pixel_mean": round(float(uses.mean()), 3), "pixel_most": int(uses.max()),
+                    "pair": pair,
+                    "patches": int(patches),
+                    "pixel_least": int(uses.min()),
+                    "pixel_mean": round(float(uses.mean()), 3),
+                    "pixel_most": int(uses.max()),
                 }
-            )  # fmt: skip
+            )
         return found
 
 

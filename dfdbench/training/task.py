@@ -12,7 +12,7 @@ import dfdbench
 from dfdbench.audit.sides import require_fold, training_of
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.errors import InputError, Problem, StoreError
+from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.weights import build_network, weights_sha256
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import margin_of, require_fit
@@ -101,11 +101,11 @@ def task_of(
         tested, trained_on = (others or [""])[0], f"{manifest.stem}, split {split}"
     if not train:
         raise StoreError(
-            Problem(
-                "the store holds no pair to train on", str(store.path), trained_on,
-                fix=f"build {manifest.short} with the scenes of that split",
-            )
-        )  # fmt: skip
+            "the store holds no pair to train on",
+            where=str(store.path),
+            expected=trained_on,
+            fix=f"build {manifest.short} with the scenes of that split",
+        )
     test = store.pairs(tested) if tested else ()
     return Task(method, store, train, test, trained_on, tested, configuration, seed, start)
 
@@ -129,25 +129,23 @@ def require_trainable(task: Task) -> dict[str, Any]:
         multiple = int(build_network(task.method, architecture).multiple)  # type: ignore[arg-type]
     if choices.crop % multiple:
         raise InputError(
-            Problem("wrong crop", "crop", f"a multiple of {multiple}", str(choices.crop))
+            "wrong crop", where="crop", expected=f"a multiple of {multiple}", got=str(choices.crop)
         )
     if choices.normalization == "fixed" and task.start is None:
         raise InputError(
-            Problem(
-                "normalization fixed needs weights to begin with", "normalization",
-                "weights that were trained with normalization batch",
-                fix="dfdbench train takes them with --weights FILE",
-            )
-        )  # fmt: skip
+            "normalization fixed needs weights to begin with",
+            where="normalization",
+            expected="weights that were trained with normalization batch",
+            fix="dfdbench train takes them with --weights FILE",
+        )
     margin = 0
     if choices.redraw_depth:
         if task.store.recipe is None:
             raise InputError(
-                Problem(
-                    "redraw_depth needs a data set with a blur recipe", "redraw_depth",
-                    got=f"{task.store.manifest.short}: captured defocus",
-                )
-            )  # fmt: skip
+                "redraw_depth needs a data set with a blur recipe",
+                where="redraw_depth",
+                got=f"{task.store.manifest.short}: captured defocus",
+            )
         margin = margin_of(task.store.recipe)
     scenes = dict.fromkeys(pair.scene for pair in task.train)
     shapes = (task.store.scene(name)["depth"].shape[-2:] for name in scenes)

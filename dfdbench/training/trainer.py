@@ -104,11 +104,11 @@ def train(
         return session.run(max_seconds, on_step)
     except OSError as error:
         raise ResultError(
-            Problem(
-                "cannot write the training", str(folder), got=error.strerror or str(error),
-                fix="make room, or choose another place with --out DIR; --resume goes on",
-            )
-        ) from error  # fmt: skip
+            "cannot write the training",
+            where=str(folder),
+            got=error.strerror or str(error),
+            fix="make room, or choose another place with --out DIR; --resume goes on",
+        ) from error
 
 
 class _Session:
@@ -126,14 +126,21 @@ class _Session:
         network, self._started_from = _beginning(task, architecture)
         self._network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._optimizer = torch.optim.Adam(
-            _parameter_groups(self._network, choices.weight_decay), choices.learning_rate,
-            betas=choices.betas, fused=True,
-        )  # fmt: skip
+            _parameter_groups(self._network, choices.weight_decay),
+            choices.learning_rate,
+            betas=choices.betas,
+            fused=True,
+        )
         self._schedule = schedule_of(choices)
         self._cropper = Cropper(
-            images, choices.crop, choices.crops_per_step, choices.expansion == "eight",
-            choices.noise, task.seed, _redraw(task, images),
-        )  # fmt: skip
+            images,
+            choices.crop,
+            choices.crops_per_step,
+            choices.expansion == "eight",
+            choices.noise,
+            task.seed,
+            _redraw(task, images),
+        )
         if choices.initial_filters == "differences" and task.start is None:
             first_patches, _ = self._cropper.draw(0)
             start_from_differences(self._network, first_patches)
@@ -148,9 +155,7 @@ class _Session:
             self._restore(folder.load(task.identity))
 
     def run(
-        self,
-        max_seconds: float | None,
-        on_step: Callable[[int, int | None, float], None] | None,
+        self, max_seconds: float | None, on_step: Callable[[int, int | None, float], None] | None
     ) -> Outcome:
         choices = self._task.configuration
         begin = time.monotonic() - self._seconds
@@ -204,11 +209,11 @@ class _Session:
         value = float(loss.detach())
         if not np.isfinite(value):
             raise InputError(
-                Problem(
-                    "the loss is no number any more", f"step {self._step + 1}", got=str(value),
-                    fix="a lower learning_rate; --fresh starts anew",
-                )
-            )  # fmt: skip
+                "the loss is no number any more",
+                where=f"step {self._step + 1}",
+                got=str(value),
+                fix="a lower learning_rate; --fresh starts anew",
+            )
         self._step += 1
         self._schedule.after(self._step, value)
         self._new.losses.append({"step": self._step, "learning_rate": rate, "loss": value})
@@ -285,13 +290,17 @@ def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str
         return network, ""
     network, card = load_weights(task.start, task.method)
     problems = [
-        Problem("the weights are of another network", f"{task.start}: {name}",
-                str(value), str(card.architecture.get(name)))
+        Problem(
+            "the weights are of another network",
+            where=f"{task.start}: {name}",
+            expected=str(value),
+            got=str(card.architecture.get(name)),
+        )
         for name, value in architecture.items()
         if name != "channel_means" and card.architecture.get(name) != value
-    ]  # fmt: skip
+    ]
     if problems:
-        raise InputError(problems)
+        raise InputError.of(problems)
     architecture["channel_means"] = card.architecture["channel_means"]
     earlier = f"; that from {card.started_from}" if card.started_from else ""
     digest = weights_sha256(task.start)

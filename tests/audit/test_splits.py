@@ -88,10 +88,7 @@ def test_folds_part_the_scenes_and_repeat_for_a_seed() -> None:
 def test_the_search_finds_the_best_of_all_partitions() -> None:
     scenes = make(6, seed=1)
     best = min(
-        (
-            sum(not c.covered for c in judged),
-            round(sum(c.uncovered for c in judged), 12),
-        )
+        (sum(not c.covered for c in judged), round(sum(c.uncovered for c in judged), 12))
         for a in itertools.combinations(scenes.names, 2)
         for b in itertools.combinations([n for n in scenes.names if n not in a], 2)
         for judged in [scenes.judge([a, b, tuple(n for n in scenes.names if n not in a + b)])]

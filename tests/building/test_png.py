@@ -59,11 +59,7 @@ def test_what_is_no_image_of_the_set_is_refused(content: bytes, told: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("image", "told"),
-    [
-        (IMAGE, "in colour"),
-        (np.zeros((5, 5), np.uint8), "tells no depths"),
-    ],
+    ("image", "told"), [(IMAGE, "in colour"), (np.zeros((5, 5), np.uint8), "tells no depths")]
 )
 def test_what_is_no_depth_map_is_refused(image: NDArray[np.uint8], told: str) -> None:
     with pytest.raises(SourceError, match=told):

@@ -104,10 +104,7 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) 
     assert "did you mean noise" in wrong.err
 
 
-def test_an_experiment_goes_on_and_writes_its_table(
-    dfdbench: Command,
-    tiny_store: Store,
-) -> None:
+def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_store: Store) -> None:
     command = ["experiment", "cross-validation", "--dataset", str(tiny_store.path), *QUICK]
     done = dfdbench(*command)
     assert done.status == 0, done.err

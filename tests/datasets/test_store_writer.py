@@ -55,10 +55,7 @@ def test_two_builds_do_not_mix(place: Callable[[str], UPath], tiny_manifest: Man
 
 
 def test_a_build_that_failed_goes_on(
-    place: Callable[[str], UPath],
-    tiny_manifest: Manifest,
-    tiny_folder: Path,
-    tiny_store: Store,
+    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
 ) -> None:
     image = tiny_folder / "Three/Illum1/Exp0/view1.png"
     right = image.read_bytes()

@@ -197,10 +197,7 @@ def test_without_torch_the_error_says_what_to_install(tmp_path: Path) -> None:
         "sys.argv = ['dfdbench', *sys.argv[1:]]\n"
         "main()\n"
     )
-    for arguments in (
-        ["check-method", "dfd-net"],
-        ["train", "dfd-net", "--dataset", "demo"],
-    ):
+    for arguments in (["check-method", "dfd-net"], ["train", "dfd-net", "--dataset", "demo"]):
         done = subprocess.run(
             [sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=tmp_path
         )

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.metrics.protocol import (
-    PROTOCOLS,
-    RELEASED,
-    find_protocol,
-    require_scored,
-    score,
-)
+from dfdbench.metrics.protocol import PROTOCOLS, RELEASED, find_protocol, require_scored, score
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 

@@ -9,11 +9,7 @@ from dfdbench.optics.thin_lens import ThinLens, image_distance, image_height
 EXAMPLE = ThinLens(3.7, 9.6e-3, 0.5, 4.8e-6)  # Table 2.1
 
 lenses = st.builds(
-    ThinLens,
-    st.floats(1, 22),
-    st.floats(2e-3, 0.2),
-    st.floats(0.3, 50),
-    st.floats(1e-6, 2e-5),
+    ThinLens, st.floats(1, 22), st.floats(2e-3, 0.2), st.floats(0.3, 50), st.floats(1e-6, 2e-5)
 )
 
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 from upath import UPath
 
-from dfdbench.errors import Problem, StoreError
+from dfdbench.errors import StoreError
 from dfdbench.system.location import exists, is_local
 from dfdbench.system.lock import hold
 
-TAKEN = StoreError(Problem("taken"))
+TAKEN = StoreError("taken")
 
 
 def test_only_one_holds_a_place(place: Callable[[str], UPath]) -> None:

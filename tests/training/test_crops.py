@@ -9,14 +9,7 @@ import torch
 from dfdbench.blur.synthesis import BlurRecipe, synthesize
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
-from dfdbench.training.crops import (
-    IGNORED,
-    Cropper,
-    Redraw,
-    TrainingImages,
-    count_levels,
-    oriented,
-)
+from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels, oriented
 
 SMALL_BLUR = BlurRecipe(0.3, 0.005, kernel_size=7)
 
@@ -52,9 +45,7 @@ def test_channel_means_are_those_of_all_pixels(tiny_store: Store, images: Traini
     assert images.channel_means() == pytest.approx(np.concatenate(pixels).mean(0), abs=1e-3)
 
 
-def test_a_patch_comes_in_eight_orientations_images_and_depth_alike(
-    images: TrainingImages,
-) -> None:
+def test_a_patch_comes_in_eight_orientations_images_and_depth_alike(images: TrainingImages) -> None:
     pixels, levels = Cropper(images, 16, 2, True, 0.0, 5).draw(3)
     assert pixels.shape == (16, 6, 16, 16)
     assert levels.shape == (16, 16, 16)

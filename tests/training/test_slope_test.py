@@ -55,9 +55,7 @@ def test_too_few_losses_say_nothing() -> None:
 
 
 @given(
-    st.lists(st.floats(0, 10), min_size=3, max_size=40),
-    st.floats(-100, 100),
-    st.integers(-6, 6),
+    st.lists(st.floats(0, 10), min_size=3, max_size=40), st.floats(-100, 100), st.integers(-6, 6)
 )
 def test_neither_shift_nor_scale_matter(losses: list[float], shift: float, power: int) -> None:
     rounded = [round(loss, 3) for loss in losses]

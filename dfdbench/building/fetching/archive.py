@@ -37,11 +37,12 @@ def archive_members(path: Path, where: str = "") -> Mapping[str, int]:
             members = archive.infolist()
     except (OSError, RuntimeError, zipfile.BadZipFile) as error:
         raise SourceError(
-            Problem("not a zip archive, or a damaged one", where, got=str(error),
-                    fix="fetch it again")
-        ) from error  # fmt: skip
+            "not a zip archive, or a damaged one", where=where, got=str(error), fix="fetch it again"
+        ) from error
     problems = [
-        Problem(f"the archive is not to be trusted: {fault}", where, got=repr(member.filename))
+        Problem(
+            f"the archive is not to be trusted: {fault}", where=where, got=repr(member.filename)
+        )
         for number, member in enumerate(members)
         if (fault := _fault(member, {other.filename for other in members[:number]}))
     ]
@@ -49,11 +50,15 @@ def archive_members(path: Path, where: str = "") -> Mapping[str, int]:
     if total > _LARGEST_WHOLE or len(members) > _MOST_MEMBERS:
         limits = f"up to {_LARGEST_WHOLE} bytes in {_MOST_MEMBERS} files"
         problems.append(
-            Problem("the archive would unpack to too much", where, limits,
-                    f"{total} bytes in {len(members)} files")
-        )  # fmt: skip
+            Problem(
+                "the archive would unpack to too much",
+                where=where,
+                expected=limits,
+                got=f"{total} bytes in {len(members)} files",
+            )
+        )
     if problems:
-        raise SourceError(problems)
+        raise SourceError.of(problems)
     return {member.filename: member.file_size for member in members if not member.is_dir()}
 
 
@@ -95,6 +100,8 @@ def _fault(member: zipfile.ZipInfo, before: set[str]) -> str:
 
 def _damaged(path: Path, name: str, got: str) -> SourceError:
     return SourceError(
-        Problem("a file in the archive is damaged", f"{path}, {name}", got=got,
-                fix="fetch the archive again")
-    )  # fmt: skip
+        "a file in the archive is damaged",
+        where=f"{path}, {name}",
+        got=got,
+        fix="fetch the archive again",
+    )

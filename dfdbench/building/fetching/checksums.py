@@ -72,11 +72,16 @@ def parse_checksums(text: str, where: str) -> dict[str, str]:
             known[match[2]] = match[1]
         else:
             problems.append(
-                Problem("not a line of checksums", f"{where}, line {number}",
-                        "SHA-256, two blanks, a name", line[:80], "delete the lock file")
-            )  # fmt: skip
+                Problem(
+                    "not a line of checksums",
+                    where=f"{where}, line {number}",
+                    expected="SHA-256, two blanks, a name",
+                    got=line[:80],
+                    fix="delete the lock file",
+                )
+            )
     if problems:
-        raise SourceError(problems)
+        raise SourceError.of(problems)
     return known
 
 
@@ -97,9 +102,9 @@ def check_checksum(name: str, content: bytes, known: Mapping[str, str], where: s
     expected = known.get(name)
     if expected is not None and sha256(content) != expected:
         raise SourceError(
-            Problem(
-                "the file is not the one of this data set", where, f"SHA-256 {expected}",
-                f"{sha256(content)}, {len(content)} bytes",
-                "fetch the site's own file again; the same pixels encoded anew do not count",
-            )
-        )  # fmt: skip
+            "the file is not the one of this data set",
+            where=where,
+            expected=f"SHA-256 {expected}",
+            got=f"{sha256(content)}, {len(content)} bytes",
+            fix="fetch the site's own file again; the same pixels encoded anew do not count",
+        )

@@ -117,10 +117,13 @@ class Transfer:
             raise UnreachableError(_no_address(address, error)) from error
         if self._failures[host] >= _FAILURES_TO_GIVE_UP:
             raise UnreachableError(
-                Problem("the server was given up", address,
-                        got=f"{self._failures[host]} files in a row could not be had from it",
-                        fix=_LATER)
-            )  # fmt: skip
+                Problem(
+                    "the server was given up",
+                    where=address,
+                    got=f"{self._failures[host]} files in a row could not be had from it",
+                    fix=_LATER,
+                )
+            )
         try:
             self._receive(address, part)
         except UnreachableError:
@@ -142,8 +145,8 @@ class Transfer:
                 reason = str(again)
                 self._stopped.wait(min(again.pause, _LONGEST_PAUSE))
         raise UnreachableError(
-            Problem("the server does not send the file", address, got=reason, fix=_LATER)
-        )  # fmt: skip
+            Problem("the server does not send the file", where=address, got=reason, fix=_LATER)
+        )
 
     def _try(self, address: str, part: Path) -> None:
         try:
@@ -152,9 +155,13 @@ class Transfer:
             raise UnreachableError(_tls_problem(address, error)) from error
         except requests.exceptions.ProxyError as error:
             raise UnreachableError(
-                Problem("the proxy does not let us through", address, got=_short(error),
-                        fix="look at HTTPS_PROXY, HTTP_PROXY and NO_PROXY")
-            ) from error  # fmt: skip
+                Problem(
+                    "the proxy does not let us through",
+                    where=address,
+                    got=_short(error),
+                    fix="look at HTTPS_PROXY, HTTP_PROXY and NO_PROXY",
+                )
+            ) from error
         except (
             requests.exceptions.InvalidURL,
             requests.exceptions.InvalidSchema,
@@ -165,9 +172,11 @@ class Transfer:
             raise _FailedTryError(_short(error)) from error
         except OSError as error:
             raise SourceError(
-                Problem("cannot keep the download", str(part), got=error.strerror or str(error),
-                        fix="make room, or choose another place with --cache DIR")
-            ) from error  # fmt: skip
+                "cannot keep the download",
+                where=str(part),
+                got=error.strerror or str(error),
+                fix="make room, or choose another place with --cache DIR",
+            ) from error
 
     def _request(self, address: str, part: Path) -> None:
         mark = part.with_name(part.name + ".json")
@@ -228,22 +237,26 @@ def _refuse_errors(answer: requests.Response) -> None:
         raise _FailedTryError(f"{status} {answer.reason}", float(asked) if asked.isdigit() else 0.0)
     if status >= 400:
         raise UnreachableError(
-            Problem("the server refuses", answer.url, got=f"{status} {answer.reason}")
+            Problem("the server refuses", where=answer.url, got=f"{status} {answer.reason}")
         )
 
 
 def _tls_problem(address: str, error: Exception) -> Problem:
     host = urlsplit(address).hostname
     return Problem(
-        f"the certificate of {host} cannot be verified", address, got=_short(error),
+        f"the certificate of {host} cannot be verified",
+        where=address,
+        got=_short(error),
         fix="its server may leave out an intermediate certificate: save that one and your "
         "system's bundle into one PEM file and set REQUESTS_CA_BUNDLE=FILE; or use --mirror URL, "
         "or fetch the files otherwise and use --source DIR",
-    )  # fmt: skip
+    )
 
 
 def _no_address(address: str, error: Exception) -> Problem:
-    return Problem("not an address", address, "https://HOST/FOLDER", _short(error))
+    return Problem(
+        "not an address", where=address, expected="https://HOST/FOLDER", got=_short(error)
+    )
 
 
 def _short(error: Any) -> str:

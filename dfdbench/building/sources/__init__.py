@@ -11,7 +11,7 @@ from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.building.sources.middlebury_download import Download, download_middlebury
 from dfdbench.building.sources.realworld import RealworldFolder
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import SourceError
 
 __all__ = ["Download", "SceneImages", "Source", "download_middlebury", "open_source"]
 
@@ -41,33 +41,27 @@ def open_source(
         Where the data set needs a folder, takes none, or cannot be built by this version.
     """
     if pair and manifest.reader != "realworld":
-        raise SourceError(Problem(f"{manifest.short} has no voltage steps", "--pair"))
+        raise SourceError(f"{manifest.short} has no voltage steps", where="--pair")
     if manifest.reader == "realworld":
         if folder is None:
             raise SourceError(
-                Problem(
-                    f"{manifest.short} is read from a folder, and none is named",
-                    expected="k33/left/exp_30/image_141_30.00.png and k33/lidar/..., or raw "
-                    "captures: docs/realworld.md",
-                    fix=f"dfdbench build {manifest.short} --source DIR; to see the layout: "
-                    "dfdbench simulate realworld --out DIR --scenes k00-k07",
-                )
+                f"{manifest.short} is read from a folder, and none is named",
+                expected="k33/left/exp_30/image_141_30.00.png and k33/lidar/..., or raw "
+                "captures: docs/realworld.md",
+                fix=f"dfdbench build {manifest.short} --source DIR; to see the layout: "
+                "dfdbench simulate realworld --out DIR --scenes k00-k07",
             )
         return RealworldFolder(manifest, folder, pair)
     if manifest.reader == "demo":
         if folder:
-            raise SourceError(
-                Problem(f"{manifest.short} is made, not read", fix="leave out --source")
-            )
+            raise SourceError(f"{manifest.short} is made, not read", fix="leave out --source")
         return DemoScenes(manifest)
     if manifest.reader == "middlebury":
         if folder is None:
-            raise SourceError(Problem(f"{manifest.short} is read from a folder: name one"))
+            raise SourceError(f"{manifest.short} is read from a folder: name one")
         return MiddleburyScenes(manifest, folder, checksums)
     raise SourceError(
-        Problem(
-            f"this version cannot build {manifest.stem}: it has no reader for its files",
-            expected="a data set read by: demo, middlebury, realworld",
-            got=manifest.reader,
-        )
+        f"this version cannot build {manifest.stem}: it has no reader for its files",
+        expected="a data set read by: demo, middlebury, realworld",
+        got=manifest.reader,
     )

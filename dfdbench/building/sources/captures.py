@@ -78,7 +78,9 @@ class PublishedScene:
         files = self.depth_files()
         if not files:
             expected = "lidar/lidar_rng_left_00000_8bit_x6.png"
-            return [Problem("scene has no LIDAR depth map", str(self.folder), expected)]
+            return [
+                Problem("scene has no LIDAR depth map", where=str(self.folder), expected=expected)
+            ]
         return _png_problems(files, (self._capture.crop_size,) * 2)
 
 
@@ -170,7 +172,10 @@ class RawScene:
             place = _exposure_folder(self.folder / "frames", exposure_ms) / f"{name}_*.png"
             problems.append(
                 Problem(
-                    "frames are missing", str(place), str(self._capture.frames), str(len(files))
+                    "frames are missing",
+                    where=str(place),
+                    expected=str(self._capture.frames),
+                    got=str(len(files)),
                 )
             )
         return problems
@@ -178,7 +183,13 @@ class RawScene:
     def scan_problems(self) -> list[Problem]:
         """Return what is wrong with the range files and the calibration."""
         if not self.scans():
-            return [Problem("scene has no LIDAR", str(self.folder), "lidar/lidar_rng_00000.bin")]
+            return [
+                Problem(
+                    "scene has no LIDAR",
+                    where=str(self.folder),
+                    expected="lidar/lidar_rng_00000.bin",
+                )
+            ]
         problems: list[Problem] = []
         beams = _attempt(self.beams, problems)
         misfits = []
@@ -187,10 +198,12 @@ class RawScene:
             if ranges is not None and beams is not None and len(ranges) != len(beams.altitude):
                 misfits.append(
                     Problem(
-                        "calibration does not fit the scan", str(self.beams_file() or path),
-                        f"{len(ranges)} beams, as {path.name}", f"{len(beams.altitude)} beams",
+                        "calibration does not fit the scan",
+                        where=str(self.beams_file() or path),
+                        expected=f"{len(ranges)} beams, as {path.name}",
+                        got=f"{len(beams.altitude)} beams",
                     )
-                )  # fmt: skip
+                )
         # The scans of a scene are of one LIDAR: one misfit says it all.
         problems += misfits[:1]
         return problems
@@ -201,19 +214,20 @@ class RawScene:
         if not self.registration.exists():
             problems.append(
                 Problem(
-                    "scene is not registered", str(self.registration),
+                    "scene is not registered",
+                    where=str(self.registration),
                     fix=f"dfdbench register {self.folder.name} --source {self.folder.parent}",
                 )
-            )  # fmt: skip
+            )
         else:
             _attempt(lambda: read_registration(self.registration), problems)
         if not problems and not self.depth()[1].any():
             again = f"dfdbench register {self.folder.name} --source {self.folder.parent} --fresh"
             problems.append(
                 Problem(
-                    "no LIDAR return falls on the image", str(self.registration), fix=again,
+                    "no LIDAR return falls on the image", where=str(self.registration), fix=again
                 )
-            )  # fmt: skip
+            )
         return problems
 
 
@@ -274,19 +288,22 @@ def _png_problem(path: Path, size: tuple[int, ...]) -> Iterator[Problem]:
             file.seek(max(length - 16, 0))
             tail = file.read()
     except OSError as error:
-        yield Problem("cannot read the file", str(path), got=error.strerror or str(error))
+        yield Problem("cannot read the file", where=str(path), got=error.strerror or str(error))
         return
     if not head.startswith(b"\x89PNG\r\n\x1a\n") or len(head) < 24:
-        yield Problem("not a PNG file", str(path), got=f"bytes {head[:8]!r}")
+        yield Problem("not a PNG file", where=str(path), got=f"bytes {head[:8]!r}")
         return
     # A truncated PNG decodes to an image whose end is missing: the end mark tells.
     if b"IEND" not in tail:
-        yield Problem("PNG file is damaged", str(path), got=f"{length} bytes, cut short")
+        yield Problem("PNG file is damaged", where=str(path), got=f"{length} bytes, cut short")
     width, height = struct.unpack(">II", head[16:24])
     if (height, width) != size:
         expected = " x ".join(map(str, size))
         yield Problem(
-            "size differs", str(path), f"{expected} (height x width)", f"{height} x {width}"
+            "size differs",
+            where=str(path),
+            expected=f"{expected} (height x width)",
+            got=f"{height} x {width}",
         )
 
 
@@ -294,5 +311,5 @@ def _decode(path: Path, mode: int) -> Image:
     content = np.frombuffer(path.read_bytes(), np.uint8)
     image = cv2.imdecode(content, mode)
     if image is None:
-        raise SourceError(Problem("PNG file is damaged", str(path), fix="fetch it again"))
+        raise SourceError("PNG file is damaged", where=str(path), fix="fetch it again")
     return np.asarray(image, np.uint8)

@@ -59,7 +59,7 @@ class DemoScenes:
     def __init__(self, manifest: Manifest) -> None:
         problems = tuple(_problems_of(manifest))
         if problems:
-            raise SourceError(problems)
+            raise SourceError.of(problems)
         self._manifest = manifest
 
     def available_pairs(self) -> tuple[Pair, ...]:
@@ -104,30 +104,40 @@ class DemoScenes:
 
 def _problems_of(manifest: Manifest) -> Iterator[Problem]:
     made: dict[str, tuple[int, ...]] = {
-        "view": tuple(_VIEWS), "illumination": tuple(_LIGHTS), "exposure": tuple(_GAINS),
-    }  # fmt: skip
-    fields = (("axes", list(manifest.axes), list(made)),
-              ("depth.axes", manifest.depth.axes, ["view"]))  # fmt: skip
+        "view": tuple(_VIEWS),
+        "illumination": tuple(_LIGHTS),
+        "exposure": tuple(_GAINS),
+    }
+    fields = (
+        ("axes", list(manifest.axes), list(made)),
+        ("depth.axes", manifest.depth.axes, ["view"]),
+    )
     for field, named, needed in fields:
         if named != needed:
             yield Problem(
-                what="the demo scenes have other axes", where=f"{manifest.stem}: {field}",
-                expected=", ".join(needed), got=", ".join(named) or "none",
-            )  # fmt: skip
+                what="the demo scenes have other axes",
+                where=f"{manifest.stem}: {field}",
+                expected=", ".join(needed),
+                got=", ".join(named) or "none",
+            )
     for axis, values in made.items():
         strange = [value for value in manifest.axes.get(axis, ()) if value not in values]
         if strange:
             yield Problem(
                 what=f"the demo scenes have no such {axis}",
-                where=f"{manifest.stem}: axes.{axis}", expected=f"of {_listed(values)}",
-                got=_listed(strange), fix="leave it out",
-            )  # fmt: skip
+                where=f"{manifest.stem}: axes.{axis}",
+                expected=f"of {_listed(values)}",
+                got=_listed(strange),
+                fix="leave it out",
+            )
     for scene in manifest.scene_names:
         if scene not in SCENES:
             yield Problem(
-                what="no such demo scene", where=f"{manifest.stem}: scenes",
-                expected=f"of {_listed(SCENES)}", got=scene,
-            )  # fmt: skip
+                what="no such demo scene",
+                where=f"{manifest.stem}: scenes",
+                expected=f"of {_listed(SCENES)}",
+                got=scene,
+            )
 
 
 def _listed(names: Iterable[object]) -> str:
@@ -160,7 +170,7 @@ def _look(surfaces: tuple[Surface, ...], photographs: Mapping[str, Floats], offs
     # Colour is averaged over four rays a pixel; distance and normal are those of its centre.
     centre = cast(surfaces, photographs, offset, _SHAPE, _FOCAL_LENGTH)
     if not np.isfinite(centre.distance).all():
-        raise SourceError(Problem("a ray meets no surface", "demo scene"))
+        raise SourceError("a ray meets no surface", where="demo scene")
     corners = [
         cast(surfaces, photographs, offset, _SHAPE, _FOCAL_LENGTH, (y, x)).reflectance
         for y in (-0.25, 0.25)

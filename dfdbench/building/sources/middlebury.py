@@ -46,10 +46,7 @@ class MiddleburyScenes:
     captures_defocus = False
 
     def __init__(
-        self,
-        manifest: Manifest,
-        folder: Path,
-        checksums: Mapping[str, str] | None = None,
+        self, manifest: Manifest, folder: Path, checksums: Mapping[str, str] | None = None
     ) -> None:
         self._manifest = manifest
         self._checksums = checksums or {}
@@ -60,13 +57,12 @@ class MiddleburyScenes:
         }
         if not self._scenes:
             raise SourceError(
-                Problem(
-                    "no scene found", str(folder),
-                    expected="folders such as Aloe or scenes2005/ThirdSize/Art, or archives such "
-                    "as Aloe-2views.zip",
-                    got=_kind_of(folder),
-                )
-            )  # fmt: skip
+                "no scene found",
+                where=str(folder),
+                expected="folders such as Aloe or scenes2005/ThirdSize/Art, or archives such "
+                "as Aloe-2views.zip",
+                got=_kind_of(folder),
+            )
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -87,7 +83,7 @@ class MiddleburyScenes:
             except SourceError as error:
                 problems += error.problems
         if problems:
-            raise SourceError(problems)
+            raise SourceError.of(problems)
         return tuple(available)
 
     def signature(self, scene: str) -> str:
@@ -109,12 +105,15 @@ class MiddleburyScenes:
         read = {view: depth for view, depth in depths.items() if depth is not None}
         shape = next(iter(read.values())).shape if read else (0, 0)
         problems += [
-            Problem("size differs from the other view's",
-                    self._scenes[scene].where(depth_name({"view": view})), f"{shape}",
-                    f"{depth.shape}")
+            Problem(
+                "size differs from the other view's",
+                where=self._scenes[scene].where(depth_name({"view": view})),
+                expected=f"{shape}",
+                got=f"{depth.shape}",
+            )
             for view, depth in read.items()
             if depth.shape != shape
-        ]  # fmt: skip
+        ]
         images: dict[Pair, Levels] = {}
         for pair in self._manifest.pairs_of_scene(scene):
             if self._has_image(pair) and pair.at["view"] in depths:
@@ -123,7 +122,7 @@ class MiddleburyScenes:
                 if image is not None:
                     images[pair] = image
         if problems:
-            raise SourceError(problems)
+            raise SourceError.of(problems)
         return self._assemble(read, images, shape)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:

@@ -88,7 +88,7 @@ def download_middlebury(
         them. What came is kept.
     """
     taken = SourceError(
-        Problem("another download into this folder is running", str(folder), fix="wait for it")
+        "another download into this folder is running", where=str(folder), fix="wait for it"
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -101,10 +101,11 @@ def download_middlebury(
             lock = _write_lock(manifest, folder, fates)
     except OSError as error:
         raise SourceError(
-            Problem("cannot keep the download", str(error.filename or folder),
-                    got=error.strerror or str(error),
-                    fix="make room, or choose another place with --cache DIR")
-        ) from error  # fmt: skip
+            "cannot keep the download",
+            where=str(error.filename or folder),
+            got=error.strerror or str(error),
+            fix="make room, or choose another place with --cache DIR",
+        ) from error
     _refuse(fates, folder)
     return Download(
         folder,
@@ -177,11 +178,7 @@ class _Stages:
     """Calls of `fetch` that follow one another and show one progress."""
 
     def __init__(
-        self,
-        folder: Path,
-        on_progress: Progress | None,
-        patience: Patience | None,
-        offline: bool,
+        self, folder: Path, on_progress: Progress | None, patience: Patience | None, offline: bool
     ) -> None:
         self._folder = folder
         self._on_progress = on_progress
@@ -253,16 +250,24 @@ def _refuse(fates: list[Fate], folder: Path) -> None:
     if damaged:
         whole = sum(fate.kind in ("new", "kept") for fate in fates)
         problems.append(
-            Problem(f"{damaged} damaged files in all; the other {whole} are whole and kept",
-                    str(folder / SET_ASIDE), got="the damaged are set aside there",
-                    fix="the same command asks for them again, here or with another --mirror")
-        )  # fmt: skip
+            Problem(
+                f"{damaged} damaged files in all; the other {whole} are whole and kept",
+                where=str(folder / SET_ASIDE),
+                got="the damaged are set aside there",
+                fix="the same command asks for them again, here or with another --mirror",
+            )
+        )
     missing = [fate.name for fate in fates if fate.kind == "missing"]
     if problems and missing:
-        problems.append(Problem(f"{len(missing)} files are missing: no address has them",
-                                str(folder), got=_listed(missing)))  # fmt: skip
+        problems.append(
+            Problem(
+                f"{len(missing)} files are missing: no address has them",
+                where=str(folder),
+                got=_listed(missing),
+            )
+        )
     if problems:
-        raise SourceError(problems)
+        raise SourceError.of(problems)
 
 
 def _told_once(fates: list[Fate], kind: str) -> list[Problem]:
@@ -271,8 +276,11 @@ def _told_once(fates: list[Fate], kind: str) -> list[Problem]:
     if kind == "damaged" or len(problems) <= _NAMES_SHOWN:
         return problems
     names = [fate.name for fate in fates]
-    rest = Problem(f"{len(fates)} files in all could not be had", got=_listed(names),
-                   fix="the same command goes on from here")  # fmt: skip
+    rest = Problem(
+        f"{len(fates)} files in all could not be had",
+        got=_listed(names),
+        fix="the same command goes on from here",
+    )
     return [*problems[:3], rest]
 
 

@@ -43,7 +43,7 @@ class RealworldFolder:
         self, manifest: Manifest, folder: Path, pair: tuple[int, int] | None = None
     ) -> None:
         if manifest.capture is None:
-            raise SourceError(Problem("section is missing", f"{manifest.stem}: capture"))
+            raise SourceError("section is missing", where=f"{manifest.stem}: capture")
         self._manifest = manifest
         self._capture = manifest.capture
         self._synthetic = manifest.recipe is not None
@@ -53,11 +53,11 @@ class RealworldFolder:
         if not self._scenes:
             there = "a file" if folder.exists() else "no such folder"
             raise SourceError(
-                Problem(
-                    "no scene found", str(folder), "folders such as k33 with left/exp_30 and lidar",
-                    "none" if folder.is_dir() else there,
-                )
-            )  # fmt: skip
+                "no scene found",
+                where=str(folder),
+                expected="folders such as k33 with left/exp_30 and lidar",
+                got="none" if folder.is_dir() else there,
+            )
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -105,7 +105,7 @@ class RealworldFolder:
         try:
             levels, valid = files.depth()
         except DfdbenchError as error:
-            raise SourceError(error.problems) from error
+            raise SourceError.of(error.problems) from error
         exposures = self._manifest.axes["exposure_ms"]
         shape = (len(exposures), *levels.shape, 3)
         infocus, defocus = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
@@ -150,11 +150,12 @@ class RealworldFolder:
             if lacking:
                 wrong.append(
                     Problem(
-                        "voltage step is missing", f"{files.folder}, exposure {exposure} ms",
-                        ", ".join(map(str, self._steps)),
-                        f"no image at {', '.join(map(str, lacking))}",
+                        "voltage step is missing",
+                        where=f"{files.folder}, exposure {exposure} ms",
+                        expected=", ".join(map(str, self._steps)),
+                        got=f"no image at {', '.join(map(str, lacking))}",
                     )
-                )  # fmt: skip
+                )
             if not wrong:
                 usable.append(exposure)
             problems += wrong
@@ -165,20 +166,19 @@ class RealworldFolder:
         if self._synthetic:
             if pair:
                 raise SourceError(
-                    Problem(
-                        f"{self._manifest.short} takes the sharpest voltage step", "--pair",
-                        fix="leave out --pair, or build realworld",
-                    )
-                )  # fmt: skip
+                    f"{self._manifest.short} takes the sharpest voltage step",
+                    where="--pair",
+                    fix="leave out --pair, or build realworld",
+                )
             return tuple(known)
         steps = pair or (self._capture.infocus_step, self._capture.defocus_step)
         if steps[0] == steps[1] or not set(steps) <= set(known):
             raise SourceError(
-                Problem(
-                    "not a pair of voltage steps", "--pair",
-                    f"two of {known[0]} to {known[-1]}, as 141,129", f"{steps[0]},{steps[1]}",
-                )
-            )  # fmt: skip
+                "not a pair of voltage steps",
+                where="--pair",
+                expected=f"two of {known[0]} to {known[-1]}, as 141,129",
+                got=f"{steps[0]},{steps[1]}",
+            )
         return steps
 
     def _as_told(self, levels: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from dfdbench.building.fetching.archive import archive_members, read_member
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import SourceError
 
 
 @dataclass(frozen=True)
@@ -60,10 +60,10 @@ class SceneFiles:
                 return (self.folder / name).read_bytes()
         except OSError as error:
             raise SourceError(
-                Problem("cannot read the file", self.where(name), got=error.strerror or str(error))
+                "cannot read the file", where=self.where(name), got=error.strerror or str(error)
             ) from error
         if self.archive is None or name not in self._members:
-            raise SourceError(Problem("no such file", self.where(name)))
+            raise SourceError("no such file", where=self.where(name))
         return read_member(self.archive, self._members[name])
 
     @cached_property

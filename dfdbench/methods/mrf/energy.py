@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 __all__ = [
     "Energy",
@@ -72,15 +72,15 @@ class Energy:
         """Check every field, and bring arrays to the layout that the solvers read."""
         unary = np.asarray(self.unary)
         if unary.ndim != 3 or 0 in unary.shape:
-            raise InputError(Problem(f"unary: expected a shape (y, x, label), got {unary.shape}"))
+            raise InputError(f"unary: expected a shape (y, x, label), got {unary.shape}")
         if unary.dtype not in (np.dtype(np.uint16), np.dtype(np.int32)):
-            raise InputError(Problem(f"unary: expected uint16 or int32, got {unary.dtype}"))
+            raise InputError(f"unary: expected uint16 or int32, got {unary.dtype}")
         height, width, labels = unary.shape
         if not 2 <= labels <= 65536:
-            raise InputError(Problem(f"unary: expected 2 to 65536 labels, got {labels}"))
+            raise InputError(f"unary: expected 2 to 65536 labels, got {labels}")
         smoothness = _integers("smoothness", self.smoothness, (labels,))
         if smoothness[0] != 0:
-            raise InputError(Problem(f"smoothness[0]: expected 0, got {smoothness[0]}"))
+            raise InputError(f"smoothness[0]: expected 0, got {smoothness[0]}")
         largest_weight = 1
         for name, shape in (
             ("weights_horizontal", (height, width - 1)),
@@ -91,15 +91,13 @@ class Energy:
                 largest_weight = max(largest_weight, int(weights.max(initial=0)))
                 object.__setattr__(self, name, weights)
         if unary.dtype == np.int32 and int(unary.min()) < 0:
-            raise InputError(Problem(f"unary: expected non-negative costs, got {unary.min()}"))
+            raise InputError(f"unary: expected non-negative costs, got {unary.min()}")
         for name, value in (
             ("unary costs", int(unary.max())),
             ("smoothness times weight", largest_weight * int(smoothness.max())),
         ):
             if value >= COST_LIMIT:
-                raise InputError(
-                    Problem(f"{name}: expected below {COST_LIMIT} (int32 sums), got {value}")
-                )
+                raise InputError(f"{name}: expected below {COST_LIMIT} (int32 sums), got {value}")
         object.__setattr__(self, "unary", np.ascontiguousarray(unary))
         object.__setattr__(self, "smoothness", smoothness)
         object.__setattr__(self, "offset", int(self.offset))
@@ -164,14 +162,11 @@ class Energy:
         given = np.asarray(labels)
         if given.shape != self.shape or given.dtype.kind not in "ui":
             raise InputError(
-                Problem(
-                    f"labels: expected integers of shape {self.shape}, "
-                    f"got {given.dtype} {given.shape}"
-                )
+                f"labels: expected integers of shape {self.shape}, got {given.dtype} {given.shape}"
             )
         if given.min() < 0 or given.max() >= self.labels:
             raise InputError(
-                Problem(f"labels: expected 0..{self.labels - 1}, got {given.min()}..{given.max()}")
+                f"labels: expected 0..{self.labels - 1}, got {given.min()}..{given.max()}"
             )
         index = given.astype(np.int32)
         total = int(np.take_along_axis(self.unary, index[..., None], 2).sum(dtype=np.int64))
@@ -293,7 +288,7 @@ def adaptive_potts_weights(
     """
     values = np.asarray(image, np.float64)
     if values.ndim != 2:
-        raise InputError(Problem(f"image: expected a shape (y, x), got {values.shape}"))
+        raise InputError(f"image: expected a shape (y, x), got {values.shape}")
     right, down = (
         np.where(np.abs(np.diff(values, axis=axis)) <= threshold, 2, 1).astype(np.int32)
         for axis in (1, 0)
@@ -316,28 +311,26 @@ def starting_labels(energy: Energy, start: ArrayLike | None) -> NDArray[np.int32
 
 def _at_least_two(labels: int) -> int:
     if labels < 2:
-        raise InputError(Problem(f"labels: expected at least 2, got {labels}"))
+        raise InputError(f"labels: expected at least 2, got {labels}")
     return labels
 
 
 def _table(costs: NDArray[Any], cap: int, scale: int) -> NDArray[np.int32]:
     for name, value in (("cap", cap), ("scale", scale)):
         if not 0 < value < COST_LIMIT:
-            raise InputError(Problem(f"{name}: expected 1 to {COST_LIMIT - 1}, got {value}"))
+            raise InputError(f"{name}: expected 1 to {COST_LIMIT - 1}, got {value}")
     table = scale * np.minimum(costs.astype(np.int64), cap)
     if table.max() >= COST_LIMIT:
-        raise InputError(Problem(f"smoothness: expected below {COST_LIMIT}, got {table.max()}"))
+        raise InputError(f"smoothness: expected below {COST_LIMIT}, got {table.max()}")
     return table.astype(np.int32)
 
 
 def _integers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.int32]:
     array = np.asarray(values)
     if array.shape != shape:
-        raise InputError(Problem(f"{name}: expected shape {shape}, got {array.shape}"))
+        raise InputError(f"{name}: expected shape {shape}, got {array.shape}")
     if array.dtype.kind not in "ui":
-        raise InputError(Problem(f"{name}: expected integers, got {array.dtype}"))
+        raise InputError(f"{name}: expected integers, got {array.dtype}")
     if array.size and not 0 <= int(array.min()) <= int(array.max()) < COST_LIMIT:
-        raise InputError(
-            Problem(f"{name}: expected 0..{COST_LIMIT - 1}, got {array.min()}..{array.max()}")
-        )
+        raise InputError(f"{name}: expected 0..{COST_LIMIT - 1}, got {array.min()}..{array.max()}")
     return np.ascontiguousarray(array, np.int32)

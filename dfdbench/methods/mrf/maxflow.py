@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 
 __all__ = ["DOWN", "LEFT", "RIGHT", "SINK", "UP", "GridGraph"]
 
@@ -71,7 +71,7 @@ class GridGraph:
 
     def __init__(self, height: int, width: int) -> None:
         if height < 1 or width < 1:
-            raise InputError(Problem(f"grid size: expected at least 1 x 1, got {height} x {width}"))
+            raise InputError(f"grid size: expected at least 1 x 1, got {height} x {width}")
         self.height = height
         self.width = width
         # One idle column serves as right border of a row and left border of the next.

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 from dfdbench.methods.mrf.energy import Energy, Solution, label_dtype
 from dfdbench.methods.mrf.expansion import expansion
 from dfdbench.methods.mrf.maxflow import GridGraph
@@ -76,7 +76,7 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     ([[2, 2, 2]], 2)
     """
     if quality not in get_args(Quality):
-        raise InputError(Problem(f"quality: expected one of {get_args(Quality)}, got {quality!r}"))
+        raise InputError(f"quality: expected one of {get_args(Quality)}, got {quality!r}")
     if not _nearly_convex(energy.smoothness):
         return expansion(energy)
     graph = GridGraph(*energy.shape)

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
 from dfdbench.methods.mrf.energy import COST_LIMIT, Energy, Solution, label_dtype
 
 __all__ = ["lower_bound", "message_passing"]
@@ -59,7 +59,7 @@ def message_passing(energy: Energy, iterations: int = 20) -> Solution:
     ([[0, 1, 2]], 2, 2)
     """
     if iterations < 1:
-        raise InputError(Problem(f"iterations: expected at least 1, got {iterations}"))
+        raise InputError(f"iterations: expected at least 1, got {iterations}")
     height, width = energy.shape
     right, down = energy.edge_weights()
     reach, plateau = _table_shape(energy.smoothness)

@@ -69,14 +69,17 @@ class DfDNet(nn.Module):
         f = _checked_filters(filters)
         if first_activation not in _ACTIVATIONS:
             raise InputError(
-                Problem(
-                    "unknown activation", "first_activation", " or ".join(_ACTIVATIONS),
-                    str(first_activation),
-                )
-            )  # fmt: skip
+                "unknown activation",
+                where="first_activation",
+                expected=" or ".join(_ACTIVATIONS),
+                got=str(first_activation),
+            )
         if not 1 <= sampling_size <= 8:
             raise InputError(
-                Problem("wrong filter size", "sampling_size", "1 to 8", str(sampling_size))
+                "wrong filter size",
+                where="sampling_size",
+                expected="1 to 8",
+                got=str(sampling_size),
             )
         self.pixels = _Normalize(channel_means)
         self.entry = _Convolved(6, f[0], _ACTIVATIONS[first_activation]())
@@ -150,11 +153,11 @@ class UNet(nn.Module):
         f = [int(number) for number in filters]
         if len(f) != len(UNET_FILTERS) or min(f) < 1 or any(number % 2 for number in f[1:]):
             raise InputError(
-                Problem(
-                    "filters do not fit U-Net", "filters", "5 numbers, the last four even",
-                    ", ".join(str(number) for number in f),
-                )
-            )  # fmt: skip
+                "filters do not fit U-Net",
+                where="filters",
+                expected="5 numbers, the last four even",
+                got=", ".join(str(number) for number in f),
+            )
         self.pixels = _Normalize(channel_means)
         self.encoders = nn.ModuleList(
             _two_convolutions(before, after) for before, after in zip([6, *f[:-1]], f, strict=True)
@@ -198,11 +201,11 @@ class _Normalize(nn.Module):
         super().__init__()
         if len(channel_means) != 6:
             raise InputError(
-                Problem(
-                    "wrong number of means", "channel_means", "6: in-focus RGB, defocus RGB",
-                    str(len(channel_means)),
-                )
-            )  # fmt: skip
+                "wrong number of means",
+                where="channel_means",
+                expected="6: in-focus RGB, defocus RGB",
+                got=str(len(channel_means)),
+            )
         means = torch.tensor([float(mean) for mean in channel_means])
         self.register_buffer("means", means.reshape(1, 6, 1, 1))
 
@@ -272,9 +275,11 @@ def _start_as_published(convolution: nn.Conv2d | nn.ConvTranspose2d) -> None:
 
 def _two_convolutions(before: int, after: int) -> nn.Sequential:
     return nn.Sequential(
-        nn.Conv2d(before, after, 3, padding=1), nn.ReLU(),
-        nn.Conv2d(after, after, 3, padding=1), nn.ReLU(),
-    )  # fmt: skip
+        nn.Conv2d(before, after, 3, padding=1),
+        nn.ReLU(),
+        nn.Conv2d(after, after, 3, padding=1),
+        nn.ReLU(),
+    )
 
 
 @torch.no_grad()
@@ -331,21 +336,21 @@ def _checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
     numbers = tuple(int(number) for number in filters)
     if len(numbers) != len(LAYERS) or min(numbers) < 1 or numbers[-1] != LEVELS:
         raise InputError(
-            Problem(
-                "filters do not fit DfD-Net", "filters",
-                f"{len(LAYERS)} positive numbers, the last {LEVELS}",
-                ", ".join(str(number) for number in numbers),
-            )
-        )  # fmt: skip
+            "filters do not fit DfD-Net",
+            where="filters",
+            expected=f"{len(LAYERS)} positive numbers, the last {LEVELS}",
+            got=", ".join(str(number) for number in numbers),
+        )
     problems = [
         Problem(
-            "a residual block adds its input to its output", "filters",
-            f"layers {LAYERS[one]} and {LAYERS[other]} equal",
-            f"{numbers[one]} and {numbers[other]}",
+            "a residual block adds its input to its output",
+            where="filters",
+            expected=f"layers {LAYERS[one]} and {LAYERS[other]} equal",
+            got=f"{numbers[one]} and {numbers[other]}",
         )
         for one, other in _EQUAL
         if numbers[one] != numbers[other]
-    ]  # fmt: skip
+    ]
     if problems:
-        raise InputError(problems)
+        raise InputError.of(problems)
     return numbers

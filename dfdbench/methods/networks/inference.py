@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from dfdbench.errors import MethodError, Problem
+from dfdbench.errors import MethodError
 from dfdbench.methods.networks.architectures import fold_batch_norm
 
 Precision = Literal["float32", "bf16"]
@@ -41,7 +41,7 @@ def find_device(name: str) -> torch.device:
         return torch.device(there[0])
     if name not in there:
         raise MethodError(
-            Problem("no such device here", "device", ", ".join(["auto", *there]), name)
+            "no such device here", where="device", expected=", ".join(["auto", *there]), got=name
         )
     return torch.device(name)
 
@@ -74,11 +74,17 @@ class Predictor:
     ) -> None:
         if precision not in PRECISIONS:
             raise MethodError(
-                Problem("wrong parameter", "precision", " or ".join(PRECISIONS), str(precision))
+                "wrong parameter",
+                where="precision",
+                expected=" or ".join(PRECISIONS),
+                got=str(precision),
             )
         if tile is not None and (not isinstance(tile, int) or tile < _SMALLEST_TILE):
             raise MethodError(
-                Problem("wrong parameter", "tile", f"at least {_SMALLEST_TILE} pixels", str(tile))
+                "wrong parameter",
+                where="tile",
+                expected=f"at least {_SMALLEST_TILE} pixels",
+                got=str(tile),
             )
         folded = fold_batch_norm(network).to(device)
         self._network = folded.to(memory_format=torch.channels_last)  # type: ignore[call-overload]

@@ -97,15 +97,17 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
         f"; or --param weights={name} (shipped, trained on {name})" for name in shipped
     )
     if weights is None:
-        raise MethodError(Problem(f"{method} needs weights", "parameter weights", fix=fix))
+        raise MethodError(f"{method} needs weights", where="parameter weights", fix=fix)
     if not isinstance(weights, str | Path):
         got = str(weights)
-        raise MethodError(Problem("no such weights", "parameter weights", "a file", got, fix))
+        raise MethodError(
+            "no such weights", where="parameter weights", expected="a file", got=got, fix=fix
+        )
     if str(weights) in shipped:
         return shipped[str(weights)]
     path = Path(weights)
     if not path.is_file():
-        raise MethodError(Problem("no such weights", str(weights), fix=fix))
+        raise MethodError("no such weights", where=str(weights), fix=fix)
     return path
 
 
@@ -123,35 +125,37 @@ def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (safetensors.SafetensorError, OSError) as error:
         raise MethodError(
-            Problem(
-                "the weights cannot be read", str(path), "a whole safetensors file", str(error),
-                "copy or download it again; dfdbench train writes a new one",
-            )
-        ) from error  # fmt: skip
+            "the weights cannot be read",
+            where=str(path),
+            expected="a whole safetensors file",
+            got=str(error),
+            fix="copy or download it again; dfdbench train writes a new one",
+        ) from error
     if text is None:
         raise MethodError(
-            Problem(
-                "the weights have no model card", str(path), "a file that dfdbench train wrote",
-                "metadata without " + _METADATA,
-            )
-        )  # fmt: skip
+            "the weights have no model card",
+            where=str(path),
+            expected="a file that dfdbench train wrote",
+            got="metadata without " + _METADATA,
+        )
     card = _read_card(text, path)
     if card.method != method:
         raise MethodError(
-            Problem(
-                "weights of another architecture", str(path), method, card.method,
-                f"use them with {card.method}",
-            )
-        )  # fmt: skip
+            "weights of another architecture",
+            where=str(path),
+            expected=method,
+            got=card.method,
+            fix=f"use them with {card.method}",
+        )
     try:
         network = build_network(method, card.architecture)
     except TypeError as error:
         raise MethodError(
-            Problem(
-                "the model card's architecture cannot be built", str(path), got=str(error),
-                fix="train again with this version, or use the version that wrote it",
-            )
-        ) from error  # fmt: skip
+            "the model card's architecture cannot be built",
+            where=str(path),
+            got=str(error),
+            fix="train again with this version, or use the version that wrote it",
+        ) from error
     _fill(network, tensors, path)
     return network.eval(), card
 
@@ -165,11 +169,11 @@ def _read_card(text: str, path: Path) -> Card:
     try:
         return Card.model_validate_json(text)
     except ValidationError as error:
-        raise MethodError(
+        raise MethodError.of(
             [
                 Problem(
                     "the model card cannot be read",
-                    f"{path}: {'.'.join(str(part) for part in item['loc'])}",
+                    where=f"{path}: {'.'.join(str(part) for part in item['loc'])}",
                     got=item["msg"],
                     fix="train again with this version, or use the version that wrote it",
                 )
@@ -185,24 +189,26 @@ def _fill(network: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
         differ = sorted(
             name for name in expected.keys() | found.keys() if expected.get(name) != found.get(name)
         )
-        raise MethodError(
+        raise MethodError.of(
             [
                 Problem(
-                    "weights do not fit the architecture of their card", f"{path}: {name}",
-                    str(expected.get(name, "nothing")), str(found.get(name, "nothing")),
+                    "weights do not fit the architecture of their card",
+                    where=f"{path}: {name}",
+                    expected=str(expected.get(name, "nothing")),
+                    got=str(found.get(name, "nothing")),
                 )
                 for name in differ[:5]
             ]
-        )  # fmt: skip
+        )
     broken = sorted(name for name, tensor in tensors.items() if not bool(tensor.isfinite().all()))
     if broken:
         raise MethodError(
-            Problem(
-                "the weights hold what is no number", str(path), "finite numbers",
-                f"nan or infinity in {', '.join(broken[:3])}",
-                "train again, with a lower learning_rate",
-            )
-        )  # fmt: skip
+            "the weights hold what is no number",
+            where=str(path),
+            expected="finite numbers",
+            got=f"nan or infinity in {', '.join(broken[:3])}",
+            fix="train again, with a lower learning_rate",
+        )
     network.load_state_dict(tensors)
 
 
@@ -228,11 +234,16 @@ def card_as_markdown(card: Card) -> str:
     lines = [f"| {name} | {value} |" for name, value in rows.items()]
     return "\n".join(
         [
-            f"# {card.method}, {card.trained_on}", "", "| | |", "|:---|:---|", *lines, "",
+            f"# {card.method}, {card.trained_on}",
+            "",
+            "| | |",
+            "|:---|:---|",
+            *lines,
+            "",
             "Scores are means over pairs under the protocol `thesis`. Written by `dfdbench train`.",
             "",
         ]
-    )  # fmt: skip
+    )
 
 
 def _as_text(values: dict[str, Any]) -> str:

@@ -9,13 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.methods.mrf import (
-    Energy,
-    potts,
-    published,
-    truncated_absolute,
-    truncated_quadratic,
-)
+from dfdbench.methods.mrf import Energy, potts, published, truncated_absolute, truncated_quadratic
 
 SEED = 20240611
 
