@@ -13,7 +13,7 @@ from scipy.stats import spearmanr
 from dfdbench.audit.difficulty import STEPS, UNSEEN, smallest_step
 from dfdbench.datasets.store import open_store
 from dfdbench.results.folder import read_prediction
-from dfdbench.results.record import RESULT, load_result
+from dfdbench.results.record_file import RESULT, load_result
 
 
 def main(dataset: str, folder: Path) -> None:

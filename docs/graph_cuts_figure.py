@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import PairImages, Store
 from dfdbench.results.folder import read_prediction
-from dfdbench.results.record import RESULT, load_result
+from dfdbench.results.record_file import RESULT, load_result
 
 REGIONS = ("unknown pixels", "near a depth edge", "flat colour", "the rest")
 

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.optics.lens_table import read_lens_table
+from dfdbench.rig.depth_map import depth_image, warp
 from dfdbench.rig.geometry import Pose, Rig
-from dfdbench.rig.lidar import average_scans, depth_image, warp
+from dfdbench.rig.lidar import average_scans
 from dfdbench.rig.lidar_files import read_beams
 from dfdbench.rig.registration import Sighting, register, sight
 from dfdbench.simulation.board_scene import MOUNTED, SimulatedScene, defocus

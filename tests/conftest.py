@@ -17,7 +17,7 @@ from moto.server import ThreadedMotoServer
 from numpy.typing import NDArray
 from upath import UPath
 
-from dfdbench.blur.synthesis import RECIPES
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dfdbench.datasets.store import Store
-from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 
 DOCS = Path(__file__).parents[1] / "docs"

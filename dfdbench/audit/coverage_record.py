@@ -8,18 +8,10 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from dfdbench.audit.coverage import (
-    LEVELS,
-    Coverage,
-    Criterion,
-    DensityBound,
-    DepthHistogram,
-    Verdict,
-    check_allowance,
-    range_text,
-    runs,
-)
+from dfdbench.audit.coverage import Coverage, Criterion, DensityBound, Verdict, check_allowance
+from dfdbench.audit.depth_histogram import LEVELS, DepthHistogram
 from dfdbench.audit.leaks import Leak
+from dfdbench.audit.level_ranges import range_text, runs
 from dfdbench.audit.sides import Side
 
 WEIGHTS = "each depth map counts once for each pair that the manifest makes of it"

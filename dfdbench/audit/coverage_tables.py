@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 
 from dfdbench.audit.coverage import Criterion, Verdict
 from dfdbench.audit.coverage_record import CoverageRecord, RangeRecord, SideRecord
-from dfdbench.tables.table import Table, percent
+from dfdbench.tables.table import Table
+from dfdbench.tables.wording import percent
 
 SCHEMA_VERSION = 1
 _SCENES_NAMED = 4

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from dfdbench.audit.coverage import LEVELS, as_ranges
+from dfdbench.audit.depth_histogram import LEVELS
+from dfdbench.audit.level_ranges import as_ranges
 from dfdbench.audit.sides import Side
-from dfdbench.tables.table import Table, percent
+from dfdbench.tables.table import Table
+from dfdbench.tables.wording import percent
 
 _BAND = 16
 

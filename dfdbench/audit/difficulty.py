@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import BlurRecipe, synthesize
+from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import InputError
 
 #: The steps tried, in depth levels.

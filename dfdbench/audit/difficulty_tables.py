@@ -8,7 +8,8 @@ from collections.abc import Mapping
 
 from dfdbench.audit.difficulty import SEEN, STEPS, UNSEEN, Difficulty, median_step
 from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.tables.table import Table, percent
+from dfdbench.tables.table import Table
+from dfdbench.tables.wording import percent
 
 SCHEMA_VERSION = 1
 #: A step that is a useful depth difference: an eighth of the range that 256 levels span.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.audit.coverage import LEVELS, Mask
+from dfdbench.audit.depth_histogram import LEVELS, Mask
 
 
 @dataclass(frozen=True)

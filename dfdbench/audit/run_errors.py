@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from dfdbench.audit.coverage import Mask, Verdict
+from dfdbench.audit.coverage import Verdict
 from dfdbench.audit.coverage_record import CoverageRecord
 from dfdbench.audit.coverage_tables import leak_text
+from dfdbench.audit.depth_histogram import Mask
 from dfdbench.audit.level_errors import LevelErrors, level_errors
 from dfdbench.audit.trained_on import Training
 from dfdbench.datasets.fingerprint import array_digest
@@ -21,7 +22,8 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, ResultError
 from dfdbench.results.folder import read_prediction, require_pairs_of
 from dfdbench.results.record import PairResult, Result
-from dfdbench.tables.table import Table, percent
+from dfdbench.tables.table import Table
+from dfdbench.tables.wording import percent
 
 SCHEMA_VERSION = 1
 #: Below this share of the error, uncovered levels are not what is wrong.

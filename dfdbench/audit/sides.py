@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.audit.coverage import DepthHistogram, Mask, depth_histogram
+from dfdbench.audit.depth_histogram import DepthHistogram, Mask, depth_histogram
 from dfdbench.datasets.fingerprint import array_digest
+from dfdbench.datasets.folds import require_fold, training_of
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
-from dfdbench.errors import InputError, StoreError, unknown_name
+from dfdbench.errors import InputError, StoreError
 
 
 @dataclass(frozen=True)
@@ -141,32 +142,6 @@ def side_of(
         )
     absent = tuple(scene for scene in scenes if scene not in histograms)
     return Side(store, name, chosen, absent, inverted)
-
-
-def training_of(manifest: Manifest, fold: str) -> tuple[str, ...]:
-    """Return the scenes that train when a fold, or a single scene, tests: all others.
-
-    Examples
-    --------
-    >>> from dfdbench.datasets.catalog import find_manifest
-    >>> len(training_of(find_manifest("middlebury"), "K03"))
-    24
-    """
-    tested = set(manifest.scenes_of(fold))
-    return tuple(scene for scene in manifest.scene_names if scene not in tested)
-
-
-def require_fold(manifest: Manifest, fold: str) -> None:
-    """Refuse what is neither a fold nor a single scene of a data set.
-
-    Raises
-    ------
-    UnknownNameError
-        Where it is neither.
-    """
-    known = (*(item.name for item in manifest.folds), *manifest.scene_names)
-    if fold not in known:
-        raise unknown_name(f"fold or scene of {manifest.stem}", fold, known)
 
 
 def all_but(store: Store, histograms: dict[str, DepthHistogram], fold: str) -> Side:

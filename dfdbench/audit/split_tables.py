@@ -7,9 +7,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from dfdbench.audit.splits import Candidate, Folds, Hopeless, Ranking, Scenes
+from dfdbench.audit.fold_proposals import Folds
+from dfdbench.audit.splits import Candidate, Hopeless, Ranking, Scenes
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.tables.table import Table, percent
+from dfdbench.tables.table import Table
+from dfdbench.tables.wording import percent
 
 SCHEMA_VERSION = 1
 #: Proposals that tables and files hold.

@@ -6,12 +6,14 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from dfdbench.audit.coverage import Coverage, as_ranges
+from dfdbench.audit.coverage import Coverage
 from dfdbench.audit.leaks import manifest_leaks
-from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of, training_of
+from dfdbench.audit.level_ranges import as_ranges
+from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of
+from dfdbench.datasets.folds import training_of
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import DfdbenchError, InputError
-from dfdbench.tables.table import percent
+from dfdbench.tables.wording import percent
 
 #: How `trained_on` names scenes: a manifest's name and version, then a split, or the fold or
 #: scene that was left out.

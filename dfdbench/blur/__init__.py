@@ -1,5 +1,6 @@
 """How a defocus image comes about."""
 
-from dfdbench.blur.synthesis import RECIPES, BlurRecipe, find_recipe, synthesize
+import lazy_loader
 
-__all__ = ["RECIPES", "BlurRecipe", "find_recipe", "synthesize"]
+# Names come when they are asked for: whoever reads a manifest needs neither numba nor torch.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -11,7 +11,8 @@ import xarray
 from numpy.typing import NDArray
 from upath import UPath
 
-from dfdbench.blur.synthesis import BlurRecipe, find_recipe, synthesize
+from dfdbench.blur.recipe import BlurRecipe, find_recipe
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.sources.interface import SceneImages, Source
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter

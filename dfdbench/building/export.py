@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import BlurRecipe
+from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store import Store

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from dfdbench.cli.screen import print_table, say
 from dfdbench.errors import InputError, ResultError
 from dfdbench.system.files import write_whole
-from dfdbench.tables.table import Table, as_markdown
+from dfdbench.tables.render import as_markdown
+from dfdbench.tables.table import Table
 
 
 class AnswerFormat(StrEnum):

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from dfdbench.blur.synthesis import RECIPES, find_recipe
+from dfdbench.blur.recipe import RECIPES, find_recipe
 from dfdbench.building.build import build_store
 from dfdbench.building.export import export_png
 from dfdbench.building.fetching.checksums import known_checksums

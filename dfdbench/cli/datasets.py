@@ -16,7 +16,7 @@ from dfdbench.datasets.integrity import verify_store
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store, default_store, is_place, open_store
 from dfdbench.errors import InputError, unknown_name
-from dfdbench.methods import registered_methods
+from dfdbench.methods.registry import registered_methods
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.system.location import size_of
 from dfdbench.tables.table import Table

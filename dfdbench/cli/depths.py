@@ -13,7 +13,8 @@ from dfdbench.cli.options import Cache
 from dfdbench.cli.screen import print_table, save_figure
 from dfdbench.datasets.store import open_store
 from dfdbench.figures.coverage import depths_figure
-from dfdbench.tables.table import Format, render
+from dfdbench.tables.render import render
+from dfdbench.tables.table import Format
 
 
 def depths(

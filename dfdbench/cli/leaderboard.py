@@ -14,19 +14,15 @@ from dfdbench.errors import InputError, ResultError
 from dfdbench.leaderboard.board_tables import ranking_table
 from dfdbench.leaderboard.boards import boards, collect
 from dfdbench.leaderboard.claimed_method import ClaimedMethod
+from dfdbench.leaderboard.data_set_problems import data_set_problems
 from dfdbench.leaderboard.folder import LEADERBOARD
 from dfdbench.leaderboard.readme import check_readme, write_readme
-from dfdbench.leaderboard.submission import data_set_problems
-from dfdbench.leaderboard.verification import (
-    SUFFIX,
-    TOLERANCE,
-    Outcome,
-    claim_of,
-    save_verification,
-    verify,
-)
-from dfdbench.results.record import RESULT, Result, load_result
-from dfdbench.tables.table import Format, render
+from dfdbench.leaderboard.verification import claim_of, verify
+from dfdbench.leaderboard.verification_file import SUFFIX, TOLERANCE, Outcome, save_verification
+from dfdbench.results.record import Result
+from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.tables.render import render
+from dfdbench.tables.table import Format
 
 app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 Folder = Annotated[Path, typer.Option(help="The leaderboard's folder.")]

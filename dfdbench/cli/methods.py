@@ -8,24 +8,27 @@ from typing import Annotated, Any
 
 import typer
 
-from dfdbench.blur.synthesis import RECIPES
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError
-from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.runs import draw_run
 from dfdbench.leaderboard.folder import LEADERBOARD, require_leaderboard
 from dfdbench.leaderboard.submission import submit as submit_result
-from dfdbench.methods import load_method
 from dfdbench.methods.check import check_method
+from dfdbench.methods.registry import load_method
 from dfdbench.metrics.protocol import find_protocol
-from dfdbench.results.record import RESULT, Result
-from dfdbench.results.run_tables import run_as_csv, run_as_json, run_tables
+from dfdbench.results.record import Result
+from dfdbench.results.record_file import RESULT
+from dfdbench.results.run_data import run_as_csv, run_as_json
+from dfdbench.results.run_tables import run_tables
 from dfdbench.results.scene_tables import scene_tables, spread_table
 from dfdbench.results.summary import scene_labels
-from dfdbench.tables.table import Format, Table, render
+from dfdbench.tables.render import render
+from dfdbench.tables.table import Format, Table
 
 Params = Annotated[
     list[str] | None, typer.Option("--param", help="NAME=VALUE for the method; repeatable.")

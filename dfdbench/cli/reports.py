@@ -14,14 +14,16 @@ from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError
 from dfdbench.figures.comparison import change_figure
 from dfdbench.leaderboard.folder import file_stems
-from dfdbench.leaderboard.submission import method_label
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.report.html import write_html
 from dfdbench.report.markdown import write_markdown
 from dfdbench.results.difference_tables import change_tables, changes_to_show
-from dfdbench.results.record import RESULT, Result
+from dfdbench.results.record import Result
+from dfdbench.results.record_file import RESULT
 from dfdbench.results.saved_run import SavedRun, open_run
-from dfdbench.tables.table import Format, render
+from dfdbench.results.wording import method_label
+from dfdbench.tables.render import render
+from dfdbench.tables.table import Format
 
 _PANELS = 4
 _PICTURES = (".png", ".pdf", ".svg")

@@ -26,7 +26,8 @@ from rich.progress import (
 from rich.text import Text
 
 from dfdbench.errors import InputError
-from dfdbench.tables.table import Table, as_rich, least_width
+from dfdbench.tables.render import as_rich
+from dfdbench.tables.table import Table, least_width
 
 _INTERRUPTED = 130
 

@@ -18,7 +18,8 @@ from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError
 from dfdbench.system.extras import needed
 from dfdbench.system.files import write_whole
-from dfdbench.tables.table import Format, Table, render
+from dfdbench.tables.render import render
+from dfdbench.tables.table import Format, Table
 
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from upath import UPath
 from zarr.errors import GroupNotFoundError
 
-from dfdbench.blur.synthesis import BlurRecipe, find_recipe
+from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.catalog import find_manifest, typed_name
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest

@@ -5,21 +5,20 @@ from __future__ import annotations
 import json
 import math
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import BlurRecipe
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import PairImages, Store
-from dfdbench.errors import MethodError, StoreError
-from dfdbench.methods import Method, Prediction, call, entry_of, load_method
+from dfdbench.evaluation.loading import load_for
+from dfdbench.methods.calling import call
 from dfdbench.methods.isolation import seeded
+from dfdbench.methods.method import Method, Prediction
 from dfdbench.metrics.protocol import PROTOCOLS, Protocol, score
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.results.record import PairResult, PairScores
@@ -31,72 +30,6 @@ TURNED = "depth falls where the truth rises"
 
 #: What became of a pair, and its depth map where there is one.
 Evaluated = tuple[PairResult, NDArray[np.float32] | None]
-
-
-def load_for(
-    store: Store, method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int = 0
-) -> Method:
-    """Load a method and hand it the facts of the data set that it asks for.
-
-    A method is named as for `dfdbench.methods.load`, or is the function or class itself, defined
-    at the top of a module. A class with a parameter ``recipe`` gets the data set's blur recipe,
-    one with ``recipe_name`` that recipe's name, empty for captured defocus, one with
-    ``training_mean`` the mean depth of the training split, one with ``seed`` the run's seed.
-    """
-    return load_method(
-        method if isinstance(method, str) else entry_of(method),
-        parameters,
-        {
-            "recipe": lambda: _recipe_of(store),
-            "recipe_name": lambda: store.recipe_name,
-            "training_mean": lambda: training_mean(store),
-            "seed": lambda: seed,
-        },
-    )
-
-
-def _recipe_of(store: Store) -> BlurRecipe:
-    recipe = store.recipe
-    if recipe is None:
-        raise MethodError(
-            "the method asks for a blur recipe, and there is none",
-            where=str(store.path),
-            expected="a data set with synthetic blur",
-            got=f"{store.manifest.short}: captured defocus",
-            fix="--param recipe=published gives it one, which is not how these images were made",
-        )
-    return recipe
-
-
-def training_mean(store: Store) -> float:
-    """Return the mean depth level over the known pixels of the training split's depth maps.
-
-    Raises
-    ------
-    StoreError
-        Where the data set has no split ``train``, or the store no pair of it.
-    """
-    splits = [split.name for split in store.manifest.splits]
-    if "train" not in splits:
-        raise StoreError(
-            what="the method asks for the mean depth of the training split, and there is none",
-            where=str(store.path),
-            expected="a split called train in the manifest",
-            got=", ".join(splits) or "no splits",
-            fix="--param training_mean=LEVEL, 0 to 255, or build from a manifest that has one",
-        )
-    total, count = 0, 0
-    seen: set[tuple[str, tuple[int, ...]]] = set()
-    for pair in store.pairs("train"):
-        place = (pair.scene, tuple(pair.at[axis] for axis in store.manifest.depth.axes))
-        if place not in seen:
-            seen.add(place)
-            depth, valid = store.read_depth(pair)
-            total += int(depth[valid].astype(np.int64).sum())
-            count += int(valid.sum())
-    if not count:
-        raise StoreError("the store holds no training depth", where=str(store.path))
-    return total / count
 
 
 class PairEvaluator:

@@ -21,7 +21,7 @@ from dfdbench.evaluation.pair import (
     RemoteEvaluator,
     blank_record,
 )
-from dfdbench.methods import Method
+from dfdbench.methods.method import Method
 from dfdbench.metrics.protocol import PROTOCOLS
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.folder import (
@@ -31,15 +31,8 @@ from dfdbench.results.folder import (
     open_run_folder,
     read_journal,
 )
-from dfdbench.results.record import (
-    RESULT,
-    DatasetRecord,
-    MethodRecord,
-    PairResult,
-    Result,
-    average,
-    save_result,
-)
+from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Result, average
+from dfdbench.results.record_file import RESULT, save_result
 from dfdbench.system.location import as_location
 from dfdbench.system.lock import hold
 from dfdbench.system.parallel import Pool

@@ -13,9 +13,11 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
-from dfdbench.audit.coverage import LEVELS, Verdict, runs
+from dfdbench.audit.coverage import Verdict
 from dfdbench.audit.coverage_record import CoverageRecord, SideRecord
+from dfdbench.audit.depth_histogram import LEVELS
 from dfdbench.audit.difficulty import STEPS, Difficulty
+from dfdbench.audit.level_ranges import runs
 from dfdbench.audit.run_errors import ErrorJoin, pair_of
 from dfdbench.audit.sides import Side
 from dfdbench.datasets.store import Store

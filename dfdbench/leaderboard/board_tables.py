@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Mapping, Sequence
-from decimal import Decimal
+from collections.abc import Mapping
 from math import fsum
 from pathlib import Path
 
 from dfdbench.leaderboard.boards import Board, Entry, Standing
-from dfdbench.leaderboard.published import PublishedTable, mean_over
+from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.protocol import METRICS, RELEASED, title_of
-from dfdbench.results.record import RESULT, Result
-from dfdbench.results.summary import SCENES_TO_TELL, interval_name
+from dfdbench.results.record import Result
+from dfdbench.results.record_file import RESULT
+from dfdbench.results.wording import (
+    HEADINGS,
+    NOTHING,
+    machine_of,
+    parameters_of,
+    score_text,
+    seconds_text,
+)
 from dfdbench.tables.table import Link, Table
-
-_NOTHING = "–"
-_HEADS = {metric: f"{metric.upper()} {'↑' if up else '↓'}" for metric, up in METRICS.items()}
 
 
 def board_tables(board: Board, folder: Path) -> list[Table]:
@@ -39,16 +42,16 @@ def ranking_table(board: Board, folder: Path) -> Table:
     rows = []
     for standing in board.standings:
         entry = standing.entry
-        scores = [_number(entry.score(protocol, metric)) for metric in METRICS]
+        scores = [score_text(entry.score(protocol, metric)) for metric in METRICS]
         rows.append(
             (
-                _NOTHING if standing.rank is None else str(standing.rank),
+                NOTHING if standing.rank is None else str(standing.rank),
                 entry.label,
                 scores[0],
                 _interval(standing.interval),
                 scores[1],
                 scores[2],
-                str(standing.above or _NOTHING),
+                str(standing.above or NOTHING),
                 seconds_text(entry.seconds),
                 entry.status,
             )
@@ -64,10 +67,10 @@ def ranking_table(board: Board, folder: Path) -> Table:
     columns = (
         "",
         "method",
-        _HEADS["nrmse"],
+        HEADINGS["nrmse"],
         interval_name(board.scenes),
-        _HEADS["nmae"],
-        _HEADS["ssim"],
+        HEADINGS["nmae"],
+        HEADINGS["ssim"],
         "behind the row above",
         "seconds a pair",
         "status",
@@ -98,7 +101,7 @@ def lighting_table(board: Board) -> Table:
             means = [_mean(entry.result, board.protocol, metric, axis, level) for level in levels]
             whole = entry.score(board.protocol, metric)
             name = entry.label if metric == "nrmse" else ""
-            rows.append((name, _HEADS[metric], *map(_number, means), _number(whole)))
+            rows.append((name, HEADINGS[metric], *map(score_text, means), score_text(whole)))
             values = {
                 **{f"{axis} {n}": m for n, m in zip(levels, means, strict=True)},
                 "overall": whole,
@@ -125,7 +128,7 @@ def runs_table(board: Board, folder: Path | None = None) -> Table:
             method.trained_on or "nothing",
             seconds_text(entry.seconds),
             machine_of(entry.result),
-            method.paper or _NOTHING,
+            method.paper or NOTHING,
         )
         if folder:
             cells += (_checked(entry), Link("result", _target(entry, folder)))
@@ -143,121 +146,6 @@ def runs_table(board: Board, folder: Path | None = None) -> Table:
         columns, align = (*columns, "reproduced", "file"), align + "ll"
     notes = ("Seconds compare only on one machine.",)
     return Table("how they were run", columns, tuple(rows), align, notes)
-
-
-def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
-    """Return the rows that a publication sets side by side, best first, without a rank."""
-    chosen = [table for table in tables if table.compare == compare]
-    first = chosen[0]
-    found: dict[str, PublishedTable] = {}
-    for table in chosen:
-        for row in table.rows:
-            found.setdefault(row.method, table)
-    lines = []
-    for method, table in found.items():
-        means = {metric: mean_over(table.rows, method, metric) for metric in METRICS}
-        by_exposure = [
-            _printed(row.scores.get("nrmse"))
-            for row in table.rows
-            if row.method == method and row.at.get("illumination") == "all"
-        ]
-        lines.append(
-            (
-                means["nrmse"] or 0.0,
-                (
-                    method,
-                    *map(_number, means.values()),
-                    *by_exposure,
-                    _published_seconds(tables, method),
-                    table.name,
-                    "published",
-                ),
-            )
-        )
-    columns = (
-        "method",
-        *_HEADS.values(),
-        *(f"NRMSE, exposure {level}" for level in (0, 1, 2)),
-        "seconds an image",
-        "where",
-        "status",
-    )
-    rows = tuple(cells for _, cells in sorted(lines))
-    notes = (
-        "The overall means are ours, of the exposures' printed ones, 18 pairs each; seconds are "
-        "the mean of the printed run times, for graph cuts over all scenes.",
-    )
-    title = f"{first.dataset}, {first.scope}: published, not rerun, not ranked"
-    return Table(title, columns, rows, "l" + "r" * 6 + "lll", notes)
-
-
-def published_table(table: PublishedTable) -> Table:
-    """Return a published table as it is printed, with its origin."""
-    places = tuple(dict.fromkeys(name for row in table.rows for name in row.at))
-    spread = any(row.std for row in table.rows)
-    timed = any(row.seconds is not None for row in table.rows)
-    metrics = [metric for metric in METRICS if any(metric in row.scores for row in table.rows)]
-    others = tuple(dict.fromkeys(name for row in table.rows for name in row.values))
-    several = len({row.method for row in table.rows}) > 1
-    columns = ["method"] if several else []
-    columns += places
-    for metric in metrics:
-        columns += [_HEADS[metric], "std"] if spread else [_HEADS[metric]]
-    columns += others
-    columns += ["seconds", "device"] if timed else []
-    rows = []
-    for row in table.rows:
-        cells = [row.method] if several else []
-        cells += [row.at.get(place, "") for place in places]
-        for metric in metrics:
-            cells.append(_printed(row.scores.get(metric)))
-            if spread:
-                cells.append(_printed(row.std.get(metric)))
-        cells += [_printed(row.values.get(name)) for name in others]
-        if timed:
-            cells += [_printed(row.seconds), row.device or ""]
-        rows.append(tuple(cells))
-    lead = len(places) + several
-    align = "l" * lead + "r" * (len(columns) - lead - timed) + "l" * timed
-    where = f"page {table.page}" if table.page else f"section {table.section}"
-    pairs = f", {table.pairs} pairs" if table.pairs else ""
-    what = f"Numbers: {table.quantity}. " if table.quantity else ""
-    notes = (
-        f"{what}Trained on: {table.training}. Protocol: {table.protocol}.",
-        f"Our note: {table.note}",
-    )
-    title = f"{table.name} ({where}): {table.title}; {table.dataset}, {table.scope}{pairs}"
-    return Table(title, tuple(columns), tuple(rows), align, notes)
-
-
-def seconds_text(seconds: float | None) -> str:
-    """Return seconds to the millisecond.
-
-    Examples
-    --------
-    >>> seconds_text(1.23456), seconds_text(0.00001)
-    ('1.235', '< 0.001')
-    """
-    if seconds is None:
-        return _NOTHING
-    return "< 0.001" if seconds < 0.001 else f"{seconds:.3f}"
-
-
-def machine_of(result: Result) -> str:
-    """Return the machine that a result was made on, in a few words.
-
-    Marketing marks in the processor's name are left out.
-    """
-    environment = result.environment
-    cpu = environment.cpu.replace("(R)", "").replace("(TM)", "")
-    machine = f"{' '.join(cpu.split())}, {environment.cpu_count} cores"
-    return f"{environment.gpu}; {machine}" if environment.gpu else machine
-
-
-def parameters_of(result: Result) -> str:
-    """Return the parameters that were set, as one would type them."""
-    settings = (f"{name}={_plain(v)}" for name, v in result.method.parameters.items())
-    return ", ".join(settings) or "defaults"
 
 
 def _record(board: Board, standing: Standing, folder: Path) -> dict[str, object]:
@@ -367,31 +255,9 @@ def _checked(entry: Entry) -> str:
     return f"{count} pairs, scores within {found.largest_difference:.1g}"
 
 
-def _published_seconds(tables: Sequence[PublishedTable], method: str) -> str:
-    by_device: dict[str, list[float]] = {}
-    for table in tables:
-        for row in table.rows:
-            if row.method == method and row.seconds is not None:
-                by_device.setdefault(row.device or "", []).append(float(row.seconds))
-    parts = [f"{seconds_text(fsum(v) / len(v))} ({device})" for device, v in by_device.items()]
-    return "; ".join(parts) or _NOTHING
-
-
 def _target(entry: Entry, folder: Path) -> str:
     return Path(os.path.relpath(entry.path, folder)).as_posix()
 
 
-def _plain(value: object) -> str:
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-
-
 def _interval(interval: tuple[float, float] | None) -> str:
-    return _NOTHING if interval is None else f"{interval[0]:.4f} to {interval[1]:.4f}"
-
-
-def _number(value: float | None) -> str:
-    return _NOTHING if value is None else f"{value:.4f}"
-
-
-def _printed(value: Decimal | None) -> str:
-    return _NOTHING if value is None else str(value)
+    return NOTHING if interval is None else f"{interval[0]:.4f} to {interval[1]:.4f}"

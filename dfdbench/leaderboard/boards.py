@@ -10,17 +10,14 @@ from pathlib import Path
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.folder import RESULTS, require_leaderboard
-from dfdbench.leaderboard.submission import TIME_FORMAT, load_submission, method_label
-from dfdbench.leaderboard.verification import (
-    SUFFIX,
-    Verification,
-    entry_problems,
-    load_verification,
-)
+from dfdbench.leaderboard.submission import TIME_FORMAT, load_submission
+from dfdbench.leaderboard.verification import entry_problems
+from dfdbench.leaderboard.verification_file import SUFFIX, Verification, load_verification
+from dfdbench.metrics.intervals import scene_interval
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.differences import Difference, changes, paired_difference
 from dfdbench.results.record import Result
-from dfdbench.results.summary import scene_interval
+from dfdbench.results.wording import method_label
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ class Standing:
     rank : int or None
         By NRMSE, ties by NMAE; None for a run that is incomplete or has no NRMSE.
     interval : tuple of float, or None
-        Of NRMSE, as `dfdbench.results.summary.scene_interval` has it.
+        Of NRMSE, as `dfdbench.metrics.intervals.scene_interval` has it.
     above : Difference or None
         How much larger its NRMSE is than that of the row above, pair by pair.
     """

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from dfdbench.errors import ResultError, unknown_name
-from dfdbench.methods import built_in_methods, registered_methods
+from dfdbench.methods.registry import built_in_methods, registered_methods
 from dfdbench.results.record import MethodRecord
 
 

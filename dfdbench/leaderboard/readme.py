@@ -10,12 +10,13 @@ from pathlib import Path
 import jinja2
 
 from dfdbench.errors import ResultError
-from dfdbench.leaderboard.board_tables import board_tables, published_summary, published_table
+from dfdbench.leaderboard.board_tables import board_tables
 from dfdbench.leaderboard.boards import Board, Entry, boards, collect
 from dfdbench.leaderboard.folder import README
 from dfdbench.leaderboard.published import PublishedTable, load_published
+from dfdbench.leaderboard.published_tables import published_summary, published_table
 from dfdbench.system.files import write_whole
-from dfdbench.tables.table import as_markdown, escape_markdown
+from dfdbench.tables.render import as_markdown, escape_markdown
 
 NOTE = "note.md"
 

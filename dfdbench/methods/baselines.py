@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 
 Image = NDArray[np.uint8]

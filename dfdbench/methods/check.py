@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import RECIPES, synthesize
-from dfdbench.methods import Method, call
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
+from dfdbench.methods.calling import call
+from dfdbench.methods.method import Method
 from dfdbench.metrics.scores import AGAINST, correlation
 
 Image = NDArray[np.uint8]
@@ -37,7 +39,7 @@ def check_method(method: Method, seed: int = 0) -> tuple[Trial, ...]:
     Parameters
     ----------
     method : Method
-        From `dfdbench.methods.load_method`.
+        From `dfdbench.methods.registry.load_method`.
     seed : int
         Of the images.
     """

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dfdbench.blur.synthesis import RECIPES, BlurRecipe, find_recipe
+from dfdbench.blur.recipe import RECIPES, BlurRecipe, find_recipe
 from dfdbench.errors import DfdbenchError, MethodError, Problem, UnknownNameError, unknown_name
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
 from dfdbench.methods.rounded_cost import rounded_cost

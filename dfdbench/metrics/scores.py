@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.errors import InputError, Problem
 
+#: A larger number of a method's own is not kept: sums of these stay finite.
+LARGEST_NUMBER = 1e100
 _SSIM_SIGMA = 1.5
 _SSIM_RADIUS = 5
 _SSIM_WEIGHTS = np.exp(-(np.arange(_SSIM_RADIUS + 1) ** 2) / (2 * _SSIM_SIGMA**2))

@@ -12,11 +12,11 @@ import numpy as np
 from markupsafe import Markup
 
 from dfdbench.figures.runs import ERROR_LIMIT
-from dfdbench.leaderboard.board_tables import seconds_text
 from dfdbench.metrics.protocol import METRICS
 from dfdbench.report.content import Content, ShownPair, gather
 from dfdbench.report.pictures import depth_map, error_map, ink, inline_svg, photo, scale
 from dfdbench.results.saved_run import SavedRun
+from dfdbench.results.wording import seconds_text
 from dfdbench.system.files import write_whole
 
 PAGE = "report.html"

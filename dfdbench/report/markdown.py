@@ -12,7 +12,7 @@ from dfdbench.figures.runs import panel_figure
 from dfdbench.report.content import Content, gather
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.system.files import write_whole
-from dfdbench.tables.table import as_markdown, escape_markdown
+from dfdbench.tables.render import as_markdown, escape_markdown
 
 PAGE = "report.md"
 _WORST = 6

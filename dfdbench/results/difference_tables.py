@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dfdbench.errors import ResultError
-from dfdbench.leaderboard.submission import method_label
+from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.protocol import METRICS
 from dfdbench.results.differences import PairChange, changes, check_comparable, paired_difference
 from dfdbench.results.record import Result
-from dfdbench.results.summary import SCENES_TO_TELL, interval_name
+from dfdbench.results.wording import method_label
 from dfdbench.tables.table import Table
 
 

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 from dfdbench.errors import Problem, ResultError
+from dfdbench.metrics.intervals import SCENES_TO_TELL, scene_interval
 from dfdbench.metrics.protocol import METRICS, label_of, require_scored
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.summary import SCENES_TO_TELL, scene_interval
 
 
 @dataclass(frozen=True)

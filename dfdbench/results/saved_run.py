@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import PairImages, Store, open_store
 from dfdbench.errors import DfdbenchError, Problem, ResultError
-from dfdbench.leaderboard.submission import method_label
 from dfdbench.results.folder import PREDICTIONS, read_prediction, read_store_place, require_pairs_of
-from dfdbench.results.record import RESULT, PairResult, Result, load_result
+from dfdbench.results.record import PairResult, Result
+from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.wording import method_label
 
 
 @dataclass(frozen=True)

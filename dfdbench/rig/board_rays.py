@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from dfdbench.errors import SourceError
+from dfdbench.rig.depth_map import in_range
 from dfdbench.rig.geometry import Pose, Rig, beam_directions, depth_image_places
-from dfdbench.rig.lidar import Beams, align_columns, crop_columns, in_range
+from dfdbench.rig.lidar import Beams, align_columns, crop_columns
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

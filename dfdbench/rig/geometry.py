@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dfdbench.rig.lidar import UPSAMPLING, Beams
+from dfdbench.rig.depth_map import UPSAMPLING
+from dfdbench.rig.lidar import Beams
 
 Floats = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ def beam_directions(beams: Beams, columns: NDArray[np.int64], turn: int = 2048) 
 
 
 def depth_image_places(rows: int, columns: int) -> Floats:
-    """Return where each cell of the cropped scan lands in `dfdbench.rig.lidar.depth_image`.
+    """Return where each cell of the cropped scan lands in `dfdbench.rig.depth_map.depth_image`.
 
     Parameters
     ----------

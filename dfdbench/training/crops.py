@@ -10,7 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from dfdbench.blur.synthesis import BlurRecipe, synthesize
+from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError

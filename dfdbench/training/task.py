@@ -9,7 +9,7 @@ from typing import Any
 import torch
 
 import dfdbench
-from dfdbench.audit.sides import require_fold, training_of
+from dfdbench.datasets.folds import require_fold, training_of
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError

@@ -14,8 +14,8 @@ from torch import nn
 
 import dfdbench
 from dfdbench.errors import InputError, Problem, ResultError
-from dfdbench.methods.networks.architectures import start_from_differences
 from dfdbench.methods.networks.inference import find_device
+from dfdbench.methods.networks.preparation import start_from_differences
 from dfdbench.methods.networks.weights import (
     Card,
     build_network,

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
 from dfdbench.audit.difficulty import STEPS, UNSEEN, Difficulty, median_step, smallest_step
-from dfdbench.blur.synthesis import RECIPES, synthesize
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
 from dfdbench.methods.baselines import Local

@@ -19,7 +19,7 @@ from dfdbench.audit.sides import sides_of
 from dfdbench.audit.trained_on import Training
 from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
-from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from tests.made_results import make_result
 

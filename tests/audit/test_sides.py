@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dfdbench.audit.coverage import depth_histogram
-from dfdbench.audit.sides import scene_histograms, sides_of, training_of
+from dfdbench.audit.depth_histogram import depth_histogram
+from dfdbench.audit.sides import scene_histograms, sides_of
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.folds import training_of
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store

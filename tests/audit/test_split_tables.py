@@ -3,6 +3,7 @@ import json
 import numpy as np
 
 from dfdbench.audit.coverage import Criterion, DensityBound
+from dfdbench.audit.fold_proposals import Folds, propose_folds
 from dfdbench.audit.split_tables import (
     Settings,
     folds_as_json,
@@ -12,7 +13,7 @@ from dfdbench.audit.split_tables import (
     ranking_table,
     split_fragment,
 )
-from dfdbench.audit.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
+from dfdbench.audit.splits import Scenes, hopeless_scenes, rank_tests
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from tests.conftest import TINY_TOML

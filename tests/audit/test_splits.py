@@ -5,7 +5,8 @@ import pytest
 
 from dfdbench.audit import splits
 from dfdbench.audit.coverage import Criterion, DensityBound, uncovered
-from dfdbench.audit.splits import Scenes, hopeless_scenes, propose_folds, rank_tests
+from dfdbench.audit.fold_proposals import propose_folds
+from dfdbench.audit.splits import Scenes, hopeless_scenes, rank_tests
 from dfdbench.errors import InputError
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import RECIPES, BlurRecipe, synthesize
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.synthesis import synthesize
 
 SHAPE = (370, 463)
 

@@ -19,7 +19,8 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.blur.synthesis import RECIPES, synthesize
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store, scene_dataset
 from dfdbench.building.sources import Source, open_source
 from dfdbench.building.sources.middlebury import depth_name, image_name

@@ -10,7 +10,7 @@ import pytest
 
 from dfdbench.audit.coverage_record import compare
 from dfdbench.audit.sides import sides_of
-from dfdbench.blur.synthesis import RECIPES
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.building.build import scene_dataset
 from dfdbench.building.sources import SceneImages
 from dfdbench.datasets.catalog import find_manifest

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import RECIPES, BlurRecipe, find_recipe, synthesize
+from dfdbench.blur.recipe import RECIPES, BlurRecipe, find_recipe
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import InputError, UnknownNameError
 
 Image = NDArray[np.uint8]

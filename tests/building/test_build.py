@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.blur.synthesis import RECIPES, synthesize
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store, scene_dataset
 from dfdbench.building.fetching.checksums import known_checksums
 from dfdbench.building.sources import SceneImages, open_source

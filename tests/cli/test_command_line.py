@@ -12,7 +12,7 @@ import pytest
 
 from dfdbench.cli import main
 from dfdbench.datasets.store import Store
-from dfdbench.results.record import load_result
+from dfdbench.results.record_file import load_result
 from tests.conftest import TINY_TOML
 from tests.site import Site, served
 

@@ -17,7 +17,7 @@ from dfdbench.building.sources import open_source
 from dfdbench.cli import main
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.results.record import load_result
+from dfdbench.results.record_file import load_result
 from dfdbench.system.parallel import Threads
 from tests.conftest import TINY_TOML, shared_data_folder, write_png
 

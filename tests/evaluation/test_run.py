@@ -19,13 +19,13 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, ResultError, StoreError
-from dfdbench.evaluation.pair import load_for, training_mean
+from dfdbench.evaluation.loading import load_for, training_mean
 from dfdbench.evaluation.run import run_method
-from dfdbench.methods import Method
 from dfdbench.methods.baselines import Constant
+from dfdbench.methods.method import Method
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.results.folder import PREDICTIONS, keep_prediction, read_prediction, read_store_place
-from dfdbench.results.record import RESULT, load_result
+from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.system.parallel import Cluster, Pool, Processes
 from tests.conftest import TINY_TOML
 

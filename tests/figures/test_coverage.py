@@ -7,7 +7,7 @@ from dfdbench.audit.coverage_record import compare
 from dfdbench.audit.run_errors import join_errors
 from dfdbench.audit.sides import sides_of
 from dfdbench.datasets.store import Store
-from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_figure
 

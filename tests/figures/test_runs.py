@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from dfdbench.datasets.store import Store
-from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.runs import draw_run, pixel_time_figure, score_figure
 from tests.made_results import make_result

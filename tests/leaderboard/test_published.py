@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from dfdbench.errors import ResultError
-from dfdbench.leaderboard.board_tables import published_summary, published_table
 from dfdbench.leaderboard.published import load_published, mean_over
-from dfdbench.methods import registered_methods
+from dfdbench.leaderboard.published_tables import published_summary, published_table
+from dfdbench.methods.registry import registered_methods
 
 FOLDER = Path(__file__).parents[2] / "leaderboard"
 PUBLISHED = load_published(FOLDER)

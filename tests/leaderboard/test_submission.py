@@ -8,9 +8,12 @@ import pytest
 
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import ResultError
+from dfdbench.leaderboard.data_set_problems import data_set_problems
 from dfdbench.leaderboard.folder import FINGERPRINTS, UNDEFINED, file_stems
-from dfdbench.leaderboard.submission import data_set_problems, load_submission, method_label, submit
-from dfdbench.results.record import PairScores, Result, average, seal_of
+from dfdbench.leaderboard.submission import load_submission, submit
+from dfdbench.results.record import PairScores, Result, average
+from dfdbench.results.record_file import seal_of
+from dfdbench.results.wording import method_label
 from tests.made_results import limited, make_demo_result, make_result
 
 WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)

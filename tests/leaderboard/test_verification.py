@@ -8,13 +8,16 @@ import pytest
 
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, ResultError, UnknownNameError
-from dfdbench.evaluation.pair import PairEvaluator, load_for
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.evaluation.run import run_method
 from dfdbench.leaderboard.boards import boards, collect
 from dfdbench.leaderboard.submission import submit
-from dfdbench.leaderboard.verification import load_verification, save_verification, verify
+from dfdbench.leaderboard.verification import verify
+from dfdbench.leaderboard.verification_file import load_verification, save_verification
 from dfdbench.metrics.protocol import RELEASED, find_protocol
-from dfdbench.results.record import RESULT, Result, average, load_result, save_result, seal_of
+from dfdbench.results.record import Result, average
+from dfdbench.results.record_file import RESULT, load_result, save_result, seal_of
 from dfdbench.results.run_tables import run_tables
 
 

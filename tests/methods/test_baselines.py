@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import RECIPES, BlurRecipe, synthesize
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import MethodError
 from dfdbench.methods.baselines import Constant, Local
 from dfdbench.metrics.scores import nmae

@@ -3,8 +3,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.methods import Method, load_method
 from dfdbench.methods.check import check_method
+from dfdbench.methods.method import Method
+from dfdbench.methods.registry import load_method
 
 
 def problems(predict: Any) -> dict[str, str]:

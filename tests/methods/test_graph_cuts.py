@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import RECIPES, BlurRecipe, synthesize
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import DfdbenchError, InputError
-from dfdbench.methods import Method
 from dfdbench.methods.baselines import Local
 from dfdbench.methods.check import check_method
 from dfdbench.methods.graph_cuts import SMOOTHNESS, GraphCuts
+from dfdbench.methods.method import Method
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 Image = NDArray[np.uint8]

@@ -14,9 +14,8 @@ import torch
 
 from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError
-from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.methods import load
 from dfdbench.methods.networks.weights import (
     Card,
     build_network,
@@ -25,6 +24,7 @@ from dfdbench.methods.networks.weights import (
     save_weights,
     shipped_weights,
 )
+from dfdbench.methods.registry import load
 from tests.methods.networks.test_architectures import SMALL
 
 

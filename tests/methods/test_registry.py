@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.blur.synthesis import RECIPES, BlurRecipe
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, UnknownNameError
-from dfdbench.methods import Method, call, load, load_method, registered_methods
+from dfdbench.methods.calling import call
+from dfdbench.methods.method import Method
+from dfdbench.methods.registry import load, load_method, registered_methods
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 

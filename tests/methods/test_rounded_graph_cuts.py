@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import RECIPES, BlurRecipe, synthesize
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import InputError, MethodError
-from dfdbench.methods import Method
 from dfdbench.methods.check import check_method
 from dfdbench.methods.graph_cuts import GraphCuts
+from dfdbench.methods.method import Method
 from dfdbench.methods.rounded_graph_cuts import RoundedGraphCuts
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.datasets.store import Store
-from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.methods import Method
-from dfdbench.results.record import RESULT
+from dfdbench.methods.method import Method
+from dfdbench.results.record_file import RESULT
 from dfdbench.results.saved_run import SavedRun, open_run
 
 HOSTILE = """<img src=x onerror=alert(1)> "q" 'p' | </script> $x$ _ 🐟"""

@@ -8,7 +8,7 @@ import jsonschema
 import pytest
 
 from dfdbench.errors import ResultError
-from dfdbench.results.record import load_result, result_schema, save_result
+from dfdbench.results.record_file import load_result, result_schema, save_result
 from tests.made_results import make_result
 
 VALUES = {("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("b", 5, 1, 0): None}

@@ -5,8 +5,10 @@ import json
 import pytest
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.results.run_tables import run_as_csv, run_as_json, run_tables
-from dfdbench.tables.table import Format, Table, as_markdown, as_rich, render
+from dfdbench.results.run_data import run_as_csv, run_as_json
+from dfdbench.results.run_tables import run_tables
+from dfdbench.tables.render import as_markdown, as_rich, render
+from dfdbench.tables.table import Format, Table
 from tests.made_results import make_result
 
 VALUES = {

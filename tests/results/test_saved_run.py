@@ -4,9 +4,9 @@ import pytest
 
 from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
-from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.results.record import save_result
+from dfdbench.results.record_file import save_result
 from dfdbench.results.saved_run import open_run
 from tests.made_results import make_result
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from dfdbench.datasets.manifest import Scene, Split
-from dfdbench.results.run_tables import run_as_csv, run_as_json
+from dfdbench.results.run_data import run_as_csv, run_as_json
 from dfdbench.results.scene_tables import scene_tables, spread_table
 from dfdbench.results.summary import scene_labels
 from tests.made_results import limited, make_result

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dfdbench.metrics.intervals import bootstrap_interval, scene_interval
 from dfdbench.results.record import PairResult, PairScores
-from dfdbench.results.summary import bootstrap_interval, ranked, scene_interval, summarise
+from dfdbench.results.summary import ranked, summarise
 from tests.made_results import make_result
 
 # Table 5.3 of the thesis, exposure 0: mean and std of the NRMSE of 6 pairs an illumination.

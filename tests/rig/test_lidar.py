@@ -6,19 +6,15 @@ from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 
 from dfdbench.errors import InputError
+from dfdbench.rig.depth_map import depth_image, in_range, to_levels, upsample, warp
 from dfdbench.rig.lidar import (
     Beams,
     align_columns,
     average_scans,
     crop_columns,
-    depth_image,
     fill_missing,
-    in_range,
     median_cross,
     to_cartesian,
-    to_levels,
-    upsample,
-    warp,
 )
 from dfdbench.rig.lidar_files import read_beams
 

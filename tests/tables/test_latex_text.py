@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dfdbench.tables.latex_text import latex_label, latex_text
-from dfdbench.tables.table import Table, as_latex
+from dfdbench.tables.render import as_latex
+from dfdbench.tables.table import Table
 
 NAMES = ("Łódź's Übung", "🐟 fish", "日本", "a_b%&#$~^\\{}", "[3pt]", "-0.5 to -.25", "\u200bx\x07")
 

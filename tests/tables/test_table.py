@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.tables.table import Format, Link, Table, as_latex, as_markdown, render
+from dfdbench.tables.render import as_latex, as_markdown, render
+from dfdbench.tables.table import Format, Link, Table
 
 TABLE = Table(
     "T & co",

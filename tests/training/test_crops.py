@@ -6,7 +6,8 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
-from dfdbench.blur.synthesis import BlurRecipe, synthesize
+from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
 from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels, oriented

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
-from dfdbench.blur.synthesis import BlurRecipe
+from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.training.crops import Cropper, Redraw, TrainingImages
 from dfdbench.training.selections import selections_of
 

@@ -17,7 +17,7 @@ from dfdbench.building.sources import open_source
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
-from dfdbench.evaluation.pair import load_for
+from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.training.configuration import TrainingConfiguration

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from dfdbench.datasets.manifest import Capture
 from dfdbench.errors import Problem, SourceError
+from dfdbench.rig.depth_map import depth_image, warp
 from dfdbench.rig.geometry import Rig
-from dfdbench.rig.lidar import Beams, average_scans, depth_image, warp
+from dfdbench.rig.lidar import Beams, average_scans
 from dfdbench.rig.lidar_files import read_beams, read_ranges
 from dfdbench.rig.registration_file import NAME as REGISTRATION
 from dfdbench.rig.registration_file import read_registration

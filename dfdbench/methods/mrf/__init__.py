@@ -1,15 +1,14 @@
 """Solvers for labelings of a grid with a cost per pixel and a cost per pair of neighbours."""
 
-from dfdbench.methods.mrf.energy import (
-    Energy,
-    Solution,
+from dfdbench.methods.mrf.energy import Energy, Solution
+from dfdbench.methods.mrf.expansion import expansion
+from dfdbench.methods.mrf.smoothness import (
     adaptive_potts_weights,
     potts,
     published,
     truncated_absolute,
     truncated_quadratic,
 )
-from dfdbench.methods.mrf.expansion import expansion
 from dfdbench.methods.mrf.split import Quality, split
 from dfdbench.methods.mrf.trws import lower_bound, message_passing
 

@@ -42,7 +42,8 @@ def expansion(
     Examples
     --------
     >>> import numpy as np
-    >>> from dfdbench.methods.mrf.energy import Energy, potts
+    >>> from dfdbench.methods.mrf.energy import Energy
+    >>> from dfdbench.methods.mrf.smoothness import potts
     >>> unary = np.array([[[9, 0, 5], [9, 5, 3], [9, 0, 5]]], np.uint16)
     >>> solution = expansion(Energy(unary, potts(3, cap=2)))
     >>> solution.labels.tolist(), solution.energy, solution.history

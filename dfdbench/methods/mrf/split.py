@@ -69,7 +69,8 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     Examples
     --------
     >>> import numpy as np
-    >>> from dfdbench.methods.mrf.energy import Energy, truncated_absolute
+    >>> from dfdbench.methods.mrf.energy import Energy
+    >>> from dfdbench.methods.mrf.smoothness import truncated_absolute
     >>> unary = np.array([[[9, 4, 0, 4], [3, 3, 2, 1], [9, 4, 0, 4]]], np.uint16)
     >>> solution = split(Energy(unary, truncated_absolute(4, cap=255)))
     >>> solution.labels.tolist(), solution.energy

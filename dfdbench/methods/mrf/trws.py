@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError
-from dfdbench.methods.mrf.energy import COST_LIMIT, Energy, Solution, label_dtype
+from dfdbench.methods.mrf.energy import Energy, Solution, label_dtype
+from dfdbench.methods.mrf.smoothness import COST_LIMIT
 
 __all__ = ["lower_bound", "message_passing"]
 
@@ -52,7 +53,8 @@ def message_passing(energy: Energy, iterations: int = 20) -> Solution:
     Examples
     --------
     >>> import numpy as np
-    >>> from dfdbench.methods.mrf.energy import Energy, truncated_absolute
+    >>> from dfdbench.methods.mrf.energy import Energy
+    >>> from dfdbench.methods.mrf.smoothness import truncated_absolute
     >>> unary = np.array([[[0, 9, 9], [2, 0, 2], [9, 9, 0]]], np.uint16)
     >>> solution = message_passing(Energy(unary, truncated_absolute(3, cap=2)), 3)
     >>> solution.labels.tolist(), solution.energy, solution.lower_bound
@@ -109,7 +111,8 @@ def lower_bound(energy: Energy, iterations: int = 20) -> int:
     Examples
     --------
     >>> import numpy as np
-    >>> from dfdbench.methods.mrf.energy import Energy, potts
+    >>> from dfdbench.methods.mrf.energy import Energy
+    >>> from dfdbench.methods.mrf.smoothness import potts
     >>> lower_bound(Energy(np.array([[[0, 5], [5, 0]]], np.uint16), potts(2, cap=3)))
     3
     """

@@ -1,5 +1,6 @@
 """The networks: architecture, widths, weights, inference."""
 
-from dfdbench.methods.networks.architectures import DfDNet, UNet
+import lazy_loader
 
-__all__ = ["DfDNet", "UNet"]
+# Names come when they are asked for: whoever reads a manifest needs neither numba nor torch.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
 
 from dfdbench.errors import InputError, Problem
+from dfdbench.methods.networks.layers import (
+    ACTIVATIONS,
+    EQUAL,
+    Convolved,
+    Normalize,
+    Residual,
+    double,
+    halve,
+    in_float32,
+    start_as_published,
+    two_convolutions,
+)
 from dfdbench.methods.networks.widths import FILTERS, LAYERS
 
 #: One class a depth level.
@@ -17,9 +28,6 @@ LEVELS = 256
 PUBLISHED_MEANS = (110.9551, 98.1071, 69.9262, 111.0131, 98.1506, 69.9516)
 #: Channels of the U-Net's levels, Ronneberger et al. 2015.
 UNET_FILTERS = (64, 128, 256, 512, 1024)
-# A residual block adds its input to its output: these columns of Table D.2 must be equal.
-_EQUAL = ((0, 2), (3, 5), (6, 8), (10, 12), (14, 16))
-_ACTIVATIONS = {"prelu": nn.PReLU, "sigmoid": nn.Sigmoid}
 
 
 class DfDNet(nn.Module):
@@ -67,11 +75,11 @@ class DfDNet(nn.Module):
     ) -> None:
         super().__init__()
         f = _checked_filters(filters)
-        if first_activation not in _ACTIVATIONS:
+        if first_activation not in ACTIVATIONS:
             raise InputError(
                 "unknown activation",
                 where="first_activation",
-                expected=" or ".join(_ACTIVATIONS),
+                expected=" or ".join(ACTIVATIONS),
                 got=str(first_activation),
             )
         if not 1 <= sampling_size <= 8:
@@ -81,19 +89,19 @@ class DfDNet(nn.Module):
                 expected="1 to 8",
                 got=str(sampling_size),
             )
-        self.pixels = _Normalize(channel_means)
-        self.entry = _Convolved(6, f[0], _ACTIVATIONS[first_activation]())
-        self.encode_1 = _Residual(f[0], f[1])
-        self.down_1 = _halve(f[2], f[3], sampling_size)
-        self.encode_2 = _Residual(f[3], f[4])
-        self.down_2 = _halve(f[5], f[6], sampling_size)
-        self.bottom = _Residual(f[6], f[7])
-        self.up_2 = _double(f[8], f[9], sampling_size)
-        self.merge_2 = _Convolved(f[9] + f[5], f[10], nn.PReLU())
-        self.decode_2 = _Residual(f[10], f[11])
-        self.up_1 = _double(f[12], f[13], sampling_size)
-        self.merge_1 = _Convolved(f[13] + f[2], f[14], nn.PReLU())
-        self.decode_1 = _Residual(f[14], f[15])
+        self.pixels = Normalize(channel_means)
+        self.entry = Convolved(6, f[0], ACTIVATIONS[first_activation]())
+        self.encode_1 = Residual(f[0], f[1])
+        self.down_1 = halve(f[2], f[3], sampling_size)
+        self.encode_2 = Residual(f[3], f[4])
+        self.down_2 = halve(f[5], f[6], sampling_size)
+        self.bottom = Residual(f[6], f[7])
+        self.up_2 = double(f[8], f[9], sampling_size)
+        self.merge_2 = Convolved(f[9] + f[5], f[10], nn.PReLU())
+        self.decode_2 = Residual(f[10], f[11])
+        self.up_1 = double(f[12], f[13], sampling_size)
+        self.merge_1 = Convolved(f[13] + f[2], f[14], nn.PReLU())
+        self.decode_1 = Residual(f[14], f[15])
         self.normalize = nn.BatchNorm2d(f[16])
         self.activate = nn.PReLU()
         self.classify = nn.Conv2d(f[16], f[17], 3, padding=1)
@@ -105,7 +113,7 @@ class DfDNet(nn.Module):
 
     def forward(self, pixels: Tensor) -> Tensor:
         """Return logits of the depth levels."""
-        level_1: Tensor = self.encode_1(_in_float32(self.entry, self.pixels(pixels)))
+        level_1: Tensor = self.encode_1(in_float32(self.entry, self.pixels(pixels)))
         level_2: Tensor = self.encode_2(self.down_1(level_1))
         up_2: Tensor = self.up_2(self.bottom(self.down_2(level_2)))
         level_2 = self.decode_2(self.merge_2(torch.cat((up_2, level_2), 1)))
@@ -158,21 +166,21 @@ class UNet(nn.Module):
                 expected="5 numbers, the last four even",
                 got=", ".join(str(number) for number in f),
             )
-        self.pixels = _Normalize(channel_means)
+        self.pixels = Normalize(channel_means)
         self.encoders = nn.ModuleList(
-            _two_convolutions(before, after) for before, after in zip([6, *f[:-1]], f, strict=True)
+            two_convolutions(before, after) for before, after in zip([6, *f[:-1]], f, strict=True)
         )
         self.ups = nn.ModuleList(
             nn.ConvTranspose2d(number, number // 2, 2, stride=2) for number in f[:0:-1]
         )
         self.decoders = nn.ModuleList(
-            _two_convolutions(below // 2 + here, here)
+            two_convolutions(below // 2 + here, here)
             for below, here in zip(f[:0:-1], f[-2::-1], strict=True)
         )
         self.classify = nn.Conv2d(f[0], LEVELS, 1)
         for module in self.modules():
             if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
-                _start_as_published(module)
+                start_as_published(module)
 
     @property
     def first(self) -> nn.Module:
@@ -182,7 +190,7 @@ class UNet(nn.Module):
 
     def forward(self, pixels: Tensor) -> Tensor:
         """Return logits of the depth levels."""
-        here = _in_float32(self.encoders[0], self.pixels(pixels))
+        here = in_float32(self.encoders[0], self.pixels(pixels))
         skipped = []
         for encode in self.encoders[1:]:
             skipped.append(here)
@@ -191,145 +199,6 @@ class UNet(nn.Module):
             here = decode(torch.cat((up(here), skipped.pop()), 1))
         logits: Tensor = self.classify(here)
         return logits
-
-
-class _Normalize(nn.Module):
-    # Kept in the network: weights without their means would be worth nothing.
-    means: Tensor
-
-    def __init__(self, channel_means: Sequence[float]) -> None:
-        super().__init__()
-        if len(channel_means) != 6:
-            raise InputError(
-                "wrong number of means",
-                where="channel_means",
-                expected="6: in-focus RGB, defocus RGB",
-                got=str(len(channel_means)),
-            )
-        means = torch.tensor([float(mean) for mean in channel_means])
-        self.register_buffer("means", means.reshape(1, 6, 1, 1))
-
-    def forward(self, pixels: Tensor) -> Tensor:
-        return (pixels - self.means) / 256
-
-
-class _Convolved(nn.Module):
-    # Eq. 5.12: the bias is the batch normalization's.
-    def __init__(self, before: int, after: int, activation: nn.Module) -> None:
-        super().__init__()
-        self.convolve: nn.Module = nn.Conv2d(before, after, 3, padding=1, bias=False)
-        self.normalize: nn.Module = nn.BatchNorm2d(after)
-        self.activate = activation
-
-    def forward(self, x: Tensor) -> Tensor:
-        convolved: Tensor = self.activate(self.normalize(self.convolve(x)))
-        return convolved
-
-    def fold(self) -> None:
-        assert isinstance(self.convolve, nn.Conv2d)
-        assert isinstance(self.normalize, nn.BatchNorm2d)
-        self.convolve = nn.utils.fuse_conv_bn_eval(self.convolve, self.normalize)
-        self.normalize = nn.Identity()
-
-
-class _Residual(nn.Module):
-    # Fig. 5.4
-    def __init__(self, channels: int, inner: int) -> None:
-        super().__init__()
-        self.first = _Convolved(channels, inner, nn.PReLU())
-        self.second = nn.Conv2d(inner, channels, 3, padding=1)
-
-    def forward(self, x: Tensor) -> Tensor:
-        added: Tensor = x + self.second(self.first(x))
-        return added
-
-
-def _in_float32(layers: nn.Module, pixels: Tensor) -> Tensor:
-    # Blur shows in differences of a grey level or less: bf16 would round them away.
-    with torch.autocast(pixels.device.type, enabled=False):
-        convolved: Tensor = layers(pixels.float())
-    return convolved
-
-
-def _halve(before: int, after: int, size: int) -> nn.Module:
-    # An even image is halved exactly by any size: (size - 1) // 2 pixels are added on each side.
-    return nn.Conv2d(before, after, size, stride=2, padding=(size - 1) // 2)
-
-
-def _double(before: int, after: int, size: int) -> nn.Module:
-    return nn.ConvTranspose2d(
-        before, after, size, stride=2, padding=(size - 1) // 2, output_padding=size % 2
-    )
-
-
-def _start_as_published(convolution: nn.Conv2d | nn.ConvTranspose2d) -> None:
-    # Ronneberger et al., section 3: without batch normalization, the signal keeps its size
-    # through the levels only where filters are drawn with a deviation of sqrt(2 / inputs).
-    inputs = convolution.in_channels
-    if isinstance(convolution, nn.Conv2d):
-        inputs *= convolution.kernel_size[0] * convolution.kernel_size[1]
-    nn.init.normal_(convolution.weight, std=math.sqrt(2 / inputs))
-    assert convolution.bias is not None
-    nn.init.zeros_(convolution.bias)
-
-
-def _two_convolutions(before: int, after: int) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(before, after, 3, padding=1),
-        nn.ReLU(),
-        nn.Conv2d(after, after, 3, padding=1),
-        nn.ReLU(),
-    )
-
-
-@torch.no_grad()
-def start_from_differences(network: DfDNet | UNet, pixels: Tensor) -> None:
-    """Let a network, still random, look for blur rather than for brightness.
-
-    One half of the first filters takes the difference of the two images, the other the in-focus
-    image's own detail: they no longer see how bright it is. Both are small where brightness is
-    large; the filters are scaled so that each answers with a deviation of one (Mishkin and
-    Matas 2016), or a network without batch normalization would hardly notice them. Not of the
-    thesis.
-
-    Parameters
-    ----------
-    network : DfDNet or UNet
-        Its first convolution is changed in place.
-    pixels : Tensor
-        Images such as it will be trained on, shape (n, 6, y, x).
-    """
-    convolution = network.first
-    assert isinstance(convolution, nn.Conv2d)
-    weights = convolution.weight
-    half = weights.shape[0] // 2
-    weights[:half, 3:] = -weights[:half, :3]
-    weights[half:, :3] -= weights[half:, :3].mean((2, 3), keepdim=True)
-    weights[half:, 3:] = 0
-    answers = convolution(network.pixels(pixels.to(weights.device)))
-    weights /= answers.std((0, 2, 3)).clamp(min=1e-3).reshape(-1, 1, 1, 1)
-
-
-def fold_batch_norm(network: nn.Module) -> nn.Module:
-    """Put batch normalization into the convolutions before it, in place; for inference only.
-
-    Parameters
-    ----------
-    network : nn.Module
-        In evaluation mode.
-
-    Examples
-    --------
-    >>> network = DfDNet(FILTERS["B-01-01"]).eval()
-    >>> image = torch.full((1, 6, 8, 8), 100.0)
-    >>> before = network(image)
-    >>> torch.allclose(fold_batch_norm(network)(image), before, atol=1e-4)
-    True
-    """
-    for module in network.modules():
-        if isinstance(module, _Convolved):
-            module.fold()
-    return network
 
 
 def _checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
@@ -348,7 +217,7 @@ def _checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
             expected=f"layers {LAYERS[one]} and {LAYERS[other]} equal",
             got=f"{numbers[one]} and {numbers[other]}",
         )
-        for one, other in _EQUAL
+        for one, other in EQUAL
         if numbers[one] != numbers[other]
     ]
     if problems:

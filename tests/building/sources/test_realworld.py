@@ -5,7 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.blur.synthesis import RECIPES, synthesize
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.building.sources.captures import average_frames

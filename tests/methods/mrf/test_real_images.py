@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.blur.synthesis import RECIPES, synthesize
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.mrf import Energy, expansion, lower_bound, split
 

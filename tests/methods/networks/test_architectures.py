@@ -8,13 +8,8 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.errors import InputError
-from dfdbench.methods.networks.architectures import (
-    PUBLISHED_MEANS,
-    DfDNet,
-    UNet,
-    fold_batch_norm,
-    start_from_differences,
-)
+from dfdbench.methods.networks.architectures import PUBLISHED_MEANS, DfDNet, UNet
+from dfdbench.methods.networks.preparation import fold_batch_norm, start_from_differences
 from dfdbench.methods.networks.widths import FILTERS, LAYERS, narrowed
 
 # Fig. 5.5, input to output: the thesis's layer number, channels in and out, filter size.

@@ -1,0 +1,160 @@
+"""How much each depth level is blurred."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from collections.abc import Mapping
+from dataclasses import MISSING, asdict, dataclass, fields
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import InputError, Problem, unknown_name
+
+
+def _is_positive(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return False
+    try:
+        number = float(value)
+    except OverflowError:
+        return False
+    return math.isfinite(number) and number > 0
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+
+
+@dataclass(frozen=True)
+class BlurRecipe:
+    """How much each depth level is blurred: ``sigma_i = sigma_min + i * sigma_step``.
+
+    Parameters
+    ----------
+    sigma_min : float
+        Standard deviation of the Gaussian at blur level 0, in pixels.
+    sigma_step : float
+        What each level adds, in pixels.
+    levels : int
+        Number of blur levels, 2 to 256.
+    kernel_size : int
+        Side of the square kernel in pixels, odd.
+    invert : bool
+        True: blur level = levels - 1 - depth (a brighter, nearer pixel is blurred less).
+        False: blur level = depth.
+
+    Notes
+    -----
+    Eq. 3.2 and 3.3 of the thesis; which numbers made its images: `RECIPES`.
+
+    Examples
+    --------
+    >>> recipe = RECIPES["published"]
+    >>> round(float(recipe.sigmas[255]), 5)
+    3.18875
+    >>> recipe.depth_of_level(recipe.level_of_depth(200))
+    200
+    """
+
+    sigma_min: float
+    sigma_step: float
+    levels: int = 256
+    kernel_size: int = 27
+    invert: bool = True
+
+    def __post_init__(self) -> None:
+        size = self.kernel_size
+        fits = {
+            "sigma_min": (_is_positive(self.sigma_min), "a number > 0"),
+            "sigma_step": (_is_positive(self.sigma_step), "a number > 0"),
+            "levels": (_is_whole(self.levels) and 2 <= self.levels <= 256, "2 to 256"),
+            "kernel_size": (_is_whole(size) and size > 0 and size % 2 == 1, "odd, positive"),
+            "invert": (isinstance(self.invert, bool), "true or false"),
+        }
+        problems = [
+            Problem(
+                "wrong blur recipe", where=name, expected=expected, got=repr(getattr(self, name))
+            )
+            for name, (right, expected) in fits.items()
+            if not right
+        ]
+        if problems:
+            raise InputError.of(problems)
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """The standard deviation of each blur level, in pixels."""
+        return self.sigma_min + np.arange(self.levels, dtype=np.float64) * self.sigma_step
+
+    def level_of_depth(self, depth: Any) -> Any:
+        """Return the blur level of a depth level (number or array)."""
+        return self.levels - 1 - depth if self.invert else depth
+
+    def depth_of_level(self, level: Any) -> Any:
+        """Return the depth level of a blur level: the exact inverse of `level_of_depth`."""
+        return self.levels - 1 - level if self.invert else level
+
+    def kernels(self) -> NDArray[np.float64]:
+        """Return the 1-D Gaussian of each level, shape (levels, kernel_size), each of sum 1.
+
+        The 2-D kernel is the outer product of a row with itself.
+        """
+        radius = self.kernel_size // 2
+        offsets = np.arange(-radius, radius + 1, dtype=np.float64)
+        rows = np.exp(-(offsets**2) / (2 * self.sigmas[:, np.newaxis] ** 2))
+        return np.asarray(rows / rows.sum(axis=1, keepdims=True), dtype=np.float64)
+
+    def as_dict(self) -> dict[str, float | int | bool]:
+        """Return the parameters by name, fit for JSON."""
+        return asdict(self)
+
+
+#: The recipes by name. `published` (step 2.88 / 256) made the images published with the thesis,
+#: bit for bit; `text` (step 2.56 / 256) is what its Eq. 3.2 says.
+RECIPES: Mapping[str, BlurRecipe] = MappingProxyType(
+    {
+        "published": BlurRecipe(sigma_min=0.32, sigma_step=0.01125),
+        "text": BlurRecipe(sigma_min=0.32, sigma_step=0.01),
+    }
+)
+
+
+def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:
+    """Return a recipe from its name, its parameters, or itself.
+
+    Raises
+    ------
+    UnknownNameError
+        Where no recipe has that name.
+    InputError
+        Where a parameter is unknown, lacking, of the wrong type or out of range.
+
+    Examples
+    --------
+    >>> find_recipe("text").sigma_step
+    0.01
+    """
+    if isinstance(recipe, BlurRecipe):
+        return recipe
+    if isinstance(recipe, str):
+        if recipe not in RECIPES:
+            raise unknown_name("blur recipe", recipe, RECIPES)
+        return RECIPES[recipe]
+    known = [field.name for field in fields(BlurRecipe)]
+    problems = [
+        Problem(what="unknown field of a blur recipe", expected=", ".join(known), got=str(name))
+        for name in recipe
+        if name not in known
+    ]
+    problems += [
+        Problem(what="a field of the blur recipe is lacking", expected=field.name)
+        for field in fields(BlurRecipe)
+        if field.default is MISSING and field.name not in recipe
+    ]
+    if problems:
+        raise InputError.of(problems)
+    return BlurRecipe(**recipe)

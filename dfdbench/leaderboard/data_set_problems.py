@@ -1,0 +1,132 @@
+"""Whether a submitted result is on released data, whole and under released protocols."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from dfdbench.datasets.catalog import released_manifests
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.errors import DfdbenchError, Problem, unknown_name
+from dfdbench.leaderboard.folder import UNDEFINED, known_fingerprints, known_undefined
+from dfdbench.metrics.protocol import METRICS, RELEASED, label_of
+from dfdbench.results.record import Result
+
+
+def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]:
+    """Return in what a result differs from the released data set and protocols it names."""
+    dataset = result.dataset
+    try:
+        manifest = _released(dataset.name)
+        expected = {pair.id: pair for pair in manifest.pairs(dataset.split)}
+    except DfdbenchError as error:
+        return [
+            Problem(
+                problem.what,
+                where=where,
+                expected=problem.expected,
+                got=problem.got,
+                fix=problem.fix,
+            )
+            for problem in error.problems
+        ]
+    problems = list(_other_facts(result, manifest, where))
+    if dataset.manifest_sha256 != manifest.sha256:
+        problems.append(
+            Problem(
+                f"hash of another manifest than {dataset.name}",
+                where=f"{where}: dataset",
+                expected=manifest.sha256,
+                got=dataset.manifest_sha256,
+            )
+        )
+    known = known_fingerprints(folder).get(dataset.name)
+    if known and dataset.recipe["name"] == manifest.recipe and dataset.fingerprint not in known:
+        problems.append(
+            Problem(
+                f"fingerprint of other data than {dataset.name}",
+                where=f"{where}: dataset",
+                expected=" or ".join(known),
+                got=dataset.fingerprint,
+                fix=f"dfdbench build {dataset.short}",
+            )
+        )
+    found = {pair.id: pair for pair in result.pairs}
+    for what, names in (
+        ("missing from the split", expected.keys() - found.keys()),
+        ("too many for the split", found.keys() - expected.keys()),
+    ):
+        if names:
+            count = f"{len(names)} pair{'s' if len(names) > 1 else ''}"
+            whole = f"{len(expected)} pairs of {dataset.name}, split {dataset.split}"
+            named = ", ".join(sorted(names)[:3]) + (", ..." if len(names) > 3 else "")
+            problems.append(
+                Problem(f"{count} {what}", where=f"{where}: pairs", expected=whole, got=named)
+            )
+    problems += [
+        Problem("pair's coordinates are not those of its name", where=f"{where}: {name}")
+        for name, pair in found.items()
+        if name in expected
+        and (pair.scene, pair.coordinates) != (expected[name].scene, expected[name].at)
+    ]
+    for protocol in result.protocols:
+        released = RELEASED.get(label_of(protocol))
+        if released is None or released.as_dict() != protocol:
+            problems.append(
+                Problem(
+                    "not a released protocol",
+                    where=f"{where}: protocols",
+                    expected=str(released.as_dict()) if released else ", ".join(RELEASED),
+                    got=str(protocol),
+                )
+            )
+    return problems + _left_out(result, folder, where)
+
+
+def _released(name: str) -> Manifest:
+    # By its full name alone: another name or a file of one's own would make a board of its own.
+    known = {manifest.stem: manifest for manifest in released_manifests()}
+    if name not in known:
+        raise unknown_name("data set", name, known)
+    return known[name]
+
+
+def _other_facts(result: Result, manifest: Manifest, where: str) -> Iterator[Problem]:
+    facts = {
+        "short": manifest.short,
+        "degradation": manifest.degradation,
+        "axes": list(manifest.axes),
+        "blocks": manifest.table.blocks,
+        "rows": manifest.table.rows,
+    }
+    for field, value in facts.items():
+        got = getattr(result.dataset, field)
+        if got != value:
+            what = f"not what the manifest of {manifest.stem} says"
+            yield Problem(
+                what, where=f"{where}: dataset.{field}", expected=str(value), got=str(got)
+            )
+
+
+def _left_out(result: Result, folder: Path, where: str) -> list[Problem]:
+    # A method must not choose by what it gives which pairs are averaged.
+    problems = []
+    for protocol in result.protocol_names:
+        known = known_undefined(folder, result.dataset.fingerprint, protocol)
+        for pair in result.pairs:
+            if pair.status != "ok" or protocol not in pair.scores:
+                continue
+            scores = pair.scores[protocol]
+            undefined = {metric for metric in METRICS if getattr(scores, metric) is None}
+            if undefined != (expected := known.get(pair.id, set())):
+                problems.append(
+                    Problem(
+                        what="scores are undefined elsewhere than the data leave them undefined",
+                        where=f"{where}: {pair.id}, {protocol}",
+                        expected=", ".join(sorted(expected)) or "every score is a number",
+                        got=", ".join(sorted(undefined)) or "every score is a number",
+                        fix="run the method again; undefined ground truth is listed in "
+                        f"{folder / UNDEFINED}",
+                    )
+                )
+    return problems

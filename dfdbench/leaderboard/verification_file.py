@@ -1,0 +1,172 @@
+"""What a verification found, kept beside the result and held against it."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from hashlib import sha256
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from dfdbench.errors import Problem, ResultError
+from dfdbench.leaderboard.submission import TIME_FORMAT
+from dfdbench.results.environment import describe_environment
+from dfdbench.results.record import (
+    Count,
+    Environment,
+    Model,
+    PairResult,
+    Result,
+    Seed,
+    Sha256,
+    Time,
+)
+from dfdbench.system.files import write_whole
+
+SUFFIX = ".reproduced.json"
+#: How far a score may be off where the depth map is not the very same: float32 filters differ in
+#: the last digits between processors. What is recorded was found with this one.
+TOLERANCE = 1e-3
+
+
+class Verification(Model):
+    """What a verification found, kept beside the result.
+
+    `result_sha256` is that of the result's file: of a result that changes nothing is known.
+    `reproduced` says when; `seed` draws the `pairs`, of which `identical` gave the very same
+    depth map; no score is more than `largest_difference` away.
+    """
+
+    schema_version: Literal[2] = 2
+    result_sha256: Sha256
+    reproduced: Time
+    seed: Seed
+    tolerance: Annotated[float, Field(ge=TOLERANCE, le=TOLERANCE)]
+    pairs: list[str] = Field(min_length=1)
+    identical: Count
+    largest_difference: Annotated[float, Field(ge=0, le=TOLERANCE)]
+    same_source: bool
+    environment: Environment
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What running a sample of pairs again gave.
+
+    Parameters
+    ----------
+    pairs : tuple of str
+        The sample.
+    identical : int
+        How many gave the very same depth map.
+    largest_difference : float
+        How far a score is off, at most.
+    same_source : bool
+        Whether the method's source file is the one that the result was made with.
+    """
+
+    pairs: tuple[str, ...]
+    identical: int
+    largest_difference: float
+    same_source: bool
+
+
+def sample(result: Result, count: int, seed: int) -> list[PairResult]:
+    """Return the pairs that a seed draws from those that were evaluated; all if there are fewer."""
+    evaluated = [pair for pair in result.pairs if pair.status == "ok"]
+    return random.Random(seed).sample(evaluated, min(count, len(evaluated)))
+
+
+def save_verification(outcome: Outcome, seed: int, path: Path) -> Path:
+    """Write what running pairs again gave beside the result that it is of.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        From `verify` with the released tolerance.
+    seed : int
+        Which drew the pairs.
+    path : Path
+        The result's file.
+    """
+    verification = Verification(
+        result_sha256=sha256(path.read_bytes()).hexdigest(),
+        reproduced=datetime.now(UTC).strftime(TIME_FORMAT),
+        seed=seed,
+        tolerance=TOLERANCE,
+        pairs=list(outcome.pairs),
+        identical=outcome.identical,
+        largest_difference=outcome.largest_difference,
+        same_source=outcome.same_source,
+        environment=describe_environment(),
+    )
+    place = path.with_name(path.stem + SUFFIX)
+    write_whole(place, verification.model_dump_json(indent=1) + "\n")
+    return place
+
+
+def load_verification(result: Result, path: Path) -> Verification | None:
+    """Read the verification beside a result; None where there is none.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot be read, is of another content of the result's file, or says what no
+        verification of that result can say.
+    """
+    place = path.with_name(path.stem + SUFFIX)
+    if not place.exists():
+        return None
+    fix = f"dfdbench leaderboard verify {path} --record"
+    try:
+        verification = Verification.model_validate_json(place.read_bytes())
+    except ValidationError as error:
+        raise ResultError.of(
+            Problem(
+                what="wrong value in the verification",
+                where=f"{place}: {'.'.join(map(str, detail['loc']))}",
+                expected=detail["msg"],
+                got=repr(detail["input"])[:80],
+                fix=fix,
+            )
+            for detail in error.errors()
+        ) from error
+    there = sha256(path.read_bytes()).hexdigest()
+    drawn = [pair.id for pair in sample(result, len(verification.pairs), verification.seed)]
+    problems = []
+    if verification.result_sha256 != there:
+        problems.append(
+            Problem(
+                what="the verification is of another file than the result beside it",
+                where=f"{place}: result_sha256",
+                expected=there,
+                got=verification.result_sha256,
+                fix=fix,
+            )
+        )
+    if verification.pairs != drawn:
+        problems.append(
+            Problem(
+                what="the pairs are not those that the seed draws",
+                where=f"{place}: pairs",
+                expected=", ".join(drawn),
+                got=", ".join(verification.pairs)[:200],
+                fix=fix,
+            )
+        )
+    if verification.identical > len(verification.pairs):
+        problems.append(
+            Problem(
+                what="more depth maps are the same than were made",
+                where=f"{place}: identical",
+                expected=f"at most {len(verification.pairs)}",
+                got=str(verification.identical),
+                fix=fix,
+            )
+        )
+    if problems:
+        raise ResultError.of(problems)
+    return verification

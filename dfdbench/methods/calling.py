@@ -1,0 +1,104 @@
+"""Call a method on one pair, so that nothing it does can spoil a run."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.methods.importing import describe
+from dfdbench.methods.isolation import process_kept
+from dfdbench.methods.method import Image, Predict, Prediction
+from dfdbench.metrics.scores import LARGEST_NUMBER
+
+# A level this far out of 0..255 is rounding, not a mistake.
+_ROUNDING = 1e-3
+
+
+def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
+    """Call a method on one pair and check what it returns; nothing it does raises.
+
+    Parameters
+    ----------
+    predict : callable
+        The method.
+    infocus, defocus : ndarray of uint8, shape (y, x, 3)
+        RGB; the method gets copies.
+
+    Notes
+    -----
+    Numbers that a result is to keep, an energy for example, are read after the call from the
+    method's attribute ``numbers``, a mapping of names to what the last call came to.
+
+    What the method changes of the process is put back: see `process_kept`.
+
+    Examples
+    --------
+    >>> image = np.zeros((2, 2, 3), np.uint8)
+    >>> call(lambda infocus, defocus: [[1, 2], [3, 4]], image, image).depth.tolist()
+    [[1.0, 2.0], [3.0, 4.0]]
+    >>> call(lambda infocus, defocus: infocus, image, image).error
+    'returned shape (2, 2, 3); expected (2, 2), one depth level a pixel'
+    """
+    copies = infocus.copy(), defocus.copy()
+    printed = io.StringIO()
+    depth, error = None, ""
+    numbers: dict[str, float] = {}
+    begin = time.perf_counter()
+    try:
+        with process_kept(), contextlib.redirect_stdout(printed):
+            begin = time.perf_counter()
+            returned = predict(*copies)
+            seconds = time.perf_counter() - begin
+            numbers = _finite_numbers(getattr(predict, "numbers", None))
+    except (Exception, SystemExit) as raised:
+        error = f"raised {describe(raised)}"
+        seconds = time.perf_counter() - begin
+    else:
+        depth, error = check_depth(returned, infocus.shape[:2])
+    return Prediction(depth, seconds, error, printed.getvalue(), numbers)
+
+
+def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float32] | None, str]:
+    """Return a method's answer as float32 levels, or None and what is wrong with it.
+
+    Examples
+    --------
+    >>> check_depth(np.full((2, 2), 300), (2, 2))
+    (None, 'returned levels from 300 to 300; expected 0 to 255')
+    """
+    if isinstance(returned, tuple) and any(isinstance(part, Mapping) for part in returned):
+        return None, (
+            "returned a depth map and numbers; expected the depth map alone: "
+            "keep numbers in the method's attribute `numbers`, from which a result takes them"
+        )
+    try:
+        array = np.asarray(returned)
+    except Exception as error:
+        return None, f"returned a {type(returned).__name__} that is no array: {describe(error)}"
+    if array.dtype.kind not in "uif":
+        return None, f"returned {array.dtype} values; expected real numbers"
+    if array.shape != shape:
+        return None, f"returned shape {array.shape}; expected {shape}, one depth level a pixel"
+    if not np.isfinite(array).all():
+        bad = int(array.size - np.isfinite(array).sum())
+        return None, f"returned NaN or infinity in {bad} of {array.size} pixels"
+    low, high = array.min(), array.max()
+    if low < -_ROUNDING or high > 255 + _ROUNDING:
+        return None, f"returned levels from {low:g} to {high:g}; expected 0 to 255"
+    return np.clip(array.astype(np.float32), 0, 255), ""
+
+
+def _finite_numbers(given: Any) -> dict[str, float]:
+    # Strings, infinities and the like are no numbers that a result could average: left out.
+    numbers = {}
+    for name, value in given.items() if isinstance(given, Mapping) else ():
+        numeric = isinstance(value, (int, float, np.integer, np.floating))
+        if numeric and abs(value) <= LARGEST_NUMBER:
+            numbers[str(name)] = float(value)
+    return numbers

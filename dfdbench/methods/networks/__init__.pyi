@@ -1,0 +1,3 @@
+from .architectures import DfDNet, UNet
+
+__all__ = ["DfDNet", "UNet"]

@@ -1,0 +1,222 @@
+"""Find a method by its name, and make it ready to be run."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import sys
+from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
+from typing import Any
+
+from dfdbench.errors import MethodError, Problem, unknown_name
+from dfdbench.methods.importing import describe, import_entry
+from dfdbench.methods.method import Method, Predict
+from dfdbench.methods.parameters import read_parameters
+
+ENTRY_POINT_GROUP = "dfdbench.methods"
+_BUILT_IN = {
+    "constant": "dfdbench.methods.baselines:Constant",
+    "dfd-net": "dfdbench.methods.learned:DfDNetMethod",
+    "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
+    "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
+    "local": "dfdbench.methods.baselines:Local",
+    "u-net": "dfdbench.methods.learned:UNetMethod",
+}
+
+
+def registered_methods() -> dict[str, str]:
+    """Return the registered methods: the built-in ones and those that packages offer.
+
+    Returns
+    -------
+    dict of str to str
+        Entry (``module:attribute``) by name. A built-in name cannot be taken by a package.
+
+    Examples
+    --------
+    >>> registered_methods()["local"]
+    'dfdbench.methods.baselines:Local'
+    """
+    offered = {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
+    return {**offered, **_BUILT_IN}
+
+
+def built_in_methods() -> dict[str, str]:
+    """Return the methods of dfdbench itself: entry (``module:attribute``) by name.
+
+    Examples
+    --------
+    >>> "local" in built_in_methods()
+    True
+    """
+    return dict(_BUILT_IN)
+
+
+def load(name: str, **params: Any) -> Predict:
+    """Return a method's callable.
+
+    Parameters
+    ----------
+    name : str
+        A registered name, ``module:attribute`` or ``path/to/file.py:attribute``.
+    **params
+        Handed to a class when it is constructed, or to a function at each call. `recipe` may be
+        a blur recipe's name, its fields as a mapping, a TOML file of them, or a `BlurRecipe`.
+
+    Returns
+    -------
+    callable
+        ``predict(infocus, defocus)``, of two RGB images of uint8, shape (y, x, 3); it returns
+        depth levels 0 to 255, shape (y, x).
+
+    Raises
+    ------
+    MethodError
+        Where it cannot be imported or does not take these parameters.
+    UnknownNameError
+        Where no method of that name is registered.
+
+    Examples
+    --------
+    >>> predict = load("constant", training_mean=80.0)
+    >>> image = np.zeros((2, 3, 3), np.uint8)
+    >>> predict(image, image).tolist()
+    [[80.0, 80.0, 80.0], [80.0, 80.0, 80.0]]
+    """
+    return load_method(name, params, {}).predict
+
+
+def load_method(
+    name: str, parameters: Mapping[str, Any], offers: Mapping[str, Callable[[], Any]]
+) -> Method:
+    """Find a method, construct it where it is a class, and say where it came from.
+
+    Parameters
+    ----------
+    name : str
+        As for `load`.
+    parameters : mapping
+        What the user set.
+    offers : mapping of str to callable
+        Facts of the data set by parameter name (``recipe``, ``training_mean``), worked out only
+        for a class that has such a parameter which the user left open.
+
+    Raises
+    ------
+    MethodError, UnknownNameError
+        As for `load`.
+    """
+    entry = name
+    if ":" not in name:
+        registered = registered_methods()
+        if name not in registered:
+            raise unknown_name(
+                "method", name, registered, "A method of your own: module:attribute or file.py:name"
+            )
+        entry = registered[name]
+    target, source = import_entry(entry)
+    given, recorded = read_parameters(parameters)
+    if inspect.isclass(target):
+        accepted = _parameters(target)
+        uses = tuple(key for key in offers if key in accepted and key not in given)
+        arguments = given | {key: offers[key]() for key in uses}
+        _check_parameters(entry, target, arguments)
+        try:
+            predict = target(**arguments)
+        except MethodError:
+            raise
+        except (Exception, SystemExit) as error:
+            raise MethodError(
+                "the method cannot be constructed", where=entry, got=describe(error)
+            ) from error
+    else:
+        uses = ()
+        predict = target
+        if given:
+            _check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
+            predict = functools.partial(target, **given)
+    if not callable(predict):
+        raise MethodError(
+            "not a method",
+            where=entry,
+            expected="something to call as predict(infocus, defocus)",
+            got=type(predict).__name__,
+        )
+    return Method(name, entry, predict, recorded, uses, source)
+
+
+def entry_of(target: Callable[..., Any]) -> str:
+    """Return ``module:attribute`` of a function or class, under which it can be imported.
+
+    Raises
+    ------
+    MethodError
+        Where it is not to be had under a name, or what it does could change unnoticed: a lambda,
+        a function within another, an object, anything typed into an interpreter.
+
+    Examples
+    --------
+    >>> entry_of(load)
+    'dfdbench.methods:load'
+    """
+    place, name = getattr(target, "__module__", ""), getattr(target, "__qualname__", "")
+    module = sys.modules.get(place)
+    if not getattr(module, "__file__", None) or getattr(module, name, None) is not target:
+        raise MethodError(
+            what="the method has no name under which it could be found again",
+            where=name or type(target).__name__,
+            expected="a name, or a function or class at the top of a module's file",
+            got=repr(target)[:80],
+            fix="put it into a file and pass 'file.py:name'; an object's class: its parameters "
+            "go beside it",
+        )
+    return f"{place}:{name}"
+
+
+def _parameters(target: Callable[..., Any]) -> set[str]:
+    try:
+        return set(inspect.signature(target).parameters)
+    except (TypeError, ValueError):
+        return set()
+
+
+def _check_parameters(entry: str, target: Callable[..., Any], arguments: dict[str, Any]) -> None:
+    try:
+        signature = inspect.signature(target)
+    except (TypeError, ValueError):
+        return
+    kinds = {parameter.kind for parameter in signature.parameters.values()}
+    names = [name for name in signature.parameters if name not in ("infocus", "defocus")]
+    unknown = [name for name in arguments if name not in signature.parameters]
+    if unknown and inspect.Parameter.VAR_KEYWORD not in kinds:
+        unknown = [name for name in unknown if name not in ("infocus", "defocus")]
+        if unknown:
+            raise MethodError.of(
+                [
+                    Problem(
+                        "unknown parameter",
+                        where=entry,
+                        expected="one of: " + ", ".join(names) if names else "no parameters",
+                        got=name,
+                    )
+                    for name in unknown
+                ]
+            )
+    empty = inspect.Parameter.empty
+    missing = [
+        name
+        for name, parameter in signature.parameters.items()
+        if parameter.default is empty
+        and parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+        and name not in arguments
+    ]
+    if inspect.isclass(target) and missing:
+        raise MethodError.of(
+            [
+                Problem(
+                    "parameter is needed", where=entry, expected=name, fix=f"--param {name}=VALUE"
+                )
+                for name in missing
+            ]
+        )

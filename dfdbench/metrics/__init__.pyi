@@ -1,0 +1,3 @@
+from .scores import nmae, nrmse, ssim
+
+__all__ = ["nmae", "nrmse", "ssim"]

@@ -1,0 +1,247 @@
+"""A result's file: written whole, read, and held against itself."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from dfdbench.datasets.manifest import Pair
+from dfdbench.errors import Problem, ResultError
+from dfdbench.results.record import PairResult, Result, average
+from dfdbench.system.files import write_whole
+
+SCHEMA_VERSION = 1
+#: What a result is called in the folder of its run.
+RESULT = "result.json"
+#: How far a recorded average may be from the one recomputed from the pairs.
+_TOLERANCE = 1e-9
+
+
+def save_result(result: Result, path: Path) -> None:
+    """Write a result as JSON, whole or not at all."""
+    write_whole(path, result.model_dump_json(indent=1) + "\n")
+
+
+def seal_of(content: dict[str, Any]) -> str:
+    """Return the SHA-256 of a result file's content, its seal left out, in canonical JSON.
+
+    Taken over what the file says, not over the model: fields that later versions add do not
+    break the seals of older files.
+    """
+    submission = {key: v for key, v in (content.get("submission") or {}).items() if key != "seal"}
+    text = json.dumps({**content, "submission": submission}, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def load_result(path: Path) -> Result:
+    """Read a run's result, check it, and compute its averages anew.
+
+    Parameters
+    ----------
+    path : Path
+        The result file, or the folder of the run.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot be read, is of another schema version, or contradicts itself.
+    """
+    result, problems = examine_result(path)
+    if problems:
+        raise ResultError.of(problems)
+    return result
+
+
+def examine_result(path: Path) -> tuple[Result, list[Problem]]:
+    """Read a run's result, and return in what it contradicts itself.
+
+    Parameters
+    ----------
+    path : Path
+        The result file, or the folder of the run.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot be read or is of another schema version.
+    """
+    path = path / RESULT if path.is_dir() else path
+    content = _read_json(path)
+    found = content.get("schema_version") if isinstance(content, dict) else None
+    if found != SCHEMA_VERSION:
+        raise ResultError(
+            "result of another version",
+            where=str(path),
+            expected=str(SCHEMA_VERSION),
+            got=str(found),
+            fix="run the method again with this version of dfdbench",
+        )
+    try:
+        result = Result.model_validate(content)
+    except ValidationError as error:
+        raise ResultError.of(
+            Problem(
+                "wrong value in the result",
+                where=f"{path}: {'.'.join(map(str, detail['loc']))}",
+                expected=detail["msg"],
+                got=repr(detail["input"])[:80],
+            )
+            for detail in error.errors()
+        ) from error
+    problems = list(_contradictions(result, path))
+    if result.submission and result.submission.seal != seal_of(content):
+        problems.append(
+            Problem(
+                "the file was edited after it was sealed",
+                where=f"{path}: submission.seal",
+                expected="the SHA-256 of the file's content",
+                got=result.submission.seal,
+                fix="submit the run again: `dfdbench run ... --submit`",
+            )
+        )
+    return result, problems
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        raise ResultError(
+            "cannot read the result",
+            where=str(path),
+            expected="a result file or the folder of a run",
+            got=reason,
+            fix="name what `dfdbench run` wrote: results/DATASET-SPLIT/METHOD",
+        ) from error
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ResultError(
+            "the result is damaged",
+            where=str(path),
+            expected="JSON as `dfdbench run` wrote it",
+            got="an empty file" if not text.strip() else str(error),
+            fix="the same `dfdbench run` writes it anew, from the pairs that it kept",
+        ) from error
+
+
+def _misplaced(result: Result, path: Path) -> list[Problem]:
+    # Tables and figures look pairs up by axis, maps of depth by scene and coordinates.
+    dataset = result.dataset
+    axes = dataset.axes
+    problems = [
+        Problem(
+            "no such axis", where=f"{path}: dataset.{field}", expected=", ".join(axes), got=axis
+        )
+        for field, axis in (("blocks", dataset.blocks), ("rows", dataset.rows))
+        if axis is not None and axis not in axes
+    ]
+    if len(set(axes)) != len(axes):
+        problems.append(
+            Problem("an axis is listed twice", where=f"{path}: dataset.axes", got=str(axes))
+        )
+    for number, pair in enumerate(result.pairs):
+        where = f"{path}: pairs.{number}"
+        if pair.coordinates.keys() != set(axes):
+            found = ", ".join(pair.coordinates)
+            problems.append(
+                Problem(
+                    "a pair is not on the axes", where=where, expected=", ".join(axes), got=found
+                )
+            )
+        elif pair.id != (name := _pair_of(pair, axes).id):
+            problems.append(
+                Problem(
+                    "a pair is not where its name says", where=where, expected=name, got=pair.id
+                )
+            )
+    names = result.protocol_names
+    if len(set(names)) != len(names):
+        problems.append(
+            Problem("a protocol is listed twice", where=f"{path}: protocols", got=", ".join(names))
+        )
+    return problems
+
+
+def _pair_of(record: PairResult, axes: list[str]) -> Pair:
+    return Pair(record.scene, tuple((axis, record.coordinates[axis]) for axis in axes))
+
+
+def _contradictions(result: Result, path: Path) -> list[Problem]:
+    problems = _misplaced(result, path)
+    ids = [pair.id for pair in result.pairs]
+    if len(set(ids)) != len(ids) or len(ids) != result.dataset.expected:
+        problems.append(
+            Problem(
+                "pairs do not add up",
+                where=f"{path}: pairs",
+                expected=f"{result.dataset.expected} pairs, each once",
+                got=f"{len(ids)} pairs, {len(set(ids))} different",
+            )
+        )
+    evaluated = [pair for pair in result.pairs if pair.status == "ok"]
+    if len(evaluated) != result.dataset.evaluated:
+        problems.append(
+            Problem(
+                "evaluated pairs do not add up",
+                where=f"{path}: dataset.evaluated",
+                expected=str(len(evaluated)),
+                got=str(result.dataset.evaluated),
+            )
+        )
+    names = list(result.protocol_names)
+    problems += [
+        Problem(
+            "scores are missing",
+            where=f"{path}: {pair.id}",
+            expected=", ".join(names),
+            got=", ".join(pair.scores),
+        )
+        for pair in evaluated
+        if set(pair.scores) != set(names)
+    ]
+    # What holds for every error cannot be otherwise: its mean never exceeds its root mean square.
+    problems += [
+        Problem(
+            "NMAE is larger than NRMSE",
+            where=f"{path}: {pair.id}, {name}",
+            expected=f"at most {nrmse}",
+            got=str(nmae),
+        )
+        for pair in evaluated
+        for name, scores in pair.scores.items()
+        for nrmse, nmae in [(scores.nrmse, scores.nmae)]
+        if nrmse is not None and nmae is not None and nmae > nrmse + _TOLERANCE
+    ]
+    if problems:
+        return problems
+    expected = average(evaluated, names) if result.complete else None
+    if (result.averages is None) != (expected is None):
+        state = "null: the run is incomplete" if expected is None else "averages"
+        return [Problem("wrong averages", where=f"{path}: averages", expected=state)]
+    for protocol, means in (expected or {}).items():
+        for metric, value in means.items():
+            recorded = (result.averages or {}).get(protocol, {}).get(metric)
+            same = recorded is None and value is None
+            if value is not None and recorded is not None:
+                same = abs(recorded - value) <= _TOLERANCE
+            if not same:
+                problems.append(
+                    Problem(
+                        "average does not follow from the pairs",
+                        where=f"{path}: averages.{protocol}.{metric}",
+                        expected=str(value),
+                        got=str(recorded),
+                    )
+                )
+    return problems
+
+
+def result_schema() -> str:
+    """Return the JSON schema of a result, as published in ``dfdbench/schemas``."""
+    return json.dumps(Result.model_json_schema(), indent=1, sort_keys=True) + "\n"

@@ -1,0 +1,66 @@
+"""How a run reads in a cell: method, parameters, scores, seconds, machine."""
+
+from __future__ import annotations
+
+import json
+
+from dfdbench.metrics.protocol import METRICS
+from dfdbench.results.record import MethodRecord, Result
+
+NOTHING = "–"
+HEADINGS = {metric: f"{metric.upper()} {'↑' if up else '↓'}" for metric, up in METRICS.items()}
+
+
+def method_label(method: MethodRecord) -> str:
+    """Return a method's name with the parameters that were set.
+
+    Examples
+    --------
+    >>> record = MethodRecord(
+    ...     name="local", entry="m:Local", source_sha256=None, parameters={"window": 9}, uses=[],
+    ...     trained_on=None, paper=None)
+    >>> method_label(record)
+    'local (window=9)'
+    """
+    settings = ", ".join(f"{name}={plain(value)}" for name, value in method.parameters.items())
+    return f"{method.name} ({settings})" if settings else method.name
+
+
+def seconds_text(seconds: float | None) -> str:
+    """Return seconds to the millisecond.
+
+    Examples
+    --------
+    >>> seconds_text(1.23456), seconds_text(0.00001)
+    ('1.235', '< 0.001')
+    """
+    if seconds is None:
+        return NOTHING
+    return "< 0.001" if seconds < 0.001 else f"{seconds:.3f}"
+
+
+def machine_of(result: Result) -> str:
+    """Return the machine that a result was made on, in a few words.
+
+    Marketing marks in the processor's name are left out.
+    """
+    environment = result.environment
+    cpu = environment.cpu.replace("(R)", "").replace("(TM)", "")
+    machine = f"{' '.join(cpu.split())}, {environment.cpu_count} cores"
+    return f"{environment.gpu}; {machine}" if environment.gpu else machine
+
+
+def parameters_of(result: Result) -> str:
+    """Return the parameters that were set, as one would type them."""
+    settings = (f"{name}={plain(v)}" for name, v in result.method.parameters.items())
+    return ", ".join(settings) or "defaults"
+
+
+def plain(value: object) -> str:
+    """Return a parameter's value as one would type it."""
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def score_text(value: float | None) -> str:
+    """Return a score with the four digits that the thesis prints; a dash where there is none."""
+    return NOTHING if value is None else f"{value:.4f}"
