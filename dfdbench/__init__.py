@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from dfdbench.datasets.pair_sequence import PairSequence
     from dfdbench.system.location import Place
 
+__all__ = ["__version__", "open"]
+
 __version__ = version("dfdbench")
 
 

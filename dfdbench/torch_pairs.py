@@ -14,6 +14,8 @@ from dfdbench.datasets.store import WHOLE, Region
 from dfdbench.errors import InputError
 from dfdbench.system.location import Place
 
+__all__ = ["TorchPairs"]
+
 
 class TorchPairs(Dataset[dict[str, torch.Tensor]]):
     """Pairs as tensors, whole or cropped at random places.

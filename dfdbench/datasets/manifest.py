@@ -152,7 +152,7 @@ class Manifest(Model):
     recipe: str | None = None
     degradation: Literal["clean"]
     network_crop: Count
-    axes: dict[Name, Annotated[list[int], Field(min_length=1)]]
+    axes: dict[str, Annotated[list[int], Field(min_length=1)]]
     default_lighting: dict[str, int] | None = None
     depth: Depth
     table: Table

@@ -65,7 +65,7 @@ def readme_text(folder: Path, entries: Sequence[Entry]) -> str:
     found = boards(entries)
     published = load_published(folder)
     note = folder / NOTE
-    template = resources.files("dfdbench.leaderboard.boards") / "leaderboard.md.jinja"
+    template = resources.files("dfdbench.leaderboard") / "leaderboard.md.jinja"
     # Markdown, not HTML: what comes from results is escaped by as_markdown, table by table.
     environment = jinja2.Environment(keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
     compared = dict.fromkeys(table.compare for table in published if table.compare)

@@ -144,6 +144,8 @@ def test_verify_runs_others_code_only_with_consent(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     Path("leaderboard/results").mkdir(parents=True)
+    # Another test's module of that name would be another file.
+    monkeypatch.delitem(sys.modules, "mymodule", raising=False)
     entry = "mymodule:predict"
     dfdbench("run", "--dataset", "demo", "--method", entry, "--submit", "--no-predictions")
     path = "leaderboard/results/demo-1-test/thesis/mymodule_predict.json"

@@ -112,7 +112,7 @@ IMAGE = np.zeros((3, 4, 3), np.uint8)
     [
         ((IMAGE[0], IMAGE, SIGMAS), r"infocus: expected a shape \(y, x, channel\)"),
         ((IMAGE[:0], IMAGE[:0], SIGMAS), r"infocus: expected a shape"),
-        ((IMAGE, IMAGE.astype(float), SIGMAS), r"defocus: expected uint8, got float64"),
+        ((IMAGE, IMAGE.astype(float), SIGMAS), r"defocus: expected uint8 or float32, got float64"),
         ((IMAGE, IMAGE[:2], SIGMAS), r"defocus: expected the shape \(3, 4, 3\), got \(2, 4, 3\)"),
         ((IMAGE, IMAGE, SIGMAS[:1]), r"sigmas: expected 2 to 65536 values"),
         ((IMAGE, IMAGE, SIGMAS[::-1]), r"sigmas: expected ascending values above 0"),

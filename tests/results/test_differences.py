@@ -80,6 +80,6 @@ def test_other_data_and_other_protocols_are_not_compared() -> None:
     assert len(raised.value.problems) == 2
     with pytest.raises(UnknownNameError, match="valid"):
         check_comparable(first, second, "valid")
-    redefined = [{**second.protocols[0], "version": 2}]
+    redefined = [{**second.protocols[0], "pixels": "known"}]
     with pytest.raises(ResultError, match="defined differently"):
         check_comparable(first, second.model_copy(update={"protocols": redefined}), "thesis")

@@ -1,0 +1,48 @@
+"""The names that users and sealed results rely on: a change here breaks somebody's code."""
+
+from __future__ import annotations
+
+import importlib
+
+import pytest
+
+from dfdbench.methods.registry import ENTRY_POINT_GROUP, registered_methods
+
+FACES = {
+    "dfdbench": ["__version__", "open"],
+    "dfdbench.blur": ["RECIPES", "BlurRecipe", "find_recipe", "synthesize"],
+    "dfdbench.metrics": ["nmae", "nrmse", "ssim"],
+    "dfdbench.methods": ["Method", "load", "load_method", "registered_methods"],
+    "dfdbench.methods.networks": ["DfDNet", "UNet"],
+    "dfdbench.torch_pairs": ["TorchPairs"],
+}
+
+
+@pytest.mark.parametrize("face", FACES)
+def test_a_face_shows_these_names(face: str) -> None:
+    module = importlib.import_module(face)
+    assert sorted(module.__all__) == sorted(FACES[face])
+    assert all(hasattr(module, name) for name in FACES[face])
+
+
+def test_methods_keep_their_entries_since_sealed_results_name_them() -> None:
+    assert ENTRY_POINT_GROUP == "dfdbench.methods"
+    entries = registered_methods()
+    assert {name: entries[name] for name in sorted(entries) if name in BUILT_IN} == BUILT_IN
+
+
+BUILT_IN = {
+    "constant": "dfdbench.methods.baselines:Constant",
+    "dfd-net": "dfdbench.methods.learned:DfDNetMethod",
+    "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
+    "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
+    "local": "dfdbench.methods.baselines:Local",
+    "u-net": "dfdbench.methods.learned:UNetMethod",
+}
+
+
+def test_manifests_are_a_data_package() -> None:
+    from importlib import resources
+
+    names = {item.name for item in resources.files("dfdbench.manifests").iterdir()}
+    assert {"demo-1.toml", "middlebury-third-1.toml", "realworld-1.toml"} <= names

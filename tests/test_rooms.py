@@ -1,0 +1,140 @@
+"""The house: every module lives in a room, and imports lead down, never up or round."""
+
+from __future__ import annotations
+
+import ast
+import graphlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "dfdbench"
+CONTRIBUTING = PACKAGE.parent / "CONTRIBUTING.md"
+
+#: The floor of each room; a room imports only from rooms on lower floors.
+FLOORS = {
+    "cli": 9,
+    "report": 8,
+    "leaderboard": 7,
+    "evaluation": 6,
+    "figures": 6,
+    "building": 5,
+    "training": 5,
+    "audit": 5,
+    "results": 4,
+    "simulation": 4,
+    "methods": 3,
+    "rig": 3,
+    "datasets": 3,
+    "blur": 2,
+    "optics": 2,
+    "metrics": 2,
+    "system": 2,
+    "tables": 1,
+}
+#: What stands beside the rooms. All may import `errors`; none imports `__main__`.
+TOP_LEVEL = {"__main__": 10, "torch_pairs": 4, "__init__": 4, "manifests": 0, "errors": 0}
+
+
+def room(module: str) -> str:
+    """Return the room of a module's full name; what stands beside the rooms is its own."""
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else "__init__"
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Yield what a module imports of the package, at its top or inside a function."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield whole if whole in MODULES else str(node.module)
+
+
+def arrows() -> dict[tuple[str, str], list[str]]:
+    """Return the modules that lead from one room to another, by both rooms."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for name, path in MODULES.items():
+        for target in imported(path):
+            if target.split(".")[0] == "dfdbench" and room(target) != room(name):
+                found.setdefault((room(name), room(target)), []).append(f"{name} -> {target}")
+    return found
+
+
+def test_every_module_lives_in_a_room() -> None:
+    beside = {name for name in MODULES if name.count(".") == 1 and MODULES[name].parent == PACKAGE}
+    assert {room(name) for name in beside} | {"__init__", "manifests"} == set(TOP_LEVEL)
+    folders = {path.name for path in PACKAGE.iterdir() if path.is_dir() and path.name[0] != "_"}
+    assert folders == set(FLOORS)
+
+
+@pytest.mark.parametrize("of", [*FLOORS, *TOP_LEVEL])
+def test_only_rooms_above_import_a_room(of: str) -> None:
+    floors = FLOORS | TOP_LEVEL
+    may = sorted(name for name, floor in floors.items() if floor > floors[of])
+    for (start, end), where in arrows().items():
+        if end == of:
+            assert start in may, f"{of} may be imported by {', '.join(may)}; got {where}"
+
+
+def test_no_circle_among_rooms() -> None:
+    graph: dict[str, set[str]] = {}
+    for start, end in arrows():
+        graph.setdefault(start, set()).add(end)
+    tuple(graphlib.TopologicalSorter(graph).static_order())
+
+
+def test_no_circle_among_modules() -> None:
+    # What is imported inside a function is no part of a circle: it is read when it is called.
+    graph: dict[str, set[str]] = {}
+    for name, path in MODULES.items():
+        for node in ast.parse(path.read_text("utf-8")).body:
+            if isinstance(node, ast.ImportFrom):
+                for alias in node.names:
+                    whole = f"{node.module}.{alias.name}"
+                    target = whole if whole in MODULES else str(node.module)
+                    if target in MODULES and target != name:
+                        graph.setdefault(name, set()).add(target)
+    tuple(graphlib.TopologicalSorter(graph).static_order())
+
+
+def test_contributing_shows_this_house() -> None:
+    table = CONTRIBUTING.read_text("utf-8")
+    for name, floor in FLOORS.items():
+        assert f"| {floor} | `{name}/` |" in table, (
+            f"CONTRIBUTING.md lacks {name}/ on floor {floor}"
+        )
+
+
+def test_tests_mirror_the_rooms() -> None:
+    tests = Path(__file__).parent
+    for path in tests.rglob("test_*.py"):
+        parts = path.relative_to(tests).parts
+        if len(parts) > 1 and parts[0] in FLOORS:
+            module = PACKAGE.joinpath(*parts[:-1], parts[-1].removeprefix("test_"))
+            package = module.with_suffix("")
+            assert module.is_file() or package.is_dir() or parts in BEYOND_A_MODULE, path
+
+
+#: Tests of what several modules do together, each in the room where it begins.
+BEYOND_A_MODULE = {
+    ("building", "test_kill.py"),
+    ("cli", "test_command_line.py"),
+    ("cli", "test_realworld.py"),
+    ("cli", "test_realworld_mistakes.py"),
+    ("methods", "mrf", "test_real_images.py"),
+    ("methods", "mrf", "test_solvers.py"),
+    ("report", "test_browser.py"),
+}
