@@ -11,7 +11,7 @@ import typer
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError, ResultError
-from dfdbench.leaderboard.board_tables import ranking_table
+from dfdbench.leaderboard.board_tables import standings_table
 from dfdbench.leaderboard.boards import boards, collect
 from dfdbench.leaderboard.claimed_method import ClaimedMethod
 from dfdbench.leaderboard.data_set_problems import data_set_problems
@@ -51,7 +51,7 @@ def leaderboard(
         return
     found = boards(collect(folder))
     path = write_readme(folder)
-    tables = [ranking_table(board, folder) for board in found]
+    tables = [standings_table(board, folder) for board in found]
     if format is None or format is Format.table:
         for table in tables:
             print_table(table)

@@ -9,7 +9,7 @@ from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, Problem, unknown_name
 from dfdbench.leaderboard.folder import UNDEFINED, known_fingerprints, known_undefined
-from dfdbench.metrics.protocol import METRICS, RELEASED, label_of
+from dfdbench.metrics.protocol import RELEASED, label_of
 from dfdbench.results.record import Result
 
 
@@ -117,7 +117,7 @@ def _left_out(result: Result, folder: Path, where: str) -> list[Problem]:
             if pair.status != "ok" or protocol not in pair.scores:
                 continue
             scores = pair.scores[protocol]
-            undefined = {metric for metric in METRICS if getattr(scores, metric) is None}
+            undefined = {metric for metric, value in scores.items() if value is None}
             if undefined != (expected := known.get(pair.id, set())):
                 problems.append(
                     Problem(

@@ -14,7 +14,8 @@ from dfdbench.evaluation.run import without_folder
 from dfdbench.leaderboard.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
 from dfdbench.leaderboard.verification_file import TOLERANCE, Outcome, sample
 from dfdbench.methods.registry import registered_methods
-from dfdbench.metrics.protocol import METRICS, RELEASED
+from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.folder import require_pairs_of
 from dfdbench.results.record import MethodRecord, PairResult, Result
 
@@ -149,12 +150,12 @@ def entry_problems(method: MethodRecord, path: Path) -> list[Problem]:
 def _difference(claim: PairResult, rerun: PairResult) -> float | None:
     largest = 0.0
     for protocol, scores in claim.scores.items():
-        for metric in METRICS:
-            claimed = getattr(scores, metric)
-            found = getattr(rerun.scores[protocol], metric) if rerun.scores else None
+        # By the metrics that the result has: it may be from before the youngest.
+        for metric, claimed in scores.items():
+            found = rerun.score(protocol, metric) if rerun.scores else None
             if (claimed is None) != (found is None):
                 return None
-            if claimed is not None:
+            if claimed is not None and found is not None:
                 largest = max(largest, abs(claimed - found))
     return largest if rerun.scores else None
 
@@ -163,11 +164,9 @@ def _mismatch(claim: PairResult, rerun: PairResult, path: Path, tolerance: float
     def told(pair: PairResult, protocol: str) -> str:
         if not pair.scores:
             return pair.error or pair.status
-        scores = pair.scores[protocol]
         return ", ".join(
-            f"{metric.upper()} {value:.6f}" if value is not None else f"{metric.upper()} undefined"
-            for metric in METRICS
-            for value in [getattr(scores, metric)]
+            f"{METRICS[name].title} {'undefined' if value is None else format(value, '.6f')}"
+            for name, value in pair.scores[protocol].items()
         )
 
     protocol = next(iter(claim.scores))

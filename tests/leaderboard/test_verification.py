@@ -19,6 +19,7 @@ from dfdbench.metrics.protocol import RELEASED, find_protocol
 from dfdbench.results.record import Result, average
 from dfdbench.results.record_file import RESULT, load_result, save_result, seal_of
 from dfdbench.results.run_tables import run_tables
+from dfdbench.results.summary import summarise
 
 
 @pytest.fixture
@@ -148,8 +149,8 @@ def test_an_older_protocol_is_verified_under_its_own_window(run: Path, tiny_stor
     save_result(result, run)
     assert verify(load_result(run), run, tiny_store).largest_difference == 0
     with pytest.raises(UnknownNameError, match="another version of protocol"):
-        run_tables(load_result(run), find_protocol("thesis-networks").label)
-    shown = run_tables(load_result(run), find_protocol("thesis-networks-1").label)
+        run_tables(summarise(load_result(run), find_protocol("thesis-networks").label))
+    shown = run_tables(summarise(load_result(run), find_protocol("thesis-networks-1").label))
     assert "thesis-networks, version 1: superseded by version 2" in shown[0].title
     unknown = result.model_copy(update={"protocols": [{"name": "mine", "version": 1}]})
     with pytest.raises(UnknownNameError, match="unknown protocol of"):
