@@ -12,7 +12,7 @@ from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.folder import RESULTS, require_leaderboard
 from dfdbench.leaderboard.submission import TIME_FORMAT, load_submission
 from dfdbench.leaderboard.verification import entry_problems
-from dfdbench.leaderboard.verification_file import SUFFIX, Verification, load_verification
+from dfdbench.leaderboard.verification_file import SUFFIX, Reproduction, load_verification
 from dfdbench.metrics.intervals import scene_interval
 from dfdbench.metrics.metric import RANKED_BY, TIES_BY, mean_of
 from dfdbench.metrics.protocol import RELEASED
@@ -27,7 +27,7 @@ class Entry:
 
     result: Result
     path: Path
-    verification: Verification | None
+    verification: Reproduction | None
 
     @property
     def label(self) -> str:

@@ -12,10 +12,10 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.evaluation.run import without_folder
 from dfdbench.leaderboard.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
-from dfdbench.leaderboard.verification_file import TOLERANCE, Outcome, sample
+from dfdbench.leaderboard.verification_file import SCORE_TOLERANCE, VerifiedSample, sample
 from dfdbench.methods.registry import registered_methods
 from dfdbench.metrics.metric import METRICS
-from dfdbench.metrics.protocol import RELEASED
+from dfdbench.metrics.protocol import RELEASED, Protocol
 from dfdbench.results.folder import require_pairs_of
 from dfdbench.results.record import MethodRecord, PairResult, Result
 
@@ -34,17 +34,17 @@ def claim_of(result: Result, path: Path) -> ClaimedMethod:
     return claimed_method(result.method, path)
 
 
-def verify(
+def verify_result(
     result: Result,
     path: Path,
     store: Store,
     count: int = 5,
     seed: int = 0,
-    tolerance: float = TOLERANCE,
+    tolerance: float = SCORE_TOLERANCE,
     trusted: Collection[str] = (),
     weights: Path | None = None,
     on_pair: Callable[[int, int], None] | None = None,
-) -> Outcome:
+) -> VerifiedSample:
     """Run a random sample of a result's pairs again and compare.
 
     Parameters
@@ -82,6 +82,38 @@ def verify(
         raise InputError(
             what="not a tolerance", expected="a number from 0 to 1", got=f"{tolerance:g}"
         )
+    _require_data(result, store, path)
+    claim_of(result, path).require_consent(trusted, path)
+    chosen = sample(result, count, seed)
+    if not chosen:
+        raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
+    record = result.method
+    # By its entry, which was agreed to: a name may hold a folder of another machine.
+    parameters = parameters_to_run(record, weights, path)
+    method = load_for(store, record.entry, parameters, result.seed)
+    evaluate = PairEvaluator(store, method, result.seed, _protocols_of(result, path))
+    problems, identical, largest = [], 0, 0.0
+    for number, claim in enumerate(chosen, 1):
+        rerun, _ = evaluate(Pair(claim.scene, tuple(claim.coordinates.items())))
+        if on_pair:
+            on_pair(number, len(chosen))
+        identical += claim.prediction_sha256 == rerun.prediction_sha256
+        difference = _difference(claim, rerun)
+        if difference is None or difference > tolerance:
+            problems.append(_mismatch(claim, rerun, path, tolerance))
+        else:
+            largest = max(largest, difference)
+    if problems:
+        raise ResultError.of(problems)
+    return VerifiedSample(
+        pairs=tuple(claim.id for claim in chosen),
+        identical=identical,
+        largest_difference=largest,
+        same_source=method.source_sha256 == record.source_sha256,
+    )
+
+
+def _require_data(result: Result, store: Store, path: Path) -> None:
     if store.fingerprint != result.dataset.fingerprint:
         raise ResultError(
             "the result was made with other data",
@@ -91,40 +123,14 @@ def verify(
             fix=f"dfdbench build {result.dataset.name}, or name the store: --dataset PATH",
         )
     require_pairs_of(result, store, path)
-    claim_of(result, path).require_consent(trusted, path)
-    chosen = sample(result, count, seed)
-    if not chosen:
-        raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
-    record = result.method
-    # By its entry, which was agreed to: a name may hold a folder of another machine.
-    parameters = parameters_to_run(record, weights, path)
-    method = load_for(store, record.entry, parameters, result.seed)
-    pairs = [Pair(claim.scene, tuple(claim.coordinates.items())) for claim in chosen]
-    # Under the versions that the result names: its scores are of no other.
+
+
+def _protocols_of(result: Result, path: Path) -> list[Protocol]:
+    # The versions that the result names: its scores are of no other.
     unknown = [label for label in result.protocol_names if label not in RELEASED]
     if unknown:
         raise unknown_name(f"protocol of {path}", unknown[0], RELEASED)
-    protocols = [RELEASED[label] for label in result.protocol_names]
-    evaluate = PairEvaluator(store, method, result.seed, protocols)
-    problems, identical, largest = [], 0, 0.0
-    for number, (claim, pair) in enumerate(zip(chosen, pairs, strict=True), 1):
-        rerun, _ = evaluate(pair)
-        if on_pair:
-            on_pair(number, len(pairs))
-        identical += claim.prediction_sha256 == rerun.prediction_sha256
-        difference = _difference(claim, rerun)
-        if difference is None or difference > tolerance:
-            problems.append(_mismatch(claim, rerun, path, tolerance))
-        else:
-            largest = max(largest, difference)
-    if problems:
-        raise ResultError.of(problems)
-    return Outcome(
-        pairs=tuple(claim.id for claim in chosen),
-        identical=identical,
-        largest_difference=largest,
-        same_source=method.source_sha256 == record.source_sha256,
-    )
+    return [RELEASED[label] for label in result.protocol_names]
 
 
 def entry_problems(method: MethodRecord, path: Path) -> list[Problem]:
