@@ -9,14 +9,7 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.metrics.protocol import PROTOCOLS, RELEASED
 from dfdbench.results.environment import describe_environment
-from dfdbench.results.record import (
-    DatasetRecord,
-    MethodRecord,
-    PairResult,
-    PairScores,
-    Result,
-    average,
-)
+from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Result, average
 
 
 def make_result(
@@ -28,10 +21,11 @@ def make_result(
     """
     pairs = []
     for (scene, view, illumination, exposure), value in nrmse.items():
-        scores = PairScores(
-            nrmse=value, nmae=None if value is None else value / 2,
-            ssim=0.5 if value is None else 1 - value,
-        )  # fmt: skip
+        scores = {
+            "nrmse": value,
+            "nmae": None if value is None else value / 2,
+            "ssim": 0.5 if value is None else 1 - value,
+        }
         pairs.append(
             PairResult(
                 id=f"{scene}/view{view}/illumination{illumination}/exposure{exposure}",
@@ -75,7 +69,7 @@ def make_demo_result(
     pairs = []
     for pair in manifest.pairs("test"):
         value = nrmse(pair)
-        scores = PairScores(nrmse=value, nmae=value / 2, ssim=1 - value)
+        scores: dict[str, float | None] = {"nrmse": value, "nmae": value / 2, "ssim": 1 - value}
         pairs.append(
             PairResult(
                 id=pair.id, scene=pair.scene, coordinates=pair.at, status="ok", seconds=0.25,

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from dfdbench.cli.screen import print_table, say
 from dfdbench.errors import InputError, ResultError
+from dfdbench.figures.style import write_figure
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown
 from dfdbench.tables.table import Table
@@ -125,7 +126,7 @@ def _write(folder: Path, files: Mapping[str, str | Figure]) -> bool:
         for name, content in files.items():
             path = folder / name
             if isinstance(content, Figure):
-                content.savefig(path, dpi=100)
+                write_figure(content, path)
                 continue
             replaced |= path.exists() and path.read_text("utf-8", errors="replace") != content
             write_whole(path, content)

@@ -11,14 +11,19 @@ import typer
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError, ResultError
-from dfdbench.leaderboard.board_tables import ranking_table
+from dfdbench.leaderboard.board_tables import standings_table
 from dfdbench.leaderboard.boards import boards, collect
 from dfdbench.leaderboard.claimed_method import ClaimedMethod
 from dfdbench.leaderboard.data_set_problems import data_set_problems
 from dfdbench.leaderboard.folder import LEADERBOARD
 from dfdbench.leaderboard.readme import check_readme, write_readme
-from dfdbench.leaderboard.verification import claim_of, verify
-from dfdbench.leaderboard.verification_file import SUFFIX, TOLERANCE, Outcome, save_verification
+from dfdbench.leaderboard.verification import claim_of, verify_result
+from dfdbench.leaderboard.verification_file import (
+    SCORE_TOLERANCE,
+    SUFFIX,
+    VerifiedSample,
+    save_verification,
+)
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.tables.render import render
@@ -51,7 +56,7 @@ def leaderboard(
         return
     found = boards(collect(folder))
     path = write_readme(folder)
-    tables = [ranking_table(board, folder) for board in found]
+    tables = [standings_table(board, folder) for board in found]
     if format is None or format is Format.table:
         for table in tables:
             print_table(table)
@@ -67,7 +72,7 @@ def verify_command(
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Of the random sample.")] = 0,
     tolerance: Annotated[
         float, typer.Option(help="How far a score may be off where depth maps differ, 0 to 1.")
-    ] = TOLERANCE,
+    ] = SCORE_TOLERANCE,
     dataset: Annotated[
         str | None, typer.Option(help="A store's path; default: the data set that it names.")
     ] = None,
@@ -84,11 +89,11 @@ def verify_command(
     folder: Folder = LEADERBOARD,
 ) -> None:
     """Run a random sample of each result's pairs again; the same numbers are reproduced."""
-    if record and tolerance != TOLERANCE:
+    if record and tolerance != SCORE_TOLERANCE:
         raise InputError(
             what="what is recorded was found with the released tolerance",
             where="--tolerance",
-            expected=f"{TOLERANCE:g}",
+            expected=f"{SCORE_TOLERANCE:g}",
             got=f"{tolerance:g}",
             fix="leave out --tolerance, or --record",
         )
@@ -103,7 +108,7 @@ def verify_command(
         trusted = consent.to(claim_of(claimed, path), path)
         store = open_store(dataset or claimed.dataset.name)
         with progress(f"verifying {claimed.method.name}") as step:
-            found = verify(
+            found = verify_result(
                 claimed, path, store, pairs, seed, tolerance, trusted, weights, on_pair=step
             )
         _tell(found, claimed, path, tolerance)
@@ -132,7 +137,7 @@ class _Consent:
         return [claim.record.entry]
 
 
-def _tell(found: Outcome, claimed: Result, path: Path, tolerance: float) -> None:
+def _tell(found: VerifiedSample, claimed: Result, path: Path, tolerance: float) -> None:
     count = len(found.pairs)
     print(f"reproduced   {path}")
     print(f"pairs        {count} of {claimed.dataset.evaluated}: {', '.join(found.pairs)}")

@@ -26,7 +26,7 @@ from dfdbench.results.record_file import RESULT
 from dfdbench.results.run_data import run_as_csv, run_as_json
 from dfdbench.results.run_tables import run_tables
 from dfdbench.results.scene_tables import scene_tables, spread_table
-from dfdbench.results.summary import scene_labels
+from dfdbench.results.summary import scene_labels, summarise
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
 
@@ -93,20 +93,21 @@ def run(
         say(f"an earlier run with other settings was moved to {done.set_aside}")
     if done.reused:
         say(f"{done.reused} pairs taken over from an earlier call (--fresh evaluates anew)")
+    summary = summarise(done.result, shown)
     if not no_predictions:
-        draw_run(data, done.result, folder, shown)
+        draw_run(data, summary, folder)
     tables = [
-        *run_tables(done.result, shown),
-        spread_table(done.result, shown, data.manifest.splits),
-        *scene_tables(done.result, shown, data.manifest.scenes),
+        *run_tables(summary),
+        spread_table(summary, data.manifest.splits),
+        *scene_tables(summary, data.manifest.scenes),
     ]
     if format is Format.table:
         for table in tables:
             print_table(table)
     elif format is Format.csv:
-        print(run_as_csv(done.result, shown, scene_labels(data.manifest.scenes)), end="")
+        print(run_as_csv(summary, scene_labels(data.manifest.scenes)), end="")
     elif format is Format.json:
-        print(run_as_json(done.result, shown, scene_labels(data.manifest.scenes)), end="")
+        print(run_as_json(summary, scene_labels(data.manifest.scenes)), end="")
     else:
         print(render(tables, format), end="")
     say(f"result       {folder / RESULT}")

@@ -26,6 +26,7 @@ from rich.progress import (
 from rich.text import Text
 
 from dfdbench.errors import InputError
+from dfdbench.figures.style import write_figure
 from dfdbench.tables.render import as_rich
 from dfdbench.tables.table import Table, least_width
 
@@ -90,7 +91,7 @@ def save_figure(figure: Figure, path: Path) -> None:
         )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=120, format="png")
+        write_figure(figure, path)
     except OSError as error:
         raise InputError(
             "cannot write the figure", where=str(path), got=error.strerror or str(error)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import threading
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -21,7 +20,7 @@ from dfdbench.methods.isolation import seeded
 from dfdbench.methods.method import Method, Prediction
 from dfdbench.metrics.protocol import PROTOCOLS, Protocol, score
 from dfdbench.metrics.scores import AGAINST, correlation
-from dfdbench.results.record import PairResult, PairScores
+from dfdbench.results.record import PairResult, pair_scores
 from dfdbench.system.location import is_local
 
 #: How a pair's warning begins where the method printed, and where its depth goes the wrong way.
@@ -137,15 +136,7 @@ def _record(
             "status": "ok",
             "seconds": prediction.seconds,
             "prediction_sha256": array_digest("depth", ("y", "x"), prediction.depth),
-            "scores": {
-                name: PairScores(
-                    **{
-                        metric: None if math.isnan(value) else value
-                        for metric, value in asdict(scored).items()
-                    }
-                )
-                for name, scored in scores.items()
-            },
+            "scores": {name: pair_scores(scored) for name, scored in scores.items()},
             "numbers": prediction.numbers,
             "warnings": warnings,
         }

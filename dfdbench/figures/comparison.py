@@ -8,8 +8,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dfdbench.figures.runs import ERROR_LIMIT
-from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text, wrapped
-from dfdbench.metrics.protocol import METRICS
+from dfdbench.figures.style import (
+    COLOURS,
+    MARKERS,
+    legend_below,
+    plain_text,
+    without_ticks,
+    wrapped,
+)
+from dfdbench.metrics.metric import METRICS
 from dfdbench.results.differences import PairChange
 from dfdbench.results.record import PairResult
 from dfdbench.results.saved_run import SavedRun
@@ -89,7 +96,9 @@ def change_figure(
     names = [plain_text(run.label) for run in (first, second)]
     figure.suptitle(f"A: {names[0]}    B: {names[1]}    changed much, scene by scene")
     heads = ("in-focus", "ground truth", "A", "B", "A − truth", "B − truth")
-    for number, (change, images, *predictions) in enumerate(rows):
+    for axis, head in zip(grid[0], heads, strict=True):
+        axis.set_title(head, fontsize=10)
+    for axes, (change, images, *predictions) in zip(grid, rows, strict=True):
         known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
         depth_style = {
             "cmap": "viridis",
@@ -103,20 +112,14 @@ def change_figure(
             "vmax": ERROR_LIMIT,
             "interpolation": "nearest",
         }
-        axes = grid[number]
         axes[0].imshow(images.infocus)
         for axis, depth in zip(axes[1:4], (known, *predictions), strict=True):
             shown = axis.imshow(depth, **depth_style)
         for axis, depth in zip(axes[4:], predictions, strict=True):
             error = axis.imshow(depth - known, **error_style)
         axes[0].set_ylabel(change.first.id.replace("/", "\n"), fontsize=8)
-        axes[5].set_xlabel(f"{metric.upper()} {change.difference:+.4f}", fontsize=9)
-        for column, axis in enumerate(axes):
-            axis.set_xticks([])
-            axis.set_yticks([])
-            axis.set_facecolor("0.75")
-            if number == 0:
-                axis.set_title(heads[column], fontsize=10)
+        axes[5].set_xlabel(f"{METRICS[metric].title} {change.difference:+.4f}", fontsize=9)
+        without_ticks(axes, "0.75")
         figure.colorbar(shown, ax=axes[3], label="depth level", fraction=0.05)
         figure.colorbar(error, ax=axes[5], label="levels", fraction=0.05, extend="both")
     figure.supxlabel("grey: depth unknown", fontsize=8)
@@ -132,16 +135,16 @@ def _scene_figure(
     width = max(3.2, 0.3 * len(scenes) + 1.5)
     # One exposure alone would leave no room for the names below it.
     whole = max(width * len(levels), 8.0)
-    figure = Figure(figsize=(whole, 7.5), layout="constrained")
+    figure = Figure(figsize=(whole, 2.5 * len(METRICS)), layout="constrained")
     grid = figure.subplots(len(METRICS), len(levels), squeeze=False, sharey="row", sharex=True)
-    for line, (metric, up) in enumerate(METRICS.items()):
+    for line, metric in enumerate(METRICS.values()):
         for column, level in enumerate(levels):
             axis = grid[line][column]
             for number, run in enumerate(runs):
                 place = {dataset.blocks: level}
                 if dataset.rows and value is not None:
                     place[dataset.rows] = value
-                found = _scores(run, protocol, metric, place)
+                found = _scores(run, protocol, metric.name, place)
                 offset = (number - (len(runs) - 1) / 2) * 0.6 / len(runs)
                 axis.plot(
                     [scenes.index(scene) + offset for scene, _ in found],
@@ -155,7 +158,7 @@ def _scene_figure(
             axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
             axis.grid(alpha=0.3)
             if column == 0:
-                axis.set_ylabel(f"{metric.upper()} ({'higher' if up else 'lower'} is better)")
+                axis.set_ylabel(metric.axis_label)
             if line == 0:
                 axis.set_title(f"{dataset.blocks} {level}")
     legend_below(figure, grid[0][0])
@@ -170,5 +173,5 @@ def _scores(
         for pair in run.result.pairs
         if pair.status == "ok"
         and place.items() <= pair.coordinates.items()
-        and (score := getattr(pair.scores[protocol], metric)) is not None
+        and (score := pair.score(protocol, metric)) is not None
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +22,7 @@ from dfdbench.audit.level_ranges import runs
 from dfdbench.audit.run_errors import ErrorJoin, pair_of
 from dfdbench.audit.sides import Side
 from dfdbench.datasets.store import Store
+from dfdbench.figures.style import without_ticks
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
 
@@ -120,45 +122,20 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
     Shown are the pairs of different scenes with the most uncovered pixels; where all is covered,
     those with the largest errors.
     """
-    rows = _shown(result, join)
+    rows = _most_uncovered(result, join)
     figure = Figure(figsize=(15, 2.7 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 5, squeeze=False)
     shown = "where training lacks levels" if join.total.share(join.uncovered) else _ALL_COVERED
     figure.suptitle(f"{result.method.name} on {result.dataset.name}: {shown}")
     heads = ("ground truth", "prediction", "uncovered levels", "|error|", "error under the mask")
-    colours = ListedColormap(["white", _SCARCE, _MISSING])
+    for axis, head in zip(grid[0], heads, strict=True):
+        axis.set_title(head, fontsize=10)
     for record, axes in zip(rows, grid, strict=True):
         depth, valid = store.read_depth(pair_of(record))
         prediction = read_prediction(folder, pair_of(record), depth.shape)
         assert prediction is not None
-        error = np.abs(prediction - depth)
-        kind = np.where(join.levels[Verdict.missing], 2, join.levels[Verdict.scarce])[depth]
-        kind = np.ma.masked_where(~valid, kind)
-        known = np.ma.masked_where(~valid, error)
-        levels = {"cmap": "viridis", "vmin": 0, "vmax": 255, "interpolation": "nearest"}
-        errors = {"cmap": "gray", "vmin": 0, "vmax": _ERROR_LIMIT, "interpolation": "nearest"}
-        scale_of_depth = axes[0].imshow(np.ma.masked_where(~valid, depth), **levels)
-        axes[1].imshow(prediction, **levels)
-        axes[2].imshow(kind, cmap=colours, vmin=0, vmax=2, interpolation="nearest")
-        scale = axes[3].imshow(known, **errors)
-        axes[4].imshow(known, **errors)
-        axes[4].imshow(
-            np.ma.masked_where(np.ma.filled(kind, 0) == 0, kind),
-            cmap=colours,
-            vmin=0,
-            vmax=2,
-            alpha=0.5,
-            interpolation="nearest",
-        )
+        _draw_mask(figure, axes, join, depth, valid, prediction)
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
-        figure.colorbar(scale_of_depth, ax=axes[1], label="depth level", fraction=0.05)
-        figure.colorbar(scale, ax=axes[4], label="levels", fraction=0.05, extend="max")
-        for axis in axes:
-            axis.set_xticks([])
-            axis.set_yticks([])
-            axis.set_facecolor(_UNKNOWN)
-    for axis, head in zip(grid[0], heads, strict=True):
-        axis.set_title(head, fontsize=10)
     figure.legend(
         handles=[
             Patch(color=_SCARCE, label="scarce"),
@@ -169,6 +146,42 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
         ncols=3,
     )
     return figure
+
+
+def _draw_mask(
+    figure: Figure,
+    axes: Sequence[Axes],
+    join: ErrorJoin,
+    depth: NDArray[np.uint8],
+    valid: NDArray[np.bool_],
+    prediction: NDArray[np.float32],
+) -> None:
+    kind = np.where(join.levels[Verdict.missing], 2, join.levels[Verdict.scarce])[depth]
+    kind = np.ma.masked_where(~valid, kind)
+    covered = np.ma.filled(kind, 0) == 0
+    known = np.ma.masked_where(~valid, np.abs(prediction - depth))
+    levels: dict[str, Any] = {"cmap": "viridis", "vmin": 0, "vmax": 255}
+    errors: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": _ERROR_LIMIT}
+    kinds: dict[str, Any] = {
+        "cmap": ListedColormap(["white", _SCARCE, _MISSING]),
+        "vmin": 0,
+        "vmax": 2,
+    }
+    images: tuple[tuple[Any, dict[str, Any]], ...] = (
+        (np.ma.masked_where(~valid, depth), levels),
+        (prediction, levels),
+        (kind, kinds),
+        (known, errors),
+        (known, errors),
+    )
+    shown = [
+        axis.imshow(image, interpolation="nearest", **style)
+        for axis, (image, style) in zip(axes, images, strict=True)
+    ]
+    axes[4].imshow(np.ma.masked_where(covered, kind), interpolation="nearest", alpha=0.5, **kinds)
+    figure.colorbar(shown[0], ax=axes[1], label="depth level", fraction=0.05)
+    figure.colorbar(shown[3], ax=axes[4], label="levels", fraction=0.05, extend="max")
+    without_ticks(axes, _UNKNOWN)
 
 
 def difficulty_figure(
@@ -195,14 +208,11 @@ def difficulty_figure(
         axes[0].set_title(name.replace("/", ", "), fontsize=9)
         bar = figure.colorbar(shown, ax=axes[1], label="levels", fraction=0.05)
         bar.set_ticks(range(len(STEPS) + 1), labels=[*map(str, STEPS), "none"])
-        for axis in axes:
-            axis.set_xticks([])
-            axis.set_yticks([])
-            axis.set_facecolor(_UNKNOWN)
+        without_ticks(axes, _UNKNOWN)
     return figure
 
 
-def _shown(result: Result, join: ErrorJoin) -> list[PairResult]:
+def _most_uncovered(result: Result, join: ErrorJoin) -> list[PairResult]:
     records = {pair.id: pair for pair in result.pairs if pair.id in join.pairs}
 
     def weight(identity: str) -> tuple[float, float]:

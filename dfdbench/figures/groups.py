@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dfdbench.datasets.manifest import Scene
 from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text
-from dfdbench.metrics.protocol import METRICS, title_of
+from dfdbench.metrics.metric import METRICS, mean_of
+from dfdbench.metrics.protocol import title_of
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.summary import scene_labels
 
@@ -55,45 +57,17 @@ def _figure(
     height = 1.3 + max(0.3, 0.16 * len(results)) * len(labels) + 0.3 * several
     figure = Figure(figsize=(9, height), layout="constrained")
     grid = figure.subplots(1, len(METRICS), sharey=True)
-    for axis, (metric, up) in zip(grid, METRICS.items(), strict=True):
+    for axis, metric in zip(grid, METRICS.values(), strict=True):
         for number, (name, result) in enumerate(results.items()):
-            colour = COLOURS[number % len(COLOURS)]
             offset = (number - (len(results) - 1) / 2) * 0.7 / len(results)
-            named = plain_text(name)
-            for place, group in enumerate(labels):
-                values = [
-                    score
-                    for pair in result.pairs
-                    if pair.status == "ok"
-                    and label(pair) == group
-                    and (score := getattr(pair.scores[protocol], metric)) is not None
-                ]
-                if not values:
-                    continue
-                at = place + offset
-                axis.plot(
-                    values,
-                    [at] * len(values),
-                    linestyle="none",
-                    marker=".",
-                    color=colour,
-                    alpha=0.35,
-                    markeredgewidth=0,
-                )
-                spread = np.std(values, ddof=1) if len(values) > 1 else 0.0
-                axis.errorbar(
-                    np.mean(values),
-                    at,
-                    xerr=spread,
-                    marker=MARKERS[number % len(MARKERS)],
-                    markersize=5,
-                    color=colour,
-                    capsize=2,
-                    linewidth=1,
-                    label=named,
-                )
-                named = "_"  # one entry of the legend a run
-        axis.set_xlabel(f"{metric.upper()} ({'higher' if up else 'lower'} is better)")
+            by_label = _by_label(result, protocol, metric.name, label)
+            rows = {
+                place + offset: by_label[group]
+                for place, group in enumerate(labels)
+                if group in by_label
+            }
+            _draw_run(axis, rows, number, plain_text(name))
+        axis.set_xlabel(metric.axis_label)
         axis.locator_params(axis="x", nbins=4)
         axis.grid(axis="x", alpha=0.3)
     grid[0].set_yticks(range(len(labels)), labels)
@@ -109,3 +83,42 @@ def _figure(
     if several:
         legend_below(figure, grid[0])
     return figure
+
+
+def _by_label(
+    result: Result, protocol: str, metric: str, label: Callable[[PairResult], str | None]
+) -> dict[str, list[float]]:
+    found: dict[str, list[float]] = {}
+    for pair in result.pairs:
+        name = label(pair)
+        if pair.status != "ok" or name is None:
+            continue
+        if (score := pair.score(protocol, metric)) is not None:
+            found.setdefault(name, []).append(score)
+    return found
+
+
+def _draw_run(axis: Axes, rows: Mapping[float, Sequence[float]], number: int, name: str) -> None:
+    colour = COLOURS[number % len(COLOURS)]
+    for at, values in rows.items():
+        axis.plot(
+            values,
+            [at] * len(values),
+            linestyle="none",
+            marker=".",
+            color=colour,
+            alpha=0.35,
+            markeredgewidth=0,
+        )
+        axis.errorbar(
+            mean_of(values) or 0.0,
+            at,
+            xerr=np.std(values, ddof=1) if len(values) > 1 else 0.0,
+            marker=MARKERS[number % len(MARKERS)],
+            markersize=5,
+            color=colour,
+            capsize=2,
+            linewidth=1,
+            label=name,
+        )
+        name = "_"  # one entry of the legend a run

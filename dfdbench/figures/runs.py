@@ -2,33 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.store import PairImages, Store
 from dfdbench.figures.groups import group_figures
-from dfdbench.figures.style import COLOURS, MARKERS, depth_span, plain_text
-from dfdbench.metrics.protocol import METRICS, title_of
+from dfdbench.figures.style import (
+    COLOURS,
+    MARKERS,
+    depth_span,
+    plain_text,
+    without_ticks,
+    write_figure,
+)
+from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.protocol import title_of
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.summary import ranked
+from dfdbench.results.summary import RunSummary
+from dfdbench.results.wording import score_text
 
 _PANELS = 3
 ERROR_LIMIT = 50.0
 
 
 def draw_run(
-    store: Store,
-    result: Result,
-    folder: Path,
-    protocol: str,
-    on_figure: Callable[[Path], None] | None = None,
+    store: Store, summary: RunSummary, folder: Path, on_figure: Callable[[Path], None] | None = None
 ) -> list[Path]:
     """Draw a run's figures as PNG files into ``folder/figures``; return their paths.
 
@@ -36,18 +43,16 @@ def draw_run(
     ----------
     store : Store
         The data set that was run on.
-    result : Result
-        The run.
+    summary : RunSummary
+        The run under a protocol, by which pairs are ranked and scored.
     folder : Path
         The run's folder, with its predictions.
-    protocol : str
-        Under which protocol pairs are ranked and scored.
     on_figure : callable, optional
         Called with each path as it is written.
     """
     target = folder / "figures"
     target.mkdir(parents=True, exist_ok=True)
-    order = ranked(result, protocol)
+    result, protocol, order = summary.result, summary.protocol, summary.ranked
     figures: dict[str, Figure | None] = {
         "scores.png": score_figure(result, protocol),
         "best.png": panel_figure(store, result, folder, order[:_PANELS], protocol, "best"),
@@ -62,7 +67,7 @@ def draw_run(
     for name, figure in figures.items():
         if figure is None:
             continue
-        figure.savefig(target / name, dpi=120)
+        write_figure(figure, target / name)
         paths.append(target / name)
         if on_figure:
             on_figure(target / name)
@@ -93,38 +98,35 @@ def panel_figure(
         f"split {result.dataset.split}, protocol {title_of(protocol)}"
     )
     heads = ("in-focus", "defocus", "ground truth", "prediction", "prediction − truth")
-    for number, (record, images, prediction) in enumerate(rows):
-        known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
-        low, high = depth_span(known)
-        depth_style = {"cmap": "viridis", "vmin": low, "vmax": high, "interpolation": "nearest"}
-        axes = grid[number]
-        axes[0].imshow(images.infocus)
-        axes[1].imshow(images.defocus)
-        truth = axes[2].imshow(known, **depth_style)
-        axes[3].imshow(prediction, **depth_style)
-        error = axes[4].imshow(
-            prediction - known,
-            cmap="PuOr",
-            vmin=-ERROR_LIMIT,
-            vmax=ERROR_LIMIT,
-            interpolation="nearest",
-        )
-        scores = record.scores[protocol]
+    for axis, head in zip(grid[0], heads, strict=True):
+        axis.set_title(head, fontsize=10)
+    for axes, (record, images, prediction) in zip(grid, rows, strict=True):
+        _draw_pair(figure, axes, images, prediction)
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
-        axes[4].set_xlabel(
-            f"NRMSE {_text(scores.nrmse)}  NMAE {_text(scores.nmae)}  SSIM {_text(scores.ssim)}",
-            fontsize=8,
+        scores = (
+            f"{metric.title} {score_text(record.score(protocol, name), 'undefined')}"
+            for name, metric in METRICS.items()
         )
-        for column, axis in enumerate(axes):
-            axis.set_xticks([])
-            axis.set_yticks([])
-            axis.set_facecolor("0.75")
-            if number == 0:
-                axis.set_title(heads[column], fontsize=10)
-        figure.colorbar(truth, ax=axes[3], label="depth level", fraction=0.05)
-        figure.colorbar(error, ax=axes[4], label="levels", fraction=0.05, extend="both")
+        axes[4].set_xlabel("  ".join(scores), fontsize=8)
     figure.supxlabel("grey: depth unknown", fontsize=8)
     return figure
+
+
+def _draw_pair(
+    figure: Figure, axes: Sequence[Axes], images: PairImages, prediction: NDArray[np.float32]
+) -> None:
+    known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
+    low, high = depth_span(known)
+    levels: dict[str, Any] = {"cmap": "viridis", "vmin": low, "vmax": high}
+    errors: dict[str, Any] = {"cmap": "PuOr", "vmin": -ERROR_LIMIT, "vmax": ERROR_LIMIT}
+    axes[0].imshow(images.infocus)
+    axes[1].imshow(images.defocus)
+    truth = axes[2].imshow(known, interpolation="nearest", **levels)
+    axes[3].imshow(prediction, interpolation="nearest", **levels)
+    error = axes[4].imshow(prediction - known, interpolation="nearest", **errors)
+    without_ticks(axes, "0.75")
+    figure.colorbar(truth, ax=axes[3], label="depth level", fraction=0.05)
+    figure.colorbar(error, ax=axes[4], label="levels", fraction=0.05, extend="both")
 
 
 def score_figure(result: Result, protocol: str) -> Figure | None:
@@ -139,48 +141,48 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     width = max(4.0, 0.35 * len(scenes) + 2.0)
     # Title and legend are of one width, however few scenes there are.
     whole = max(width * len(columns), 8.0)
-    figure = Figure(figsize=(whole, 8), layout="constrained")
+    figure = Figure(figsize=(whole, 0.8 + 2.4 * len(METRICS)), layout="constrained")
     grid = figure.subplots(len(METRICS), len(columns), squeeze=False, sharey="row", sharex=True)
     figure.suptitle(
         f"{plain_text(result.method.name)} on {result.dataset.name}, split {result.dataset.split}, "
         f"protocol {title_of(protocol)}"
     )
-    for line, (metric, up) in enumerate(METRICS.items()):
-        for column, value in enumerate(columns):
-            axis = grid[line][column]
+    for line, metric in zip(grid, METRICS.values(), strict=True):
+        line[0].set_ylabel(metric.axis_label)
+        for axis, value in zip(line, columns, strict=True):
+            chosen = [pair for pair in pairs if rows is None or pair.coordinates[rows] == value]
             for number, level in enumerate(levels):
-                chosen = [
-                    pair
-                    for pair in pairs
-                    if pair.coordinates[blocks] == level
-                    and (rows is None or pair.coordinates[rows] == value)
-                    and getattr(pair.scores[protocol], metric) is not None
-                ]
                 offset = (number - (len(levels) - 1) / 2) * 0.5 / len(levels)
-                axis.plot(
-                    [scenes.index(pair.scene) + offset for pair in chosen],
-                    [getattr(pair.scores[protocol], metric) for pair in chosen],
-                    linestyle="none",
-                    marker=MARKERS[number % len(MARKERS)],
-                    markersize=5,
-                    color=COLOURS[number % len(COLOURS)],
-                    label=f"{blocks} {level}",
-                )
+                found = [
+                    (scenes.index(pair.scene) + offset, score)
+                    for pair in chosen
+                    if pair.coordinates[blocks] == level
+                    and (score := pair.score(protocol, metric.name)) is not None
+                ]
+                _draw_marks(axis, found, number, f"{blocks} {level}")
             axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
             axis.grid(alpha=0.3)
-            if column == 0:
-                axis.set_ylabel(f"{metric.upper()} ({'higher' if up else 'lower'} is better)")
-            if line == 0 and rows:
-                axis.set_title(f"{rows} {value}")
-            if line == len(METRICS) - 1:
-                axis.set_xlabel(
-                    "scene; one mark a view" if "view" in result.dataset.axes else "scene"
-                )
+    for axis, value in zip(grid[0], columns, strict=True):
+        axis.set_title(f"{rows} {value}" if rows else "")
+    for axis in grid[-1]:
+        axis.set_xlabel("scene; one mark a view" if "view" in result.dataset.axes else "scene")
     handles, labels = grid[0][0].get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="outside lower center", ncols=min(len(levels), int(whole / 2))
     )
     return figure
+
+
+def _draw_marks(axis: Axes, found: Sequence[tuple[float, float]], number: int, label: str) -> None:
+    axis.plot(
+        [at for at, _ in found],
+        [score for _, score in found],
+        linestyle="none",
+        marker=MARKERS[number % len(MARKERS)],
+        markersize=5,
+        color=COLOURS[number % len(COLOURS)],
+        label=label,
+    )
 
 
 def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
@@ -278,7 +280,3 @@ def pixel_time_figure(store: Store, result: Result) -> Figure | None:
 
 def _nearest(levels: NDArray[np.float32]) -> NDArray[np.int64]:
     return np.rint(levels).astype(np.int64)
-
-
-def _text(value: float | None) -> str:
-    return "undefined" if value is None else f"{value:.4f}"

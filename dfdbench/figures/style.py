@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 
 # Okabe and Ito's colours, which the colour-blind can tell apart; markers differ as well.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
+_DPI = 120
 _LEAST_SPAN = 20.0
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LEGEND_COLUMNS = 3
@@ -19,6 +22,19 @@ _LABEL_LENGTH = 60
 # In ems: a character, rather wide since browsers use fonts of their own; a mark and the space
 # around it; a line.
 _CHARACTER, _MARK, _LINE = 0.65, 5.0, 1.6
+
+
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a figure, in the form that the file's suffix names: every figure is as fine."""
+    figure.savefig(path, dpi=_DPI)
+
+
+def without_ticks(axes: Iterable[Axes], background: str) -> None:
+    """Make axes bare, as images have them; `background` shows where an image is masked."""
+    for axis in axes:
+        axis.set_xticks([])
+        axis.set_yticks([])
+        axis.set_facecolor(background)
 
 
 def depth_span(levels: NDArray[np.float64]) -> tuple[float, float]:

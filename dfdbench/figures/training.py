@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from dfdbench.figures.style import COLOURS
 from dfdbench.methods.networks.weights import Card
-from dfdbench.metrics.protocol import METRICS
+from dfdbench.metrics.metric import METRICS
 from dfdbench.training.checkpoint import Log, Row
 from dfdbench.training.selections import Selections
 
@@ -22,11 +23,13 @@ _POINTS = 400
 
 def training_figure(log: Log, title: str) -> Figure:
     """Draw loss and learning rate, and each metric on train and test, as Fig. 5.7 does."""
-    figure = Figure(figsize=(11, 9), layout="constrained")
+    lines = 1 + math.ceil(len(METRICS) / 2)
+    figure = Figure(figsize=(11, 3 * lines), layout="constrained")
     figure.suptitle(title)
-    axes = figure.subplots(3, 2, sharex=True)
+    axes = figure.subplots(lines, 2, sharex=True)
     _draw_losses(axes[0, 0], axes[0, 1], log.losses)
-    for axis, metric in zip(axes.flat[2:], METRICS, strict=False):
+    drawn = axes.flat[: 2 + len(METRICS)]
+    for axis, (metric, shown) in zip(drawn[2:], METRICS.items(), strict=True):
         for name, colour in (("train", _TRAIN), ("test", _TEST)):
             rows = [row for row in log.scores if row.get(f"{name}_{metric}")]
             axis.plot(
@@ -36,12 +39,13 @@ def training_figure(log: Log, title: str) -> Figure:
                 color=colour,
                 label=f"{name} pairs",
             )
-        axis.set(ylabel=metric.upper(), xlabel="step")
+        axis.set(ylabel=shown.title, xlabel="step")
         axis.xaxis.set_tick_params(labelbottom=True)
         if log.scores:
             axis.legend()
-    axes[2, 1].set_axis_off()
-    for axis in axes.flat[:5]:
+    for axis in axes.flat[len(drawn) :]:
+        axis.set_axis_off()
+    for axis in drawn:
         axis.grid(alpha=0.3)
     return figure
 
@@ -152,7 +156,7 @@ def experiment_figure(title: str, cards: Sequence[tuple[str, Card]], baseline: s
             axis.set_xlabel("training")
         else:
             _draw_values(axis, scores)
-        axis.set(ylabel=metric.upper())
+        axis.set(ylabel=METRICS[metric].title)
         axis.grid(alpha=0.3)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     if handles:

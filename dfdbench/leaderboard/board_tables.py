@@ -4,59 +4,71 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from math import fsum
 from pathlib import Path
 
-from dfdbench.leaderboard.boards import Board, Entry, Standing
+from dfdbench.leaderboard.boards import Entry, ScoreBoard, Standing
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
-from dfdbench.metrics.protocol import METRICS, RELEASED, title_of
+from dfdbench.metrics.metric import METRICS, RANKED_BY, mean_of
+from dfdbench.metrics.protocol import RELEASED, title_of
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT
-from dfdbench.results.wording import (
-    HEADINGS,
-    NOTHING,
-    machine_of,
-    parameters_of,
-    score_text,
-    seconds_text,
-)
+from dfdbench.results.wording import NOTHING, machine_of, parameters_of, score_text, seconds_text
 from dfdbench.tables.table import Link, Table
 
 
-def board_tables(board: Board, folder: Path) -> list[Table]:
+def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
     """Return a board's tables: the ranking, the scores by lighting, how each was run.
 
     Parameters
     ----------
-    board : Board
+    board : ScoreBoard
         From `dfdbench.leaderboard.boards.boards`.
     folder : Path
         The leaderboard's folder, from which links go out.
     """
-    return [ranking_table(board, folder), lighting_table(board), runs_table(board, folder)]
+    return [standings_table(board, folder), lighting_table(board), runs_table(board, folder)]
 
 
-def ranking_table(board: Board, folder: Path) -> Table:
+def standings_table(board: ScoreBoard, folder: Path) -> Table:
     """Return the ranking: by NRMSE, ties by NMAE, as the thesis ranks."""
-    protocol = board.protocol
-    rows = []
-    for standing in board.standings:
-        entry = standing.entry
-        scores = [score_text(entry.score(protocol, metric)) for metric in METRICS]
-        rows.append(
-            (
-                NOTHING if standing.rank is None else str(standing.rank),
-                entry.label,
-                scores[0],
-                _interval(standing.interval),
-                scores[1],
-                scores[2],
-                str(standing.above or NOTHING),
-                seconds_text(entry.seconds),
-                entry.status,
-            )
+    metrics = [metric for name, metric in METRICS.items() if name != RANKED_BY]
+    columns = (
+        "",
+        "method",
+        METRICS[RANKED_BY].heading,
+        interval_name(board.scenes),
+        *(metric.heading for metric in metrics),
+        "behind the row above",
+        "seconds a pair",
+        "status",
+    )
+    rows = tuple(
+        (
+            NOTHING if standing.rank is None else str(standing.rank),
+            standing.entry.label,
+            score_text(standing.entry.score(board.protocol, RANKED_BY)),
+            _interval(standing.interval),
+            *(score_text(standing.entry.score(board.protocol, each.name)) for each in metrics),
+            str(standing.above or NOTHING),
+            seconds_text(standing.entry.seconds),
+            standing.entry.status,
         )
-    notes = [
+        for standing in board.standings
+    )
+    scores = len(columns) - 3
+    return Table(
+        f"{board.dataset}, split {board.split}, protocol {title_of(board.protocol)}",
+        columns,
+        rows,
+        "rlrl" + "r" * len(metrics) + "lrl",
+        tuple(_ranking_notes(board)),
+        records=tuple(_record(board, standing, folder) for standing in board.standings),
+        parts=(tuple(range(scores)), (0, 1, *range(scores, len(columns)))),
+    )
+
+
+def _ranking_notes(board: ScoreBoard) -> list[str]:
+    return [
         _interval_note(board.scenes),
         *_incomplete_notes(board),
         *(
@@ -64,31 +76,9 @@ def ranking_table(board: Board, folder: Path) -> Table:
             for old, new in board.superseded
         ),
     ]
-    columns = (
-        "",
-        "method",
-        HEADINGS["nrmse"],
-        interval_name(board.scenes),
-        HEADINGS["nmae"],
-        HEADINGS["ssim"],
-        "behind the row above",
-        "seconds a pair",
-        "status",
-    )
-    title = f"{board.dataset}, split {board.split}, protocol {title_of(protocol)}"
-    records = tuple(_record(board, standing, folder) for standing in board.standings)
-    return Table(
-        title,
-        columns,
-        tuple(rows),
-        "rlrlrrlrl",
-        tuple(notes),
-        records=records,
-        parts=((0, 1, 2, 3, 4, 5), (0, 1, 6, 7, 8)),
-    )
 
 
-def lighting_table(board: Board) -> Table:
+def lighting_table(board: ScoreBoard) -> Table:
     """Return each method's means by block, exposure for instance, a row a metric."""
     axis = board.standings[0].entry.result.dataset.blocks
     levels = _levels(board)
@@ -97,11 +87,11 @@ def lighting_table(board: Board) -> Table:
     records: list[Mapping[str, object]] = []
     for standing in board.standings:
         entry = standing.entry
-        for metric in METRICS:
+        for number, (metric, shown) in enumerate(METRICS.items()):
             means = [_mean(entry.result, board.protocol, metric, axis, level) for level in levels]
             whole = entry.score(board.protocol, metric)
-            name = entry.label if metric == "nrmse" else ""
-            rows.append((name, HEADINGS[metric], *map(score_text, means), score_text(whole)))
+            name = "" if number else entry.label
+            rows.append((name, shown.heading, *map(score_text, means), score_text(whole)))
             values = {
                 **{f"{axis} {n}": m for n, m in zip(levels, means, strict=True)},
                 "overall": whole,
@@ -113,7 +103,7 @@ def lighting_table(board: Board) -> Table:
     return Table(f"by {axis}", columns, tuple(rows), align, (), frozenset(rules), tuple(records))
 
 
-def runs_table(board: Board, folder: Path | None = None) -> Table:
+def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
     """Return how each method was run: parameters, training data, machine, paper.
 
     With the leaderboard's folder also whether it was reproduced, and a link to its file.
@@ -148,7 +138,7 @@ def runs_table(board: Board, folder: Path | None = None) -> Table:
     return Table("how they were run", columns, tuple(rows), align, notes)
 
 
-def _record(board: Board, standing: Standing, folder: Path) -> dict[str, object]:
+def _record(board: ScoreBoard, standing: Standing, folder: Path) -> dict[str, object]:
     entry, protocol = standing.entry, board.protocol
     dataset = entry.result.dataset
     low, high = standing.interval or (None, None)
@@ -173,12 +163,12 @@ def _record(board: Board, standing: Standing, folder: Path) -> dict[str, object]
         "parameters": parameters_of(entry.result),
         "trained_on": entry.result.method.trained_on,
         **{metric: entry.score(protocol, metric) for metric in METRICS},
-        "nrmse_low": low,
-        "nrmse_high": high,
+        f"{RANKED_BY}_low": low,
+        f"{RANKED_BY}_high": high,
         "interval": interval_name(board.scenes),
-        "nrmse_behind": above.mean if above else None,
-        "nrmse_behind_low": above.low if above else None,
-        "nrmse_behind_high": above.high if above else None,
+        f"{RANKED_BY}_behind": above.mean if above else None,
+        f"{RANKED_BY}_behind_low": above.low if above else None,
+        f"{RANKED_BY}_behind_high": above.high if above else None,
         **by_level,
         "seconds": entry.seconds,
         "machine": machine_of(entry.result),
@@ -188,7 +178,7 @@ def _record(board: Board, standing: Standing, folder: Path) -> dict[str, object]
     }
 
 
-def _levels(board: Board) -> list[int]:
+def _levels(board: ScoreBoard) -> list[int]:
     axis = board.standings[0].entry.result.dataset.blocks
     pairs = [pair for s in board.standings for pair in s.entry.result.pairs]
     return sorted({pair.coordinates[axis] for pair in pairs})
@@ -199,22 +189,21 @@ def _mean(result: Result, protocol: str, metric: str, axis: str, level: int) -> 
     pairs = [pair for pair in result.pairs if pair.coordinates[axis] == level]
     if not pairs or any(pair.status != "ok" for pair in pairs):
         return None
-    values = [getattr(pair.scores[protocol], metric) for pair in pairs]
-    defined = [value for value in values if value is not None]
-    return fsum(defined) / len(defined) if defined else None
+    return mean_of(pair.score(protocol, metric) for pair in pairs)
 
 
 def _interval_note(scenes: int) -> str:
-    behind = "Behind the row above: how much larger NRMSE is, pair by pair, with its"
+    score = METRICS[RANKED_BY].title
+    behind = f"Behind the row above: how much larger {score} is, pair by pair, with its"
     if scenes >= SCENES_TO_TELL:
         return (
-            f"95 %: interval of NRMSE from a bootstrap over {scenes} scenes. {behind} interval; "
+            f"95 %: interval of {score} from a bootstrap over {scenes} scenes. {behind} interval; "
             "real where that leaves out 0."
         )
     if scenes == 1:
         return "A single scene: no interval."
     return (
-        f"Range of scene means: the lowest and the highest NRMSE of {scenes} scenes; fewer than "
+        f"Range of scene means: the lowest and the highest {score} of {scenes} scenes; fewer than "
         f"six are too few for a 95 % interval. {behind} range over scenes; likely where all "
         "scenes lean one way."
     )
@@ -231,7 +220,7 @@ def _file(entry: Entry, other: Entry) -> str:
     ).as_posix()
 
 
-def _incomplete_notes(board: Board) -> list[str]:
+def _incomplete_notes(board: ScoreBoard) -> list[str]:
     notes = []
     for standing in board.standings:
         dataset = standing.entry.result.dataset
@@ -241,7 +230,9 @@ def _incomplete_notes(board: Board) -> list[str]:
                 "evaluated; an incomplete run has no rank"
             )
         elif standing.rank is None:
-            notes.append(f"{standing.entry.label}: NRMSE is defined for no pair")
+            notes.append(
+                f"{standing.entry.label}: {METRICS[RANKED_BY].title} is defined for no pair"
+            )
     return notes
 
 
@@ -260,4 +251,4 @@ def _target(entry: Entry, folder: Path) -> str:
 
 
 def _interval(interval: tuple[float, float] | None) -> str:
-    return NOTHING if interval is None else f"{interval[0]:.4f} to {interval[1]:.4f}"
+    return NOTHING if interval is None else " to ".join(map(score_text, interval))

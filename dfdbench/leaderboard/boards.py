@@ -12,10 +12,11 @@ from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.folder import RESULTS, require_leaderboard
 from dfdbench.leaderboard.submission import TIME_FORMAT, load_submission
 from dfdbench.leaderboard.verification import entry_problems
-from dfdbench.leaderboard.verification_file import SUFFIX, Verification, load_verification
+from dfdbench.leaderboard.verification_file import SUFFIX, Reproduction, load_verification
 from dfdbench.metrics.intervals import scene_interval
+from dfdbench.metrics.metric import RANKED_BY, TIES_BY, mean_of
 from dfdbench.metrics.protocol import RELEASED
-from dfdbench.results.differences import Difference, changes, paired_difference
+from dfdbench.results.differences import PairedDifference, changes, paired_difference
 from dfdbench.results.record import Result
 from dfdbench.results.wording import method_label
 
@@ -26,7 +27,7 @@ class Entry:
 
     result: Result
     path: Path
-    verification: Verification | None
+    verification: Reproduction | None
 
     @property
     def label(self) -> str:
@@ -43,8 +44,7 @@ class Entry:
         """Mean seconds a pair; None where they cannot be compared, or nothing was evaluated."""
         if not all(pair.timed_alone for pair in self.result.pairs):
             return None
-        found = [pair.seconds for pair in self.result.pairs if pair.seconds is not None]
-        return math.fsum(found) / len(found) if found else None
+        return mean_of(pair.seconds for pair in self.result.pairs)
 
     def score(self, protocol: str, metric: str) -> float | None:
         """Return the average over all pairs; None for an incomplete run."""
@@ -63,18 +63,18 @@ class Standing:
         By NRMSE, ties by NMAE; None for a run that is incomplete or has no NRMSE.
     interval : tuple of float, or None
         Of NRMSE, as `dfdbench.metrics.intervals.scene_interval` has it.
-    above : Difference or None
+    above : PairedDifference or None
         How much larger its NRMSE is than that of the row above, pair by pair.
     """
 
     entry: Entry
     rank: int | None
     interval: tuple[float, float] | None
-    above: Difference | None
+    above: PairedDifference | None
 
 
 @dataclass(frozen=True)
-class Board:
+class ScoreBoard:
     """Results that may be compared: of one data set fingerprint, split and protocol.
 
     `superseded` are older results of a method that has a newer one here.
@@ -124,7 +124,7 @@ def collect(folder: Path) -> list[Entry]:
     return entries
 
 
-def boards(entries: Sequence[Entry]) -> list[Board]:
+def boards(entries: Sequence[Entry]) -> list[ScoreBoard]:
     """Part entries into boards of what may be compared, and rank each."""
     parted: dict[tuple[str, str, int, str, str], list[Entry]] = {}
     for entry in entries:
@@ -143,7 +143,7 @@ def boards(entries: Sequence[Entry]) -> list[Board]:
 
 def _board(
     dataset: str, split: str, fingerprint: str, protocol: str, found: Sequence[Entry]
-) -> Board:
+) -> ScoreBoard:
     newest: dict[str, Entry] = {}
     superseded = []
     for entry in sorted(found, key=_age):
@@ -151,7 +151,7 @@ def _board(
             superseded.append((newest[entry.label], entry))
         newest[entry.label] = entry
     ranked = sorted(
-        (entry for entry in newest.values() if entry.score(protocol, "nrmse") is not None),
+        (entry for entry in newest.values() if entry.score(protocol, RANKED_BY) is not None),
         key=lambda entry: (*_order(entry, protocol), entry.label),
     )
     standings: list[Standing] = []
@@ -161,15 +161,15 @@ def _board(
         rank = standings[-1].rank if tied else place
         difference = None
         if above is not None:
-            found_changes = changes(above.result, entry.result, protocol, "nrmse")
-            difference = paired_difference(found_changes, "nrmse")
+            found_changes = changes(above.result, entry.result, protocol, RANKED_BY)
+            difference = paired_difference(found_changes, RANKED_BY)
         standings.append(Standing(entry, rank, _interval(entry.result, protocol), difference))
-    unranked = [entry for entry in newest.values() if entry.score(protocol, "nrmse") is None]
+    unranked = [entry for entry in newest.values() if entry.score(protocol, RANKED_BY) is None]
     standings += [
         Standing(entry, None, None, None)
         for entry in sorted(unranked, key=lambda entry: entry.label)
     ]
-    return Board(dataset, split, fingerprint, protocol, tuple(standings), tuple(superseded))
+    return ScoreBoard(dataset, split, fingerprint, protocol, tuple(standings), tuple(superseded))
 
 
 def _age(entry: Entry) -> tuple[str, str]:
@@ -181,18 +181,17 @@ def _age(entry: Entry) -> tuple[str, str]:
 
 
 def _order(entry: Entry, protocol: str) -> tuple[float, float]:
-    nrmse, nmae = (entry.score(protocol, metric) for metric in ("nrmse", "nmae"))
-    return (math.inf if nrmse is None else nrmse, math.inf if nmae is None else nmae)
+    first, second = (entry.score(protocol, metric) for metric in (RANKED_BY, TIES_BY))
+    return (math.inf if first is None else first, math.inf if second is None else second)
 
 
 def _interval(result: Result, protocol: str) -> tuple[float, float] | None:
     defined = [
-        (pair.scores[protocol].nrmse, pair.scene)
+        (score, pair.scene)
         for pair in result.pairs
-        if pair.status == "ok" and pair.scores[protocol].nrmse is not None
+        if pair.status == "ok" and (score := pair.score(protocol, RANKED_BY)) is not None
     ]
-    values = [value for value, _ in defined if value is not None]
-    return scene_interval(values, [scene for _, scene in defined])
+    return scene_interval([score for score, _ in defined], [scene for _, scene in defined])
 
 
 def _refuse_orphan(path: Path) -> None:

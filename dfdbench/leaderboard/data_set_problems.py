@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from dfdbench.datasets.catalog import released_manifests
-from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import DfdbenchError, Problem, unknown_name
 from dfdbench.leaderboard.folder import UNDEFINED, known_fingerprints, known_undefined
-from dfdbench.metrics.protocol import METRICS, RELEASED, label_of
+from dfdbench.metrics.protocol import RELEASED, label_of
 from dfdbench.results.record import Result
 
 
@@ -30,27 +30,37 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
             )
             for problem in error.problems
         ]
-    problems = list(_other_facts(result, manifest, where))
+    return [
+        *_other_facts(result, manifest, where),
+        *_other_data(result, manifest, folder, where),
+        *_other_pairs(result, expected, where),
+        *_other_protocols(result, where),
+        *_left_out(result, folder, where),
+    ]
+
+
+def _other_data(result: Result, manifest: Manifest, folder: Path, where: str) -> Iterator[Problem]:
+    dataset = result.dataset
     if dataset.manifest_sha256 != manifest.sha256:
-        problems.append(
-            Problem(
-                f"hash of another manifest than {dataset.name}",
-                where=f"{where}: dataset",
-                expected=manifest.sha256,
-                got=dataset.manifest_sha256,
-            )
+        yield Problem(
+            f"hash of another manifest than {dataset.name}",
+            where=f"{where}: dataset",
+            expected=manifest.sha256,
+            got=dataset.manifest_sha256,
         )
     known = known_fingerprints(folder).get(dataset.name)
     if known and dataset.recipe["name"] == manifest.recipe and dataset.fingerprint not in known:
-        problems.append(
-            Problem(
-                f"fingerprint of other data than {dataset.name}",
-                where=f"{where}: dataset",
-                expected=" or ".join(known),
-                got=dataset.fingerprint,
-                fix=f"dfdbench build {dataset.short}",
-            )
+        yield Problem(
+            f"fingerprint of other data than {dataset.name}",
+            where=f"{where}: dataset",
+            expected=" or ".join(known),
+            got=dataset.fingerprint,
+            fix=f"dfdbench build {dataset.short}",
         )
+
+
+def _other_pairs(result: Result, expected: Mapping[str, Pair], where: str) -> Iterator[Problem]:
+    dataset = result.dataset
     found = {pair.id: pair for pair in result.pairs}
     for what, names in (
         ("missing from the split", expected.keys() - found.keys()),
@@ -60,27 +70,23 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
             count = f"{len(names)} pair{'s' if len(names) > 1 else ''}"
             whole = f"{len(expected)} pairs of {dataset.name}, split {dataset.split}"
             named = ", ".join(sorted(names)[:3]) + (", ..." if len(names) > 3 else "")
-            problems.append(
-                Problem(f"{count} {what}", where=f"{where}: pairs", expected=whole, got=named)
-            )
-    problems += [
-        Problem("pair's coordinates are not those of its name", where=f"{where}: {name}")
-        for name, pair in found.items()
-        if name in expected
-        and (pair.scene, pair.coordinates) != (expected[name].scene, expected[name].at)
-    ]
+            yield Problem(f"{count} {what}", where=f"{where}: pairs", expected=whole, got=named)
+    for name, pair in found.items():
+        there = expected.get(name)
+        if there and (pair.scene, pair.coordinates) != (there.scene, there.at):
+            yield Problem("pair's coordinates are not those of its name", where=f"{where}: {name}")
+
+
+def _other_protocols(result: Result, where: str) -> Iterator[Problem]:
     for protocol in result.protocols:
         released = RELEASED.get(label_of(protocol))
         if released is None or released.as_dict() != protocol:
-            problems.append(
-                Problem(
-                    "not a released protocol",
-                    where=f"{where}: protocols",
-                    expected=str(released.as_dict()) if released else ", ".join(RELEASED),
-                    got=str(protocol),
-                )
+            yield Problem(
+                "not a released protocol",
+                where=f"{where}: protocols",
+                expected=str(released.as_dict()) if released else ", ".join(RELEASED),
+                got=str(protocol),
             )
-    return problems + _left_out(result, folder, where)
 
 
 def _released(name: str) -> Manifest:
@@ -117,7 +123,7 @@ def _left_out(result: Result, folder: Path, where: str) -> list[Problem]:
             if pair.status != "ok" or protocol not in pair.scores:
                 continue
             scores = pair.scores[protocol]
-            undefined = {metric for metric in METRICS if getattr(scores, metric) is None}
+            undefined = {metric for metric, value in scores.items() if value is None}
             if undefined != (expected := known.get(pair.id, set())):
                 problems.append(
                     Problem(

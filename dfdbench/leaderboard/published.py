@@ -5,19 +5,27 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from decimal import Decimal
-from math import fsum
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.folder import PUBLISHED
+from dfdbench.metrics.metric import METRICS, mean_of
 from dfdbench.results.record import Model
 
 Text = Annotated[str, Field(min_length=1)]
 Printed = Annotated[Decimal, Field(allow_inf_nan=False)]
-Metric = Annotated[str, Field(pattern="^(nrmse|nmae|ssim)$")]
+
+
+def _known(name: str) -> str:
+    if name not in METRICS:
+        raise ValueError(f"should be one of {', '.join(METRICS)}")
+    return name
+
+
+MetricName = Annotated[str, AfterValidator(_known)]
 
 
 class PublishedRow(Model):
@@ -31,8 +39,8 @@ class PublishedRow(Model):
 
     method: Text
     at: dict[str, str]
-    scores: dict[Metric, Printed] = Field(default_factory=dict)
-    std: dict[Metric, Printed] = Field(default_factory=dict)
+    scores: dict[MetricName, Printed] = Field(default_factory=dict)
+    std: dict[MetricName, Printed] = Field(default_factory=dict)
     values: dict[str, Printed] = Field(default_factory=dict)
     seconds: Printed | None = None
     device: str | None = None
@@ -124,4 +132,4 @@ def mean_over(rows: Sequence[PublishedRow], method: str, metric: str) -> float |
     """
     overall = [row for row in rows if row.method == method and row.at.get("illumination") == "all"]
     values = [float(row.scores[metric]) for row in overall if metric in row.scores]
-    return fsum(values) / len(values) if values and len(values) == len(overall) else None
+    return mean_of(values) if len(values) == len(overall) else None

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from decimal import Decimal
-from math import fsum
 
 from dfdbench.leaderboard.published import PublishedTable, mean_over
-from dfdbench.metrics.protocol import METRICS
-from dfdbench.results.wording import HEADINGS, NOTHING, score_text, seconds_text
+from dfdbench.metrics.metric import METRICS, RANKED_BY, mean_of
+from dfdbench.results.wording import NOTHING, score_text, seconds_text
 from dfdbench.tables.table import Table
+
+_EXPOSURES = (0, 1, 2)
 
 
 def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
@@ -24,13 +25,13 @@ def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
     for method, table in found.items():
         means = {metric: mean_over(table.rows, method, metric) for metric in METRICS}
         by_exposure = [
-            _printed(row.scores.get("nrmse"))
+            _printed(row.scores.get(RANKED_BY))
             for row in table.rows
             if row.method == method and row.at.get("illumination") == "all"
         ]
         lines.append(
             (
-                means["nrmse"] or 0.0,
+                means[RANKED_BY] or 0.0,
                 (
                     method,
                     *map(score_text, means.values()),
@@ -43,8 +44,8 @@ def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
         )
     columns = (
         "method",
-        *HEADINGS.values(),
-        *(f"NRMSE, exposure {level}" for level in (0, 1, 2)),
+        *(metric.heading for metric in METRICS.values()),
+        *(f"{METRICS[RANKED_BY].title}, exposure {level}" for level in _EXPOSURES),
         "seconds an image",
         "where",
         "status",
@@ -55,7 +56,7 @@ def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
         "the mean of the printed run times, for graph cuts over all scenes.",
     )
     title = f"{first.dataset}, {first.scope}: published, not rerun, not ranked"
-    return Table(title, columns, rows, "l" + "r" * 6 + "lll", notes)
+    return Table(title, columns, rows, "l" + "r" * (len(METRICS) + len(_EXPOSURES)) + "lll", notes)
 
 
 def published_table(table: PublishedTable) -> Table:
@@ -69,7 +70,7 @@ def published_table(table: PublishedTable) -> Table:
     columns = ["method"] if several else []
     columns += places
     for metric in metrics:
-        columns += [HEADINGS[metric], "std"] if spread else [HEADINGS[metric]]
+        columns += [METRICS[metric].heading, *(["std"] if spread else [])]
     columns += others
     columns += ["seconds", "device"] if timed else []
     rows = []
@@ -103,7 +104,7 @@ def _published_seconds(tables: Sequence[PublishedTable], method: str) -> str:
         for row in table.rows:
             if row.method == method and row.seconds is not None:
                 by_device.setdefault(row.device or "", []).append(float(row.seconds))
-    parts = [f"{seconds_text(fsum(v) / len(v))} ({device})" for device, v in by_device.items()]
+    parts = [f"{seconds_text(mean_of(v))} ({device})" for device, v in by_device.items()]
     return "; ".join(parts) or NOTHING
 
 

@@ -11,7 +11,7 @@ import jinja2
 
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard.board_tables import board_tables
-from dfdbench.leaderboard.boards import Board, Entry, boards, collect
+from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards, collect
 from dfdbench.leaderboard.folder import README
 from dfdbench.leaderboard.published import PublishedTable, load_published
 from dfdbench.leaderboard.published_tables import published_summary, published_table
@@ -80,7 +80,7 @@ def readme_text(folder: Path, entries: Sequence[Entry]) -> str:
     return text.rstrip("\n") + "\n"
 
 
-def _board_context(board: Board, folder: Path) -> dict[str, object]:
+def _board_context(board: ScoreBoard, folder: Path) -> dict[str, object]:
     ranking, *others = board_tables(board, folder)
     return {
         "heading": escape_markdown(ranking.title),

@@ -12,9 +12,10 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.evaluation.run import without_folder
 from dfdbench.leaderboard.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
-from dfdbench.leaderboard.verification_file import TOLERANCE, Outcome, sample
+from dfdbench.leaderboard.verification_file import SCORE_TOLERANCE, VerifiedSample, sample
 from dfdbench.methods.registry import registered_methods
-from dfdbench.metrics.protocol import METRICS, RELEASED
+from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.protocol import RELEASED, Protocol
 from dfdbench.results.folder import require_pairs_of
 from dfdbench.results.record import MethodRecord, PairResult, Result
 
@@ -33,17 +34,17 @@ def claim_of(result: Result, path: Path) -> ClaimedMethod:
     return claimed_method(result.method, path)
 
 
-def verify(
+def verify_result(
     result: Result,
     path: Path,
     store: Store,
     count: int = 5,
     seed: int = 0,
-    tolerance: float = TOLERANCE,
+    tolerance: float = SCORE_TOLERANCE,
     trusted: Collection[str] = (),
     weights: Path | None = None,
     on_pair: Callable[[int, int], None] | None = None,
-) -> Outcome:
+) -> VerifiedSample:
     """Run a random sample of a result's pairs again and compare.
 
     Parameters
@@ -81,6 +82,38 @@ def verify(
         raise InputError(
             what="not a tolerance", expected="a number from 0 to 1", got=f"{tolerance:g}"
         )
+    _require_data(result, store, path)
+    claim_of(result, path).require_consent(trusted, path)
+    chosen = sample(result, count, seed)
+    if not chosen:
+        raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
+    record = result.method
+    # By its entry, which was agreed to: a name may hold a folder of another machine.
+    parameters = parameters_to_run(record, weights, path)
+    method = load_for(store, record.entry, parameters, result.seed)
+    evaluate = PairEvaluator(store, method, result.seed, _protocols_of(result, path))
+    problems, identical, largest = [], 0, 0.0
+    for number, claim in enumerate(chosen, 1):
+        rerun, _ = evaluate(Pair(claim.scene, tuple(claim.coordinates.items())))
+        if on_pair:
+            on_pair(number, len(chosen))
+        identical += claim.prediction_sha256 == rerun.prediction_sha256
+        difference = _difference(claim, rerun)
+        if difference is None or difference > tolerance:
+            problems.append(_mismatch(claim, rerun, path, tolerance))
+        else:
+            largest = max(largest, difference)
+    if problems:
+        raise ResultError.of(problems)
+    return VerifiedSample(
+        pairs=tuple(claim.id for claim in chosen),
+        identical=identical,
+        largest_difference=largest,
+        same_source=method.source_sha256 == record.source_sha256,
+    )
+
+
+def _require_data(result: Result, store: Store, path: Path) -> None:
     if store.fingerprint != result.dataset.fingerprint:
         raise ResultError(
             "the result was made with other data",
@@ -90,40 +123,14 @@ def verify(
             fix=f"dfdbench build {result.dataset.name}, or name the store: --dataset PATH",
         )
     require_pairs_of(result, store, path)
-    claim_of(result, path).require_consent(trusted, path)
-    chosen = sample(result, count, seed)
-    if not chosen:
-        raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
-    record = result.method
-    # By its entry, which was agreed to: a name may hold a folder of another machine.
-    parameters = parameters_to_run(record, weights, path)
-    method = load_for(store, record.entry, parameters, result.seed)
-    pairs = [Pair(claim.scene, tuple(claim.coordinates.items())) for claim in chosen]
-    # Under the versions that the result names: its scores are of no other.
+
+
+def _protocols_of(result: Result, path: Path) -> list[Protocol]:
+    # The versions that the result names: its scores are of no other.
     unknown = [label for label in result.protocol_names if label not in RELEASED]
     if unknown:
         raise unknown_name(f"protocol of {path}", unknown[0], RELEASED)
-    protocols = [RELEASED[label] for label in result.protocol_names]
-    evaluate = PairEvaluator(store, method, result.seed, protocols)
-    problems, identical, largest = [], 0, 0.0
-    for number, (claim, pair) in enumerate(zip(chosen, pairs, strict=True), 1):
-        rerun, _ = evaluate(pair)
-        if on_pair:
-            on_pair(number, len(pairs))
-        identical += claim.prediction_sha256 == rerun.prediction_sha256
-        difference = _difference(claim, rerun)
-        if difference is None or difference > tolerance:
-            problems.append(_mismatch(claim, rerun, path, tolerance))
-        else:
-            largest = max(largest, difference)
-    if problems:
-        raise ResultError.of(problems)
-    return Outcome(
-        pairs=tuple(claim.id for claim in chosen),
-        identical=identical,
-        largest_difference=largest,
-        same_source=method.source_sha256 == record.source_sha256,
-    )
+    return [RELEASED[label] for label in result.protocol_names]
 
 
 def entry_problems(method: MethodRecord, path: Path) -> list[Problem]:
@@ -149,12 +156,12 @@ def entry_problems(method: MethodRecord, path: Path) -> list[Problem]:
 def _difference(claim: PairResult, rerun: PairResult) -> float | None:
     largest = 0.0
     for protocol, scores in claim.scores.items():
-        for metric in METRICS:
-            claimed = getattr(scores, metric)
-            found = getattr(rerun.scores[protocol], metric) if rerun.scores else None
+        # By the metrics that the result has: it may be from before the youngest.
+        for metric, claimed in scores.items():
+            found = rerun.score(protocol, metric) if rerun.scores else None
             if (claimed is None) != (found is None):
                 return None
-            if claimed is not None:
+            if claimed is not None and found is not None:
                 largest = max(largest, abs(claimed - found))
     return largest if rerun.scores else None
 
@@ -163,11 +170,9 @@ def _mismatch(claim: PairResult, rerun: PairResult, path: Path, tolerance: float
     def told(pair: PairResult, protocol: str) -> str:
         if not pair.scores:
             return pair.error or pair.status
-        scores = pair.scores[protocol]
         return ", ".join(
-            f"{metric.upper()} {value:.6f}" if value is not None else f"{metric.upper()} undefined"
-            for metric in METRICS
-            for value in [getattr(scores, metric)]
+            f"{METRICS[name].title} {'undefined' if value is None else format(value, '.6f')}"
+            for name, value in pair.scores[protocol].items()
         )
 
     protocol = next(iter(claim.scores))

@@ -29,10 +29,10 @@ from dfdbench.system.files import write_whole
 SUFFIX = ".reproduced.json"
 #: How far a score may be off where the depth map is not the very same: float32 filters differ in
 #: the last digits between processors. What is recorded was found with this one.
-TOLERANCE = 1e-3
+SCORE_TOLERANCE = 1e-3
 
 
-class Verification(Model):
+class Reproduction(Model):
     """What a verification found, kept beside the result.
 
     `result_sha256` is that of the result's file: of a result that changes nothing is known.
@@ -44,16 +44,16 @@ class Verification(Model):
     result_sha256: Sha256
     reproduced: Time
     seed: Seed
-    tolerance: Annotated[float, Field(ge=TOLERANCE, le=TOLERANCE)]
+    tolerance: Annotated[float, Field(ge=SCORE_TOLERANCE, le=SCORE_TOLERANCE)]
     pairs: list[str] = Field(min_length=1)
     identical: Count
-    largest_difference: Annotated[float, Field(ge=0, le=TOLERANCE)]
+    largest_difference: Annotated[float, Field(ge=0, le=SCORE_TOLERANCE)]
     same_source: bool
     environment: Environment
 
 
 @dataclass(frozen=True)
-class Outcome:
+class VerifiedSample:
     """What running a sample of pairs again gave.
 
     Parameters
@@ -80,23 +80,23 @@ def sample(result: Result, count: int, seed: int) -> list[PairResult]:
     return random.Random(seed).sample(evaluated, min(count, len(evaluated)))
 
 
-def save_verification(outcome: Outcome, seed: int, path: Path) -> Path:
+def save_verification(outcome: VerifiedSample, seed: int, path: Path) -> Path:
     """Write what running pairs again gave beside the result that it is of.
 
     Parameters
     ----------
-    outcome : Outcome
-        From `verify` with the released tolerance.
+    outcome : VerifiedSample
+        From `verify_result` with the released tolerance.
     seed : int
         Which drew the pairs.
     path : Path
         The result's file.
     """
-    verification = Verification(
+    verification = Reproduction(
         result_sha256=sha256(path.read_bytes()).hexdigest(),
         reproduced=datetime.now(UTC).strftime(TIME_FORMAT),
         seed=seed,
-        tolerance=TOLERANCE,
+        tolerance=SCORE_TOLERANCE,
         pairs=list(outcome.pairs),
         identical=outcome.identical,
         largest_difference=outcome.largest_difference,
@@ -108,7 +108,7 @@ def save_verification(outcome: Outcome, seed: int, path: Path) -> Path:
     return place
 
 
-def load_verification(result: Result, path: Path) -> Verification | None:
+def load_verification(result: Result, path: Path) -> Reproduction | None:
     """Read the verification beside a result; None where there is none.
 
     Raises
@@ -122,7 +122,7 @@ def load_verification(result: Result, path: Path) -> Verification | None:
         return None
     fix = f"dfdbench leaderboard verify {path} --record"
     try:
-        verification = Verification.model_validate_json(place.read_bytes())
+        verification = Reproduction.model_validate_json(place.read_bytes())
     except ValidationError as error:
         raise ResultError.of(
             Problem(

@@ -12,21 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import UnknownNameError, unknown_name
-from dfdbench.metrics.scores import nmae, nrmse, ssim
+from dfdbench.metrics.metric import METRICS
 
-#: The metrics' names, and whether a larger value is better.
-METRICS: Mapping[str, bool] = MappingProxyType({"nrmse": False, "nmae": False, "ssim": True})
 # The published networks halve their images four times, so their program cuts images to this.
 _NETWORK_MULTIPLE = 16
-
-
-@dataclass(frozen=True)
-class Scores:
-    """The three metrics of one prediction; NaN where a metric is undefined."""
-
-    nrmse: float
-    nmae: float
-    ssim: float
 
 
 def label_of(protocol: Mapping[str, Any]) -> str:
@@ -213,7 +202,7 @@ def score(
     valid: NDArray[np.bool_],
     prediction: NDArray[np.float32],
     network_crop: int,
-) -> Scores:
+) -> dict[str, float]:
     """Score one prediction under one protocol.
 
     Parameters
@@ -232,27 +221,32 @@ def score(
 
     Returns
     -------
-    Scores
-        All NaN where nothing is left to score: ``network-of-16`` on fewer than 16 rows or
-        columns, an image that the published networks cannot take either.
+    dict of str to float
+        Each of `METRICS` by name, NaN where it is undefined. All are where nothing is left to
+        score: ``network-of-16`` on fewer than 16 rows or columns, an image that the published
+        networks cannot take either.
 
     Examples
     --------
     >>> depth = np.arange(64 * 64, dtype=np.uint8).reshape(64, 64)
     >>> score(PROTOCOLS["thesis"], depth, depth > 0, depth.astype(np.float32), 32)
-    Scores(nrmse=0.0, nmae=0.0, ssim=1.0)
+    {'nrmse': 0.0, 'nmae': 0.0, 'ssim': 1.0}
     """
     window = _window(protocol, depth.shape, network_crop)
     truth, test = depth[window], prediction[window]
     if not truth.size:
-        return Scores(math.nan, math.nan, math.nan)
+        return dict.fromkeys(METRICS, math.nan)
     mask = valid[window] if protocol.pixels == "known" else None
-    data_range = 255.0 if protocol.divisor == "255" else None
-    return Scores(
-        nrmse=nrmse(truth, test, data_range=data_range, mask=mask),
-        nmae=nmae(truth, test, data_range=data_range, mask=mask),
-        ssim=ssim(truth, test, data_range=255.0, mask=mask),
-    )
+    divisor = 255.0 if protocol.divisor == "255" else None
+    return {
+        name: metric.function(
+            truth,
+            test,
+            data_range=divisor if metric.data_range is None else metric.data_range,
+            mask=mask,
+        )
+        for name, metric in METRICS.items()
+    }
 
 
 def _window(protocol: Protocol, shape: tuple[int, ...], side: int) -> tuple[slice, ...]:

@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.errors import InputError, Problem
@@ -179,65 +178,12 @@ def ssim(
     if mask is not None:
         truth, test = truth * counts, test * counts
     c1, c2 = (_SSIM_K1 * data_range) ** 2, (_SSIM_K2 * data_range) ** 2
-    mean = _mean_similarity(truth, test, counts, mask is not None, _SSIM_WEIGHTS, c1, c2)
+    # Here, not above: whoever reads a table's names or a result must not wait for numba.
+    from dfdbench.metrics.similarity import mean_similarity
+
+    mean = mean_similarity(truth, test, counts, mask is not None, _SSIM_WEIGHTS, c1, c2)
     # Nearly equal images may come out past 1 by a rounding.
     return float(np.clip(mean, -1.0, 1.0))
-
-
-@njit(cache=True, nogil=True)
-def _mean_similarity(
-    truth: NDArray[np.float64],
-    test: NDArray[np.float64],
-    counts: NDArray[np.bool_],
-    masked: bool,
-    weights: NDArray[np.float64],
-    c1: float,
-    c2: float,
-) -> float:
-    # Row by row, so that all stays in the processor's cache: the five local sums are folded
-    # vertically, then horizontally, then put into Eq. 3.14.
-    height, width = truth.shape
-    radius = weights.size - 1
-    rows = np.empty((5, width), np.float64)
-    means = np.empty((5, width - 2 * radius), np.float64)
-    total, pixels = 0.0, 0
-    for y in range(radius, height - radius):
-        rows[:] = 0.0
-        for offset in range(-radius, radius + 1):
-            weight = weights[abs(offset)]
-            a, b, known = truth[y + offset], test[y + offset], counts[y + offset]
-            for x in range(width):
-                weighted_a, weighted_b = weight * a[x], weight * b[x]
-                rows[0, x] += weighted_a
-                rows[1, x] += weighted_b
-                rows[2, x] += weighted_a * a[x] + weighted_b * b[x]
-                rows[3, x] += weighted_a * b[x]
-            if masked:
-                for x in range(width):
-                    rows[4, x] += weight * known[x]
-        for plane in range(5 if masked else 4):
-            row, mean = rows[plane], means[plane]
-            for x in range(mean.size):
-                mean[x] = weights[0] * row[x + radius]
-            for offset in range(1, radius + 1):
-                weight = weights[offset]
-                left, right = row[radius - offset :], row[radius + offset :]
-                for x in range(mean.size):
-                    mean[x] += weight * (left[x] + right[x])
-        for x in range(width - 2 * radius):
-            if not counts[y, x + radius]:
-                continue
-            # A window's weights are scaled to sum 1 over its known pixels.
-            scale = 1.0 / means[4, x] if masked else 1.0
-            mu_true, mu_test = means[0, x] * scale, means[1, x] * scale
-            squares, product = mu_true * mu_true + mu_test * mu_test, mu_true * mu_test
-            variances = means[2, x] * scale - squares
-            covariance = means[3, x] * scale - product
-            total += ((2 * product + c1) * (2 * covariance + c2)) / (
-                (squares + c1) * (variances + c2)
-            )
-            pixels += 1
-    return total / pixels
 
 
 def _checked(

@@ -9,14 +9,16 @@ from matplotlib.figure import Figure
 
 from dfdbench.figures.comparison import lighting_figures, time_figure
 from dfdbench.figures.groups import group_figures
-from dfdbench.leaderboard.board_tables import lighting_table, ranking_table, runs_table
+from dfdbench.leaderboard.board_tables import lighting_table, runs_table, standings_table
 from dfdbench.leaderboard.boards import Entry, boards
+from dfdbench.metrics.metric import METRICS, RANKED_BY
 from dfdbench.metrics.protocol import require_scored
 from dfdbench.results.record import PairResult
 from dfdbench.results.run_tables import run_tables
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.scene_tables import scene_tables, spread_table
-from dfdbench.results.summary import ranked
+from dfdbench.results.summary import RunSummary, summarise
+from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
 
 
@@ -99,26 +101,28 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         require_scored(protocol, run.result.protocol_names, str(run.path))
     found = boards([Entry(run.result, run.path, None) for run in runs])
     folder = runs[0].path.parent
-    sections, summary, shown = [], [], []
+    sections, sentences = [], []
+    shown: list[tuple[SavedRun, RunSummary]] = []
     for board in found:
         if board.protocol != protocol:
             continue
         paths = [standing.entry.path for standing in board.standings]
         members = sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
-        shown += members
-        ranking = ranking_table(board, folder)
+        summaries = [(run, summarise(run.result, protocol)) for run in members]
+        shown += summaries
+        ranking = standings_table(board, folder)
         manifest = next((run.store.manifest for run in members if run.store), None)
         scenes, splits = (manifest.scenes, manifest.splits) if manifest else ([], [])
         details = tuple(
             (
                 run.label,
                 (
-                    *run_tables(run.result, protocol),
-                    spread_table(run.result, protocol, splits),
-                    *scene_tables(run.result, protocol, scenes),
+                    *run_tables(summary),
+                    spread_table(summary, splits),
+                    *scene_tables(summary, scenes),
                 ),
             )
-            for run in members
+            for run, summary in summaries
         )
         plots = lighting_figures(members, protocol)
         parted = group_figures({run.label: run.result for run in members}, protocol, scenes)
@@ -127,17 +131,17 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
             plots["seconds a pair"] = times
         tables = (ranking, lighting_table(board), runs_table(board))
         sections.append(Section(ranking.title, board.fingerprint, tables, details, plots))
-        summary.append(_sentence(members, protocol, ranking.title))
-    labels = list(dict.fromkeys(run.label for run in shown))
+        sentences.append(_sentence(members, protocol, ranking.title))
+    labels = list(dict.fromkeys(run.label for run, _ in shown))
     title = labels[0] if len(labels) == 1 else f"{len(labels)} methods"
     return Content(
         f"Depth from defocus: {title}",
         protocol,
-        tuple(summary),
+        tuple(sentences),
         tuple(labels),
         tuple(sections),
-        _worst_first(shown, protocol),
-        tuple(f"{run.label}: {run.without}" for run in shown if run.without),
+        _worst_first(shown),
+        tuple(f"{run.label}: {run.without}" for run, _ in shown if run.without),
     )
 
 
@@ -146,16 +150,20 @@ def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:
     if not scored:
         return f"{where}: no run is complete."
     best = scored[0].result.averages or {}
-    parts = [f"{name.upper()} {value:.4f}" for name, value in best[protocol].items() if value]
+    parts = [
+        f"{METRICS[name].title} {score_text(value)}"
+        for name, value in best[protocol].items()
+        if value
+    ]
     lead = "" if len(scored) == 1 else f"best of {len(scored)}: "
     return f"{where}: {lead}{scored[0].label}, {', '.join(parts)}."
 
 
-def _worst_first(runs: Sequence[SavedRun], protocol: str) -> tuple[ShownPair, ...]:
+def _worst_first(runs: Sequence[tuple[SavedRun, RunSummary]]) -> tuple[ShownPair, ...]:
     found = [
-        ShownPair(run, pair)
-        for run in runs
+        (pair.score(summary.protocol, RANKED_BY) or 0.0, ShownPair(run, pair))
+        for run, summary in runs
         if run.store is not None
-        for pair in ranked(run.result, protocol)
+        for pair in summary.ranked
     ]
-    return tuple(sorted(found, key=lambda shown: -(shown.pair.scores[protocol].nrmse or 0.0)))
+    return tuple(shown for _, shown in sorted(found, key=lambda item: -item[0]))

@@ -12,14 +12,14 @@ import numpy as np
 from markupsafe import Markup
 
 from dfdbench.figures.runs import ERROR_LIMIT
-from dfdbench.metrics.protocol import METRICS
+from dfdbench.metrics.metric import METRICS
 from dfdbench.report.content import Content, ShownPair, gather
 from dfdbench.report.pictures import depth_map, error_map, ink, inline_svg, photo, scale
 from dfdbench.results.saved_run import SavedRun
-from dfdbench.results.wording import seconds_text
+from dfdbench.results.wording import score_text, seconds_text
 from dfdbench.system.files import write_whole
 
-PAGE = "report.html"
+_PAGE = "report.html"
 
 
 def write_html(
@@ -77,7 +77,7 @@ def write_html(
         style=Markup((templates / "report.css").read_text(encoding="utf-8")),
         script=Markup((templates / "report.js").read_text(encoding="utf-8")),
     )
-    path = folder / PAGE
+    path = folder / _PAGE
     write_whole(path, text)
     return path
 
@@ -97,8 +97,6 @@ def _card(shown: ShownPair, content: Content, pictures: dict[str, str]) -> dict[
         "prediction": depth_map(prediction.astype(np.float64), low, high),
         "error": error_map(prediction - known),
     }
-    scores = pair.scores[content.protocol]
-    values = [(metric.upper(), getattr(scores, metric)) for metric in METRICS]
     return {
         "name": pair.id,
         "method": shown.run.label,
@@ -115,7 +113,10 @@ def _card(shown: ShownPair, content: Content, pictures: dict[str, str]) -> dict[
         "height": images.depth.shape[0],
         "low": f"{low:.0f}",
         "high": f"{high:.0f}",
-        "scores": [(name, "undefined" if v is None else f"{v:.4f}") for name, v in values],
+        "scores": [
+            (metric.title, score_text(pair.score(content.protocol, name), "undefined"))
+            for name, metric in METRICS.items()
+        ],
         "seconds": f"{seconds_text(pair.seconds)} s",
     }
 

@@ -9,12 +9,13 @@ from pathlib import Path
 import jinja2
 
 from dfdbench.figures.runs import panel_figure
+from dfdbench.figures.style import write_figure
 from dfdbench.report.content import Content, gather
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown
 
-PAGE = "report.md"
+_PAGE = "report.md"
 _WORST = 6
 
 
@@ -37,7 +38,7 @@ def write_markdown(runs: Sequence[SavedRun], protocol: str, folder: Path) -> Pat
         drawn = []
         for name, figure in section.plots.items():
             file = f"{number}-{name.replace(' ', '-')}.png"
-            figure.savefig(folder / file, dpi=120)
+            write_figure(figure, folder / file)
             drawn.append((name, file))
         plots.append(drawn)
     template = resources.files("dfdbench.report") / "report.md.jinja"
@@ -46,7 +47,7 @@ def write_markdown(runs: Sequence[SavedRun], protocol: str, folder: Path) -> Pat
     text = environment.from_string(template.read_text(encoding="utf-8")).render(
         content=content, plots=plots, panels=_panels(content, folder)
     )
-    path = folder / PAGE
+    path = folder / _PAGE
     write_whole(path, text.rstrip("\n") + "\n")
     return path
 
@@ -61,7 +62,7 @@ def _panels(content: Content, folder: Path) -> list[tuple[str, str]]:
         )
         if figure is not None:
             file = f"worst-{number}.png"
-            figure.savefig(folder / file, dpi=110)
+            write_figure(figure, folder / file)
             drawn.append((run.label, file))
     return drawn
 

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from dfdbench.errors import ResultError
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
-from dfdbench.metrics.protocol import METRICS
-from dfdbench.results.differences import PairChange, changes, check_comparable, paired_difference
+from dfdbench.metrics.metric import METRICS, RANKED_BY
+from dfdbench.results.differences import (
+    PairChange,
+    PairedDifference,
+    changes,
+    check_comparable,
+    paired_difference,
+)
 from dfdbench.results.record import Result
-from dfdbench.results.wording import method_label
+from dfdbench.results.wording import method_label, score_text
 from dfdbench.tables.table import Table
+
+_ALL = "all"
 
 
 def change_tables(first: Result, second: Result, protocol: str, most: int = 10) -> list[Table]:
@@ -49,96 +59,87 @@ def difference_table(first: Result, second: Result, protocol: str) -> Table:
     dataset = first.dataset
     rows, records = [], []
     rules = set()
-    for metric, up in METRICS.items():
-        found = changes(first, second, protocol, metric)
-        groups: list[tuple[str, tuple[PairChange, ...]]] = [("all", found)]
-        for axis in (dataset.blocks, dataset.rows):
-            for value in sorted({c.first.coordinates[axis] for c in found}) if axis else []:
-                of_value = tuple(c for c in found if c.first.coordinates[axis or ""] == value)
-                groups.append((f"{axis} {value}", of_value))
-        for where, group in groups:
-            difference = paired_difference(group, metric)
+    for name, metric in METRICS.items():
+        for where, group in _parted(changes(first, second, protocol, name), first):
+            difference = paired_difference(group, name)
             if difference is None:
                 continue
-            head = f"{metric.upper()} {'↑' if up else '↓'}" if where == "all" else ""
             counts = (difference.wins, difference.losses, difference.ties)
+            head = metric.heading if where == _ALL else ""
             rows.append((head, where, str(difference), *map(str, counts)))
-            records.append(
-                {
-                    "metric": metric,
-                    "pairs": where,
-                    "difference": difference.mean,
-                    "low": difference.low,
-                    "high": difference.high,
-                    "wins": counts[0],
-                    "losses": counts[1],
-                    "ties": counts[2],
-                    "verdict": difference.verdict,
-                }
-            )
+            records.append({"metric": name, "pairs": where, **_as_record(difference)})
         rules.add(len(rows) - 1)
     scenes = len({pair.scene for pair in first.pairs})
-    columns = (
-        "metric",
-        "pairs",
-        f"B less A, {interval_name(scenes)}",
-        "B better",
-        "B worse",
-        "same",
-    )
+    interval = f"B less A, {interval_name(scenes)}"
     names = [method_label(result.method) for result in (first, second)]
-    title = f"A: {names[0]}, B: {names[1]}; {dataset.name}, split {dataset.split}, {protocol}"
-    both = len(changes(first, second, protocol, "nmae"))
-    notes = []
+    return Table(
+        f"A: {names[0]}, B: {names[1]}; {dataset.name}, split {dataset.split}, {protocol}",
+        ("metric", "pairs", interval, "B better", "B worse", "same"),
+        tuple(rows),
+        "lllrrr",
+        tuple(_notes(first, second, protocol, scenes)),
+        frozenset(rules),
+        tuple(records),
+    )
+
+
+def _parted(found: tuple[PairChange, ...], run: Result) -> list[tuple[str, tuple[PairChange, ...]]]:
+    groups = [(_ALL, found)]
+    for axis in (run.dataset.blocks, run.dataset.rows):
+        for value in sorted({c.first.coordinates[axis] for c in found}) if axis else []:
+            of_value = tuple(c for c in found if c.first.coordinates[axis or ""] == value)
+            groups.append((f"{axis} {value}", of_value))
+    return groups
+
+
+def _as_record(difference: PairedDifference) -> dict[str, object]:
+    return {
+        "difference": difference.mean,
+        "low": difference.low,
+        "high": difference.high,
+        "wins": difference.wins,
+        "losses": difference.losses,
+        "ties": difference.ties,
+        "verdict": difference.verdict,
+    }
+
+
+def _notes(first: Result, second: Result, protocol: str, scenes: int) -> Iterator[str]:
     if scenes >= SCENES_TO_TELL:
-        notes.append("95 %: bootstrap over scenes of the pairs' differences. Real: leaves out 0.")
+        yield "95 %: bootstrap over scenes of the pairs' differences. Real: leaves out 0."
     elif scenes > 1:
-        notes.append(
+        yield (
             f"{scenes} scenes: fewer than six are too few for a 95 % interval. Likely: all lean "
             "one way."
         )
-    if both < dataset.expected:
-        notes.append(f"{both} of {dataset.expected} pairs were scored in both runs")
+    both = len(changes(first, second, protocol, RANKED_BY))
+    if both < first.dataset.expected:
+        yield f"{both} of {first.dataset.expected} pairs were scored in both runs"
     if _same_depth_maps(first, second):
-        notes.append("The depth maps are the same in both runs, to the last digit.")
-    return Table(
-        title, columns, tuple(rows), "lllrrr", tuple(notes), frozenset(rules), tuple(records)
-    )
+        yield "The depth maps are the same in both runs, to the last digit."
 
 
 def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table:
     """Return the pairs whose NRMSE changed most, largest change first."""
-    found = most_changed(first, second, protocol, most)
+    found = [
+        (change, change.first.score(protocol, RANKED_BY), change.second.score(protocol, RANKED_BY))
+        for change in most_changed(first, second, protocol, most)
+    ]
     rows = tuple(
-        (
-            change.first.id,
-            f"{change.first.scores[protocol].nrmse:.4f}",
-            f"{change.second.scores[protocol].nrmse:.4f}",
-            f"{change.difference:+.4f}",
-        )
-        for change in found
+        (change.first.id, score_text(a), score_text(b), f"{change.difference:+.4f}")
+        for change, a, b in found
     )
     records = tuple(
-        {
-            "pair": change.first.id,
-            "a": change.first.scores[protocol].nrmse,
-            "b": change.second.scores[protocol].nrmse,
-            "difference": change.difference,
-        }
-        for change in found
+        {"pair": change.first.id, "a": a, "b": b, "difference": change.difference}
+        for change, a, b in found
     )
-    return Table(
-        "pairs that changed most in NRMSE",
-        ("pair", "A", "B", "B less A"),
-        rows,
-        "lrrr",
-        records=records,
-    )
+    title = f"pairs that changed most in {METRICS[RANKED_BY].title}"
+    return Table(title, ("pair", "A", "B", "B less A"), rows, "lrrr", records=records)
 
 
 def most_changed(first: Result, second: Result, protocol: str, most: int) -> tuple[PairChange, ...]:
     """Return the pairs whose NRMSE changed most, largest change first; none that did not."""
-    found = [c for c in changes(first, second, protocol, "nrmse") if c.difference]
+    found = [c for c in changes(first, second, protocol, RANKED_BY) if c.difference]
     return tuple(sorted(found, key=lambda c: (-abs(c.difference), c.first.id))[:most])
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.metrics.intervals import SCENES_TO_TELL, scene_interval
-from dfdbench.metrics.protocol import METRICS, label_of, require_scored
+from dfdbench.metrics.metric import METRICS, mean_of
+from dfdbench.metrics.protocol import label_of, require_scored
 from dfdbench.results.record import PairResult, Result
 
 
@@ -21,7 +21,7 @@ class PairChange:
 
 
 @dataclass(frozen=True)
-class Difference:
+class PairedDifference:
     """The mean of paired differences in one metric.
 
     Parameters
@@ -110,8 +110,7 @@ def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[
         other = others.get(pair.id)
         if pair.status != "ok" or other is None:
             continue
-        before = getattr(pair.scores[protocol], metric)
-        after = getattr(other.scores[protocol], metric)
+        before, after = pair.score(protocol, metric), other.score(protocol, metric)
         if before is not None and after is not None:
             found.append(PairChange(pair, other, after - before))
     return tuple(found)
@@ -119,7 +118,7 @@ def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[
 
 def paired_difference(
     found: tuple[PairChange, ...], metric: str, seed: int = 0
-) -> Difference | None:
+) -> PairedDifference | None:
     """Return mean, interval, wins and losses of some changes; None where there are none.
 
     Parameters
@@ -131,15 +130,15 @@ def paired_difference(
     seed : int
         Of the bootstrap.
     """
-    if not found:
-        return None
     values = [change.difference for change in found]
+    mean = mean_of(values)
+    if mean is None:
+        return None
     better = sum(value > 0 for value in values)
     worse = sum(value < 0 for value in values)
-    if not METRICS[metric]:
+    if not METRICS[metric].larger_is_better:
         better, worse = worse, better
     scenes = [change.first.scene for change in found]
     low, high = scene_interval(values, scenes, seed) or (None, None)
     ties = len(values) - better - worse
-    mean = math.fsum(values) / len(values)
-    return Difference(mean, low, high, better, worse, ties, len(set(scenes)))
+    return PairedDifference(mean, low, high, better, worse, ties, len(set(scenes)))

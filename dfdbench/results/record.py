@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from datetime import datetime
+from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, TypeAdapter
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    JsonValue,
+    TypeAdapter,
+    WithJsonSchema,
+    create_model,
+)
 
 from dfdbench.datasets.manifest import Name
-from dfdbench.metrics.protocol import METRICS, label_of
+from dfdbench.metrics.metric import METRICS, Metric, mean_of
+from dfdbench.metrics.protocol import label_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-#: Levels are at most 255 apart, and what divides them is 255 or a range of at least one level.
-Error = Annotated[float, Field(allow_inf_nan=False, ge=0, le=255)]
 #: Bounds far above any run's keep sums of such numbers finite.
 Seconds = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1e9)]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
@@ -25,7 +35,6 @@ Count = Annotated[int, Field(ge=0, lt=2**31)]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 #: Text in one line, without what steers a terminal.
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]+$", max_length=1000)]
-Similarity = Annotated[float, Field(allow_inf_nan=False, ge=-1, le=1)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -35,12 +44,42 @@ class Model(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class PairScores(Model):
-    """The metrics of one pair under one protocol; null where a metric is undefined."""
+@cache
+def _score_model(metrics: tuple[Metric, ...]) -> type[Model]:
+    fields: dict[str, Any] = {
+        metric.name: (
+            Annotated[float, Field(allow_inf_nan=False, ge=metric.lowest, le=metric.highest)]
+            | None,
+            None if metric.younger else ...,
+        )
+        for metric in metrics
+    }
+    what = "The metrics of one pair under one protocol; null where a metric is undefined."
+    return create_model("PairScores", __base__=Model, __doc__=what, **fields)
 
-    nrmse: Error | None
-    nmae: Error | None
-    ssim: Similarity | None
+
+def _by_metric(scores: dict[str, float | None]) -> dict[str, float | None]:
+    checked = _score_model(tuple(METRICS.values())).model_validate(scores)
+    return checked.model_dump(exclude_unset=True)
+
+
+#: The scores of one pair under one protocol by `METRICS`; None where a metric is undefined.
+PairScores = Annotated[
+    dict[str, float | None],
+    AfterValidator(_by_metric),
+    WithJsonSchema(_score_model(tuple(METRICS.values())).model_json_schema()),
+]
+
+
+def pair_scores(scores: Mapping[str, float]) -> dict[str, float | None]:
+    """Return scores as results keep them: checked, and None where a metric is undefined.
+
+    Examples
+    --------
+    >>> pair_scores({"nrmse": 0.1, "nmae": 0.05, "ssim": math.nan})
+    {'nrmse': 0.1, 'nmae': 0.05, 'ssim': None}
+    """
+    return _by_metric({name: None if math.isnan(v) else v for name, v in scores.items()})
 
 
 class PairResult(Model):
@@ -63,6 +102,10 @@ class PairResult(Model):
     numbers: dict[str, Number] = Field(default_factory=dict)
     error: str | None = None
     warnings: list[str] = Field(default_factory=list)
+
+    def score(self, protocol: str, metric: str) -> float | None:
+        """Return a score; None where it is undefined, or was not scored: see `Metric.younger`."""
+        return self.scores[protocol].get(metric)
 
 
 def _with_name(record: dict[str, Any]) -> dict[str, Any]:
@@ -177,11 +220,9 @@ class Result(Model):
 
 def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str, float | None]]:
     """Return each metric's mean over the pairs where it is defined, by protocol."""
-    means: dict[str, dict[str, float | None]] = {}
-    for protocol in protocols:
-        means[protocol] = {}
-        for metric in METRICS:
-            values = [getattr(pair.scores[protocol], metric) for pair in pairs]
-            defined = [value for value in values if value is not None]
-            means[protocol][metric] = math.fsum(defined) / len(defined) if defined else None
-    return means
+    return {
+        protocol: {
+            metric: mean_of(pair.score(protocol, metric) for pair in pairs) for metric in METRICS
+        }
+        for protocol in protocols
+    }

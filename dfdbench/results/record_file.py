@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from dfdbench.errors import Problem, ResultError
 from dfdbench.results.record import PairResult, Result, average
 from dfdbench.system.files import write_whole
 
-SCHEMA_VERSION = 1
+RESULT_SCHEMA_VERSION = 1
 #: What a result is called in the folder of its run.
 RESULT = "result.json"
 #: How far a recorded average may be from the one recomputed from the pairs.
@@ -72,11 +73,11 @@ def examine_result(path: Path) -> tuple[Result, list[Problem]]:
     path = path / RESULT if path.is_dir() else path
     content = _read_json(path)
     found = content.get("schema_version") if isinstance(content, dict) else None
-    if found != SCHEMA_VERSION:
+    if found != RESULT_SCHEMA_VERSION:
         raise ResultError(
             "result of another version",
             where=str(path),
-            expected=str(SCHEMA_VERSION),
+            expected=str(RESULT_SCHEMA_VERSION),
             got=str(found),
             fix="run the method again with this version of dfdbench",
         )
@@ -173,57 +174,77 @@ def _pair_of(record: PairResult, axes: list[str]) -> Pair:
 
 
 def _contradictions(result: Result, path: Path) -> list[Problem]:
-    problems = _misplaced(result, path)
+    evaluated = [pair for pair in result.pairs if pair.status == "ok"]
+    problems = [
+        *_misplaced(result, path),
+        *_miscounted(result, evaluated, path),
+        *_unscored(result, evaluated, path),
+        *_impossible(evaluated, path),
+    ]
+    return problems or list(_wrong_averages(result, evaluated, path))
+
+
+def _miscounted(result: Result, evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
     ids = [pair.id for pair in result.pairs]
     if len(set(ids)) != len(ids) or len(ids) != result.dataset.expected:
-        problems.append(
-            Problem(
-                "pairs do not add up",
-                where=f"{path}: pairs",
-                expected=f"{result.dataset.expected} pairs, each once",
-                got=f"{len(ids)} pairs, {len(set(ids))} different",
-            )
+        yield Problem(
+            "pairs do not add up",
+            where=f"{path}: pairs",
+            expected=f"{result.dataset.expected} pairs, each once",
+            got=f"{len(ids)} pairs, {len(set(ids))} different",
         )
-    evaluated = [pair for pair in result.pairs if pair.status == "ok"]
     if len(evaluated) != result.dataset.evaluated:
-        problems.append(
-            Problem(
-                "evaluated pairs do not add up",
-                where=f"{path}: dataset.evaluated",
-                expected=str(len(evaluated)),
-                got=str(result.dataset.evaluated),
+        yield Problem(
+            "evaluated pairs do not add up",
+            where=f"{path}: dataset.evaluated",
+            expected=str(len(evaluated)),
+            got=str(result.dataset.evaluated),
+        )
+
+
+def _unscored(result: Result, evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
+    names = result.protocol_names
+    metrics: set[str] | None = None
+    for pair in evaluated:
+        if set(pair.scores) != set(names):
+            yield Problem(
+                "scores are missing",
+                where=f"{path}: {pair.id}",
+                expected=", ".join(names),
+                got=", ".join(pair.scores),
             )
-        )
-    names = list(result.protocol_names)
-    problems += [
-        Problem(
-            "scores are missing",
-            where=f"{path}: {pair.id}",
-            expected=", ".join(names),
-            got=", ".join(pair.scores),
-        )
-        for pair in evaluated
-        if set(pair.scores) != set(names)
-    ]
+        # A run from before a metric lacks it altogether: no mean is of some of the pairs.
+        for protocol, scores in pair.scores.items():
+            metrics = metrics or set(scores)
+            if set(scores) != metrics:
+                yield Problem(
+                    "the pairs are not scored by the same metrics",
+                    where=f"{path}: {pair.id}, {protocol}",
+                    expected=", ".join(sorted(metrics)),
+                    got=", ".join(sorted(scores)),
+                )
+
+
+def _impossible(evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
     # What holds for every error cannot be otherwise: its mean never exceeds its root mean square.
-    problems += [
-        Problem(
-            "NMAE is larger than NRMSE",
-            where=f"{path}: {pair.id}, {name}",
-            expected=f"at most {nrmse}",
-            got=str(nmae),
-        )
-        for pair in evaluated
-        for name, scores in pair.scores.items()
-        for nrmse, nmae in [(scores.nrmse, scores.nmae)]
-        if nrmse is not None and nmae is not None and nmae > nrmse + _TOLERANCE
-    ]
-    if problems:
-        return problems
-    expected = average(evaluated, names) if result.complete else None
+    for pair in evaluated:
+        for protocol in pair.scores:
+            nrmse, nmae = pair.score(protocol, "nrmse"), pair.score(protocol, "nmae")
+            if nrmse is not None and nmae is not None and nmae > nrmse + _TOLERANCE:
+                yield Problem(
+                    "NMAE is larger than NRMSE",
+                    where=f"{path}: {pair.id}, {protocol}",
+                    expected=f"at most {nrmse}",
+                    got=str(nmae),
+                )
+
+
+def _wrong_averages(result: Result, evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
+    expected = average(evaluated, list(result.protocol_names)) if result.complete else None
     if (result.averages is None) != (expected is None):
         state = "null: the run is incomplete" if expected is None else "averages"
-        return [Problem("wrong averages", where=f"{path}: averages", expected=state)]
+        yield Problem("wrong averages", where=f"{path}: averages", expected=state)
+        return
     for protocol, means in (expected or {}).items():
         for metric, value in means.items():
             recorded = (result.averages or {}).get(protocol, {}).get(metric)
@@ -231,15 +252,12 @@ def _contradictions(result: Result, path: Path) -> list[Problem]:
             if value is not None and recorded is not None:
                 same = abs(recorded - value) <= _TOLERANCE
             if not same:
-                problems.append(
-                    Problem(
-                        "average does not follow from the pairs",
-                        where=f"{path}: averages.{protocol}.{metric}",
-                        expected=str(value),
-                        got=str(recorded),
-                    )
+                yield Problem(
+                    "average does not follow from the pairs",
+                    where=f"{path}: averages.{protocol}.{metric}",
+                    expected=str(value),
+                    got=str(recorded),
                 )
-    return problems
 
 
 def result_schema() -> str:

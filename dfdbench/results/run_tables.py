@@ -5,54 +5,48 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dfdbench.metrics.intervals import SCENES_TO_TELL
-from dfdbench.metrics.protocol import METRICS, require_scored, title_of
+from dfdbench.metrics.metric import METRICS, mean_of
+from dfdbench.metrics.protocol import title_of
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.summary import Group, ranked, summarise
+from dfdbench.results.summary import RunSummary, ScoreGroup
+from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
 
 EXTREMES = 5
-_NOTHING = "–"
-_ARROWS = {metric: f"{metric.upper()} {'↑' if up else '↓'}" for metric, up in METRICS.items()}
 
 
-def run_tables(result: Result, protocol: str) -> list[Table]:
-    """Return a run's tables: scores, best and worst pairs, run times.
-
-    Raises
-    ------
-    UnknownNameError
-        Where the result was not scored under that protocol.
-    """
-    require_scored(protocol, result.protocol_names, f"{result.method.name}'s result")
-    tables = [score_table(result, protocol)]
-    if ranked(result, protocol):
-        tables += [extremes_table(result, protocol), time_table(result, protocol)]
-    failures = [pair for pair in result.pairs if pair.status == "failed"]
+def run_tables(summary: RunSummary) -> list[Table]:
+    """Return a run's tables: scores, best and worst pairs, run times."""
+    tables = [run_score_table(summary)]
+    if summary.ranked:
+        tables += [extremes_table(summary), time_table(summary)]
+    failures = [pair for pair in summary.result.pairs if pair.status == "failed"]
     if failures:
         tables.append(_failure_table(failures))
     return tables
 
 
-def score_table(result: Result, protocol: str) -> Table:
+def run_score_table(summary: RunSummary) -> Table:
     """Return mean and spread of each metric by lighting, as the thesis's Tables 4.3 and 5.3."""
+    result, groups = summary.result, summary.groups
     dataset = result.dataset
-    groups = summarise(result, protocol)
     partial = any(group.evaluated < group.expected for group in groups)
     labels = _labels(result)
-    columns = [*labels, *(head for name in _ARROWS.values() for head in (name, "std"))]
+    columns = [*labels, *(head for metric in METRICS.values() for head in (metric.heading, "std"))]
     rows = []
     for group in groups:
         cells = [*_place(group, len(labels))]
         for metric in METRICS:
             statistic = group.metrics[metric]
-            cells += [_number(statistic.mean), _number(statistic.std)]
+            cells += [score_text(statistic.mean), score_text(statistic.std)]
         rows.append((*cells, f"{group.evaluated}/{group.expected}") if partial else tuple(cells))
     if partial:
         columns.append("pairs")
     state = "" if result.complete else "PARTIAL, "
     title = (
         f"{result.method.name} on {dataset.name}, split {dataset.split}, "
-        f"protocol {title_of(protocol)} ({state}{dataset.evaluated} of {dataset.expected} pairs)"
+        f"protocol {title_of(summary.protocol)} "
+        f"({state}{dataset.evaluated} of {dataset.expected} pairs)"
     )
     align = "l" * len(labels) + "r" * (len(columns) - len(labels))
     return Table(
@@ -60,38 +54,38 @@ def score_table(result: Result, protocol: str) -> Table:
     )
 
 
-def extremes_table(result: Result, protocol: str) -> Table:
+def extremes_table(summary: RunSummary) -> Table:
     """Return the best and the worst pairs, by NRMSE, ties by NMAE, as the thesis's Table 5.2."""
-    order = ranked(result, protocol)
-    top = order[:EXTREMES]
-    bottom = order[len(top) :][-EXTREMES:]
-    axes = result.dataset.axes
+    protocol = summary.protocol
+    top = summary.ranked[:EXTREMES]
+    bottom = summary.ranked[len(top) :][-EXTREMES:]
+    axes = summary.result.dataset.axes
     rows = [
         (
             kind,
             pair.scene,
             *(str(pair.coordinates[axis]) for axis in axes),
-            *(_number(getattr(pair.scores[protocol], metric)) for metric in METRICS),
+            *(score_text(pair.score(protocol, metric)) for metric in METRICS),
         )
         for kind, pairs in (("top", top), ("bottom", bottom))
         for pair in pairs
     ]
     return Table(
         f"best and worst pairs, protocol {title_of(protocol)}",
-        ("", "scene", *axes, *_ARROWS.values()),
+        ("", "scene", *axes, *(metric.heading for metric in METRICS.values())),
         tuple(rows),
-        "ll" + "r" * (len(axes) + len(_ARROWS)),
+        "ll" + "r" * (len(axes) + len(METRICS)),
         (),
         frozenset({len(top) - 1}),
     )
 
 
-def time_table(result: Result, protocol: str) -> Table:
+def time_table(summary: RunSummary) -> Table:
     """Return the seconds a pair by lighting, as the thesis's Table 4.4."""
+    result, groups = summary.result, summary.groups
     labels = _labels(result)
-    groups = summarise(result, protocol)
     rows = [
-        (*_place(group, len(labels)), _seconds(group.seconds.mean), _seconds(group.seconds.std))
+        (*_place(group, len(labels)), score_text(group.seconds.mean), score_text(group.seconds.std))
         for group in groups
     ]
     environment = result.environment
@@ -120,12 +114,12 @@ def _failure_table(failures: list[PairResult]) -> Table:
     return Table(title, ("error", "first", "pairs"), rows, "llr")
 
 
-def _notes(result: Result, groups: tuple[Group, ...]) -> list[str]:
+def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
     whole = groups[-1]
     notes = []
     intervals = [
-        f"{metric.upper()} {value.low:.4f} to {value.high:.4f}"
-        for metric, value in whole.metrics.items()
+        f"{METRICS[name].title} {score_text(value.low)} to {score_text(value.high)}"
+        for name, value in whole.metrics.items()
         if value.low is not None
     ]
     if intervals:
@@ -144,7 +138,7 @@ def _notes(result: Result, groups: tuple[Group, ...]) -> list[str]:
         for name, value in pair.numbers.items():
             numbers.setdefault(name, []).append(value)
     if numbers:
-        means = (f"{name} {sum(found) / len(found):.6g}" for name, found in numbers.items())
+        means = (f"{name} {mean_of(found):.6g}" for name, found in numbers.items())
         notes.append("the method's own numbers, mean a pair: " + "; ".join(means))
     counted = {"missing": "not in the store", "not-run": "not run", "failed": "failed"}
     for status, text in counted.items():
@@ -166,22 +160,14 @@ def _labels(result: Result) -> list[str]:
     return [axis for axis in (result.dataset.blocks, result.dataset.rows) if axis]
 
 
-def _place(group: Group, count: int) -> tuple[str, ...]:
+def _place(group: ScoreGroup, count: int) -> tuple[str, ...]:
     if group.block is None:
         return ("overall", "")[:count]
     return (str(group.block), "overall" if group.row is None else str(group.row))[:count]
 
 
-def _rules(groups: Sequence[Group]) -> frozenset[int]:
+def _rules(groups: Sequence[ScoreGroup]) -> frozenset[int]:
     """Return the rows that a line follows: whole blocks, or all but the overall row."""
     blocks = [number for number, group in enumerate(groups) if group.row is None]
     several = any(group.row is not None for group in groups)
     return frozenset(blocks if several else blocks[-2:-1])
-
-
-def _number(value: float | None) -> str:
-    return _NOTHING if value is None else f"{value:.4f}"
-
-
-def _seconds(value: float | None) -> str:
-    return _NOTHING if value is None else f"{value:.4f}"

@@ -5,32 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from dfdbench.datasets.manifest import Scene, Split
-from dfdbench.metrics.protocol import METRICS, title_of
+from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.protocol import title_of
 from dfdbench.results.record import Result
-from dfdbench.results.summary import scene_labels, summarise_scenes
+from dfdbench.results.summary import RunSummary, scene_labels, summarise_scenes
+from dfdbench.results.wording import NOTHING, score_text
 from dfdbench.tables.table import Table
 
-_NOTHING = "–"
 
-
-def scene_tables(result: Result, protocol: str, scenes: Sequence[Scene]) -> list[Table]:
+def scene_tables(summary: RunSummary, scenes: Sequence[Scene]) -> list[Table]:
     """Return a run's scores by geometry and by texture, as the thesis's Figs 7.2, 7.8 and 7.17.
 
     Parameters
     ----------
-    result : Result
-        The run.
-    protocol : str
-        Under which protocol.
+    summary : RunSummary
+        The run under a protocol.
     scenes : sequence of Scene
         Of the manifest; where they name neither, there is no table.
     """
-    return [
-        _table(result, protocol, what, label_of) for what, label_of in scene_labels(scenes).items()
-    ]
+    return [_table(summary, what, label_of) for what, label_of in scene_labels(scenes).items()]
 
 
-def spread_table(result: Result, protocol: str, splits: Sequence[Split] = ()) -> Table:
+def spread_table(summary: RunSummary, splits: Sequence[Split] = ()) -> Table:
     """Return minimum, mean, maximum and deviation over the pairs, as the thesis's Tables 7.3, 7.6.
 
     Of the whole run, and of every split and partition that is a part of it: Table 7.3 is of
@@ -38,13 +34,12 @@ def spread_table(result: Result, protocol: str, splits: Sequence[Split] = ()) ->
 
     Parameters
     ----------
-    result : Result
-        The run.
-    protocol : str
-        Under which protocol.
+    summary : RunSummary
+        The run under a protocol.
     splits : sequence of Split
         Of the manifest.
     """
+    result, protocol = summary.result, summary.protocol
     rows, rules, lacking = [], [], []
     for part, scenes in _parts(result, splits).items():
         (group,) = summarise_scenes(result, protocol, dict.fromkeys(scenes, part)).values()
@@ -59,14 +54,13 @@ def spread_table(result: Result, protocol: str, splits: Sequence[Split] = ()) ->
         ):
             first = (part, str(group.expected)) if name == "minimum" else ("", "")
             found = (getattr(group.metrics[metric], statistic) for metric in METRICS)
-            rows.append((*first, name, *map(_number, found)))
+            rows.append((*first, name, *map(score_text, found)))
         rules.append(len(rows) - 1)
     dataset = result.dataset
     title = (
         f"{result.method.name} on {dataset.name}, spread over pairs, protocol {title_of(protocol)}"
     )
-    heads = (f"{metric.upper()} {'↑' if up else '↓'}" for metric, up in METRICS.items())
-    columns = ("of", "pairs", "", *heads)
+    columns = ("of", "pairs", "", *(metric.heading for metric in METRICS.values()))
     notes = (f"not every pair was evaluated of {', '.join(lacking)}",) if lacking else ()
     return Table(
         title, columns, tuple(rows), "lrl" + "r" * len(METRICS), notes, frozenset(rules[:-1])
@@ -84,10 +78,11 @@ def _parts(result: Result, splits: Sequence[Split]) -> dict[str, tuple[str, ...]
     return {f"split {result.dataset.split}": whole, **parts}
 
 
-def _table(result: Result, protocol: str, what: str, label_of: Mapping[str, str]) -> Table:
+def _table(summary: RunSummary, what: str, label_of: Mapping[str, str]) -> Table:
+    result, protocol = summary.result, summary.protocol
     members: dict[str, list[str]] = {}
     for pair in result.pairs:
-        names = members.setdefault(label_of.get(pair.scene, _NOTHING), [])
+        names = members.setdefault(label_of.get(pair.scene, NOTHING), [])
         if pair.scene not in names:
             names.append(pair.scene)
     rows, idle = [], []
@@ -98,14 +93,10 @@ def _table(result: Result, protocol: str, what: str, label_of: Mapping[str, str]
         cells = [label, _listed(members[label])]
         for metric in METRICS:
             statistic = group.metrics[metric]
-            cells += [_number(statistic.mean), _number(statistic.std)]
+            cells += [score_text(statistic.mean), score_text(statistic.std)]
         rows.append((*cells, f"{group.evaluated}/{group.expected}"))
     notes = (f"nothing was run of {what} {', '.join(idle)}",) if idle else ()
-    heads = [
-        head
-        for metric, up in METRICS.items()
-        for head in (f"{metric.upper()} {'↑' if up else '↓'}", "std")
-    ]
+    heads = [head for metric in METRICS.values() for head in (metric.heading, "std")]
     dataset = result.dataset
     title = (
         f"{result.method.name} on {dataset.name}, split {dataset.split}, by {what}, "
@@ -117,7 +108,3 @@ def _table(result: Result, protocol: str, what: str, label_of: Mapping[str, str]
 
 def _listed(names: list[str]) -> str:
     return " ".join(names) if len(names) <= 4 else f"{names[0]} … {names[-1]} ({len(names)})"
-
-
-def _number(value: float | None) -> str:
-    return _NOTHING if value is None else f"{value:.4f}"

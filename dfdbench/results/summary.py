@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dfdbench.datasets.manifest import Scene
 from dfdbench.metrics.intervals import scene_interval
-from dfdbench.metrics.protocol import METRICS
+from dfdbench.metrics.metric import METRICS, RANKED_BY, TIES_BY, mean_of
+from dfdbench.metrics.protocol import require_scored
 from dfdbench.results.record import PairResult, Result
 
 
@@ -44,7 +45,7 @@ class Statistic:
 
 
 @dataclass(frozen=True)
-class Group:
+class ScoreGroup:
     """The pairs of one table row.
 
     `block` and `row` are values on the table's axes, None where all are taken together.
@@ -61,8 +62,33 @@ class Group:
     seconds: Statistic
 
 
-def summarise(result: Result, protocol: str, seed: int = 0) -> tuple[Group, ...]:
-    """Return a group a table row: each cell, each block overall, and all pairs last.
+@dataclass(frozen=True)
+class RunSummary:
+    """A run under one protocol, its means and its order: what every table of it is made from.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    protocol : str
+        Under which protocol.
+    groups : tuple of ScoreGroup
+        One a table row: each cell, each block overall, and all pairs last.
+    ranked : tuple of PairResult
+        The evaluated pairs, best first, see `ranked`.
+    """
+
+    result: Result
+    protocol: str
+    groups: tuple[ScoreGroup, ...]
+    ranked: tuple[PairResult, ...]
+
+
+def summarise(result: Result, protocol: str, seed: int = 0) -> RunSummary:
+    """Take a run's means and intervals, and rank its pairs.
+
+    The intervals are bootstrapped, which takes a while: hand the summary on rather than call
+    this again.
 
     Parameters
     ----------
@@ -72,18 +98,27 @@ def summarise(result: Result, protocol: str, seed: int = 0) -> tuple[Group, ...]
         Under which protocol.
     seed : int
         Of the bootstrap.
+
+    Raises
+    ------
+    UnknownNameError
+        Where the result was not scored under that protocol.
     """
+    require_scored(protocol, result.protocol_names, f"{result.method.name}'s result")
+    groups = tuple(_groups(result, protocol, seed))
+    return RunSummary(result, protocol, groups, ranked(result, protocol))
+
+
+def _groups(result: Result, protocol: str, seed: int) -> Iterator[ScoreGroup]:
     blocks, rows = result.dataset.blocks, result.dataset.rows
-    groups = []
     for block in _values(result.pairs, blocks):
         of_block = [pair for pair in result.pairs if pair.coordinates[blocks] == block]
         if rows:
             for row in _values(of_block, rows):
                 cell = [pair for pair in of_block if pair.coordinates[rows] == row]
-                groups.append(_group(cell, protocol, block, row, None))
-        groups.append(_group(of_block, protocol, block, None, seed if rows else None))
-    groups.append(_group(result.pairs, protocol, None, None, seed))
-    return tuple(groups)
+                yield _group(cell, protocol, block, row, None)
+        yield _group(of_block, protocol, block, None, seed if rows else None)
+    yield _group(result.pairs, protocol, None, None, seed)
 
 
 def scene_labels(scenes: Sequence[Scene]) -> dict[str, dict[str, str]]:
@@ -103,7 +138,7 @@ def scene_labels(scenes: Sequence[Scene]) -> dict[str, dict[str, str]]:
 
 def summarise_scenes(
     result: Result, protocol: str, label_of: Mapping[str, str]
-) -> dict[str, Group]:
+) -> dict[str, ScoreGroup]:
     """Return a group for each label that scenes bear: a geometry, say, or a texture.
 
     Parameters
@@ -127,17 +162,12 @@ def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:
 
     Pairs for which NRMSE is undefined are left out.
     """
-    defined = [
-        pair
+    keys = [
+        (first, pair.score(protocol, TIES_BY), pair.id, pair)
         for pair in result.pairs
-        if pair.status == "ok" and pair.scores[protocol].nrmse is not None
+        if pair.status == "ok" and (first := pair.score(protocol, RANKED_BY)) is not None
     ]
-    return tuple(
-        sorted(
-            defined,
-            key=lambda pair: (pair.scores[protocol].nrmse, pair.scores[protocol].nmae, pair.id),
-        )
-    )
+    return tuple(pair for *_, pair in sorted(keys, key=lambda key: key[:3]))
 
 
 def _values(pairs: Sequence[PairResult], axis: str) -> list[int]:
@@ -146,7 +176,7 @@ def _values(pairs: Sequence[PairResult], axis: str) -> list[int]:
 
 def _group(
     pairs: Sequence[PairResult], protocol: str, block: int | None, row: int | None, seed: int | None
-) -> Group:
+) -> ScoreGroup:
     evaluated = [pair for pair in pairs if pair.status == "ok"]
     failed = sum(pair.status == "failed" for pair in pairs)
     # A cell shows the mean of what was run; an overall mean of an incomplete run would pass for
@@ -159,41 +189,34 @@ def _group(
             for pair, value in zip(evaluated, values, strict=True)
             if value is not None
         ]
-        if not averaged or not defined:
-            return Statistic(None, None, len(defined))
-        numbers = [value for _, value in defined]
-        std = float(np.std(numbers, ddof=1)) if len(numbers) > 1 else None
-        interval = None
-        if seed is not None:
-            interval = scene_interval(numbers, [scene for scene, _ in defined], seed)
-        low, high = interval or (None, None)
-        scenes = len({scene for scene, _ in defined})
-        return Statistic(
-            float(np.mean(numbers)),
-            std,
-            len(numbers),
-            low,
-            high,
-            scenes,
-            min(numbers),
-            max(numbers),
-        )
+        return _statistic(defined, seed) if averaged else Statistic(None, None, len(defined))
 
-    metrics = {
-        metric: statistic([getattr(pair.scores[protocol], metric) for pair in evaluated])
-        for metric in METRICS
-    }
-    undefined = sum(
-        any(getattr(pair.scores[protocol], metric) is None for metric in METRICS)
-        for pair in evaluated
-    )
-    return Group(
+    undefined = sum(None in pair.scores[protocol].values() for pair in evaluated)
+    return ScoreGroup(
         block,
         row,
         len(pairs),
         len(evaluated),
         failed,
         undefined,
-        metrics,
+        {name: statistic([pair.score(protocol, name) for pair in evaluated]) for name in METRICS},
         statistic([pair.seconds for pair in evaluated]),
+    )
+
+
+def _statistic(defined: Sequence[tuple[str, float]], seed: int | None) -> Statistic:
+    if not defined:
+        return Statistic(None, None, 0)
+    scenes, numbers = zip(*defined, strict=True)
+    interval = None if seed is None else scene_interval(numbers, scenes, seed)
+    low, high = interval or (None, None)
+    return Statistic(
+        mean_of(numbers),
+        float(np.std(numbers, ddof=1)) if len(numbers) > 1 else None,
+        len(numbers),
+        low,
+        high,
+        len(set(scenes)),
+        min(numbers),
+        max(numbers),
     )

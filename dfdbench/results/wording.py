@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 
-from dfdbench.metrics.protocol import METRICS
 from dfdbench.results.record import MethodRecord, Result
 
 NOTHING = "–"
-HEADINGS = {metric: f"{metric.upper()} {'↑' if up else '↓'}" for metric, up in METRICS.items()}
 
 
 def method_label(method: MethodRecord) -> str:
@@ -61,6 +59,12 @@ def plain(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
-def score_text(value: float | None) -> str:
-    """Return a score with the four digits that the thesis prints; a dash where there is none."""
-    return NOTHING if value is None else f"{value:.4f}"
+def score_text(value: float | None, nothing: str = NOTHING) -> str:
+    """Return a score with the four digits that the thesis prints; a dash where there is none.
+
+    Examples
+    --------
+    >>> score_text(0.12345), score_text(None), score_text(None, "undefined")
+    ('0.1235', '–', 'undefined')
+    """
+    return nothing if value is None else f"{value:.4f}"

@@ -14,7 +14,8 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, unknown_name
 from dfdbench.methods.networks.weights import Card, load_weights
-from dfdbench.metrics.protocol import METRICS
+from dfdbench.metrics.metric import METRICS
+from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
 from dfdbench.training.checkpoint import WEIGHTS
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
@@ -218,7 +219,7 @@ def run_trial(
     return train(trial.task, trial.folder, max_seconds, device, on_step).card
 
 
-def score_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Table:
+def experiment_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Table:
     """Return minimum, mean, maximum and deviation of the scores, as Tables 5.6 and 5.7.
 
     Parameters
@@ -246,7 +247,7 @@ def score_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Ta
                     value or "all seeds",
                     str(len(group)),
                     "score" if len(group) == 1 else statistic,
-                    *(f"{scores[metric]:.4f}" if metric in scores else "–" for metric in METRICS),
+                    *(score_text(scores.get(metric)) for metric in METRICS),
                 )
             )
             record: dict[str, object] = {"value": value, "trainings": len(group)}
@@ -254,13 +255,12 @@ def score_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Ta
     some = cards[0][1] if cards else None
     notes = [f"{some.method} on {some.dataset}, protocol thesis"] if some else []
     notes += sorted({f"steps {card.steps:,}, ended by {card.ended_by}" for _, card in cards})
-    arrows = ("NRMSE ↓", "NMAE ↓", "SSIM ↑")
     heading = experiment.varies.replace("_", " ") or "value"
     return Table(
         experiment.title,
-        (heading, "trainings", "", *arrows),
+        (heading, "trainings", "", *(metric.heading for metric in METRICS.values())),
         tuple(rows),
-        "lrlrrr",
+        "lrl" + "r" * len(METRICS),
         tuple(notes),
         records=tuple(records),
     )

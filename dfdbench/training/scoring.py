@@ -14,7 +14,8 @@ from torch import nn
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.methods.networks.inference import Predictor
-from dfdbench.metrics.protocol import METRICS, PROTOCOLS, score
+from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.protocol import PROTOCOLS, score
 
 #: Under which training scores are taken.
 PROTOCOL = "thesis"
@@ -77,7 +78,7 @@ def mean_scores(
             PROTOCOLS[PROTOCOL], images.depth, images.valid, levels, store.manifest.network_crop
         )
         for metric in METRICS:
-            value = float(getattr(scores, metric))
+            value = scores[metric]
             if not math.isnan(value):
                 values[metric].append(value)
         if on_pair:

@@ -71,8 +71,8 @@ def test_a_run_predicts_once_and_scores_under_every_protocol(
         assert record.prediction_sha256 == array_digest("depth", ("y", "x"), kept)
         for name, protocol in PROTOCOLS.items():
             expected = score(protocol, images.depth, images.valid, kept, 16)
-            assert record.scores[name].nrmse == expected.nrmse
-            assert record.scores[name].ssim == expected.ssim
+            assert record.scores[name]["nrmse"] == expected["nrmse"]
+            assert record.scores[name]["ssim"] == expected["ssim"]
     recorded = run.result.dataset
     assert (recorded.fingerprint, recorded.split) == (tiny_store.fingerprint, "test")
     assert (recorded.expected, recorded.evaluated) == (7, 7)

@@ -8,8 +8,8 @@ import pytest
 
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import ResultError
-from dfdbench.leaderboard.board_tables import lighting_table, ranking_table, runs_table
-from dfdbench.leaderboard.boards import Board, Entry, boards, collect
+from dfdbench.leaderboard.board_tables import lighting_table, runs_table, standings_table
+from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards, collect
 from dfdbench.leaderboard.folder import file_stems
 from dfdbench.leaderboard.submission import submit
 from tests.made_results import limited, make_demo_result, make_result
@@ -25,7 +25,7 @@ def add(folder: Path, name: str, value: float, **changes: Any) -> Path:
     return submit(make_demo_result(score, name, **changes), folder, WHEN)[0]
 
 
-def only_board(folder: Path) -> Board:
+def only_board(folder: Path) -> ScoreBoard:
     (board,) = boards(collect(folder))
     return board
 
@@ -51,7 +51,7 @@ def test_few_scenes_are_no_95_per_cent(tmp_path: Path, scenes: str) -> None:
     (tmp_path / "r.json").touch()
     values = {(scene, 1, 1, 0): 0.1 * (1 + n) for n, scene in enumerate(scenes)}
     (board,) = boards([Entry(make_result(values), tmp_path / "r.json", None)])
-    table = ranking_table(board, tmp_path)
+    table = standings_table(board, tmp_path)
     name = "95 %" if len(scenes) > 5 else "range of scene means"
     assert table.columns[3] == name
     assert table.records[0]["interval"] == name
@@ -73,7 +73,7 @@ def test_runs_that_give_way_are_named_by_their_folders(tmp_path: Path) -> None:
         ]
         os.utime(first, (0, 0))
         (board,) = boards(entries)
-        assert told in ranking_table(board, tmp_path).notes[-1]
+        assert told in standings_table(board, tmp_path).notes[-1]
 
 
 def test_ties_go_to_nmae_and_full_ties_share_a_rank(tmp_path: Path) -> None:
@@ -82,14 +82,12 @@ def test_ties_go_to_nmae_and_full_ties_share_a_rank(tmp_path: Path) -> None:
     add(tmp_path, "last", 0.3)
     better_nmae = make_demo_result(lambda pair: 0.3, "first of the last")
     pairs = [
-        pair.model_copy(
-            update={"scores": {"thesis": pair.scores["thesis"].model_copy(update={"nmae": 0.0})}}
-        )
+        pair.model_copy(update={"scores": {"thesis": pair.scores["thesis"] | {"nmae": 0.0}}})
         for pair in make_demo_result(
             lambda p: 0.3 + 0.0001 * len(p.scene) + 0.001 * p.at["exposure"]
         ).pairs
     ]
-    nrmse = sum(pair.scores["thesis"].nrmse or 0 for pair in pairs) / len(pairs)
+    nrmse = sum(pair.scores["thesis"]["nrmse"] or 0 for pair in pairs) / len(pairs)
     averages = {"thesis": {"nrmse": nrmse, "nmae": 0.0, "ssim": 1 - nrmse}}
     submit(better_nmae.model_copy(update={"pairs": pairs, "averages": averages}), tmp_path, WHEN)
     found = [(s.rank, s.entry.label) for s in only_board(tmp_path).standings]
@@ -113,7 +111,7 @@ def test_rows_of_a_superseded_protocol_stay_and_say_so(tmp_path: Path) -> None:
         "results/demo-1-test/thesis-networks/old.json",
         "results/demo-1-test/thesis-networks-2/new.json",
     ]
-    tables = [ranking_table(board, tmp_path) for board in boards(collect(tmp_path))]
+    tables = [standings_table(board, tmp_path) for board in boards(collect(tmp_path))]
     assert [table.title for table in tables] == [
         "demo-1, split test, protocol thesis-networks, version 2",
         "demo-1, split test, protocol valid",
@@ -128,7 +126,7 @@ def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
     submit(limited(make_demo_result(lambda pair: 0.001, "stopped"), 7), tmp_path, WHEN)
     board = only_board(tmp_path)
     assert [(s.rank, s.entry.label) for s in board.standings] == [(1, "whole"), (None, "stopped")]
-    table = ranking_table(board, tmp_path)
+    table = standings_table(board, tmp_path)
     assert table.rows[1][:3] == ("–", "stopped", "–")
     assert "7 of 54 pairs evaluated" in " ".join(table.notes)
     lighting_table(board)
@@ -142,7 +140,7 @@ def test_the_newer_of_two_results_of_a_method_wins_and_that_is_said(tmp_path: Pa
     board = only_board(tmp_path)
     assert [s.entry.path.name for s in board.standings] == ["mine.json"]
     assert f"{kept.name} gives way to the newer mine.json" in " ".join(
-        ranking_table(board, tmp_path).notes
+        standings_table(board, tmp_path).notes
     )
 
 
@@ -188,13 +186,13 @@ def test_a_hundred_results(tmp_path: Path) -> None:
     board = only_board(tmp_path)
     assert [s.rank for s in board.standings] == [1] * 100
     assert board.standings[99].entry.label == "method 99"
-    assert len(ranking_table(board, tmp_path).rows) == 100
+    assert len(standings_table(board, tmp_path).rows) == 100
 
 
 def test_records_hold_numbers_in_full_and_links_lead_to_the_file(tmp_path: Path) -> None:
     add(tmp_path, "mine", 0.1, parameters={"window": 9, "recipe": "text"})
     board = only_board(tmp_path)
-    (record,) = ranking_table(board, tmp_path).records
+    (record,) = standings_table(board, tmp_path).records
     assert record["nrmse"] == board.standings[0].entry.score("thesis", "nrmse")
     assert record["nrmse exposure 2"] != record["nrmse exposure 0"]
     assert record["result"] == "results/demo-1-test/thesis/mine-window=9-recipe=text.json"

@@ -11,7 +11,7 @@ from dfdbench.errors import ResultError
 from dfdbench.leaderboard.data_set_problems import data_set_problems
 from dfdbench.leaderboard.folder import FINGERPRINTS, UNDEFINED, file_stems
 from dfdbench.leaderboard.submission import load_submission, submit
-from dfdbench.results.record import PairScores, Result, average
+from dfdbench.results.record import Result, average
 from dfdbench.results.record_file import seal_of
 from dfdbench.results.wording import method_label
 from tests.made_results import limited, make_demo_result, make_result
@@ -219,7 +219,7 @@ def test_a_run_on_a_set_of_ones_own_is_not_submitted(tmp_path: Path) -> None:
 
 
 def with_undefined(result: Result, ids: set[str]) -> Result:
-    nothing = {"thesis": PairScores(nrmse=None, nmae=None, ssim=0.5)}
+    nothing = {"thesis": {"nrmse": None, "nmae": None, "ssim": 0.5}}
     pairs = [
         pair.model_copy(update={"scores": nothing}) if pair.id in ids else pair
         for pair in result.pairs

@@ -13,12 +13,13 @@ from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.evaluation.run import run_method
 from dfdbench.leaderboard.boards import boards, collect
 from dfdbench.leaderboard.submission import submit
-from dfdbench.leaderboard.verification import verify
+from dfdbench.leaderboard.verification import verify_result
 from dfdbench.leaderboard.verification_file import load_verification, save_verification
 from dfdbench.metrics.protocol import RELEASED, find_protocol
 from dfdbench.results.record import Result, average
 from dfdbench.results.record_file import RESULT, load_result, save_result, seal_of
 from dfdbench.results.run_tables import run_tables
+from dfdbench.results.summary import summarise
 
 
 @pytest.fixture
@@ -29,18 +30,18 @@ def run(tiny_store: Store, tmp_path: Path) -> Path:
 
 
 def test_an_honest_result_gives_the_same_depth_maps(run: Path, tiny_store: Store) -> None:
-    found = verify(load_result(run), run, tiny_store, count=3, seed=4)
+    found = verify_result(load_result(run), run, tiny_store, count=3, seed=4)
     assert (len(found.pairs), found.identical, found.largest_difference) == (3, 3, 0)
     assert found.same_source
-    again = verify(load_result(run), run, tiny_store, count=3, seed=4)
+    again = verify_result(load_result(run), run, tiny_store, count=3, seed=4)
     assert again.pairs == found.pairs
-    assert verify(load_result(run), run, tiny_store, count=99).identical == 7
+    assert verify_result(load_result(run), run, tiny_store, count=99).identical == 7
 
 
 def test_a_verification_counts_for_its_file_only(run: Path, tiny_store: Store) -> None:
     result = load_result(run)
     assert load_verification(result, run) is None
-    save_verification(verify(result, run, tiny_store), 0, run)
+    save_verification(verify_result(result, run, tiny_store), 0, run)
     assert load_verification(result, run) is not None
     run.write_text(run.read_text() + "\n")
     with pytest.raises(ResultError, match="of another file"):
@@ -69,7 +70,7 @@ def test_a_verification_of_nonsense_is_refused(
     run: Path, tiny_store: Store, changes: dict[str, Any], told: str
 ) -> None:
     result = load_result(run)
-    place = save_verification(verify(result, run, tiny_store, count=2), 0, run)
+    place = save_verification(verify_result(result, run, tiny_store, count=2), 0, run)
     place.write_text(json.dumps({**json.loads(place.read_text()), **changes}))
     with pytest.raises(ResultError, match=told):
         load_verification(result, run)
@@ -80,7 +81,7 @@ def test_a_tolerance_that_is_none_is_refused(
     run: Path, tiny_store: Store, tolerance: float
 ) -> None:
     with pytest.raises(InputError, match="not a tolerance"):
-        verify(load_result(run), run, tiny_store, tolerance=tolerance)
+        verify_result(load_result(run), run, tiny_store, tolerance=tolerance)
 
 
 def lower_scores(content: dict[str, Any]) -> None:
@@ -113,7 +114,7 @@ def test_scores_that_were_made_up_are_found_out(
     tamper(content)
     run.write_text(json.dumps(content))
     with pytest.raises(ResultError, match=told):
-        verify(load_result(run), run, tiny_store)
+        verify_result(load_result(run), run, tiny_store)
 
 
 def test_a_depth_map_that_differs_within_the_tolerance_passes(run: Path, tiny_store: Store) -> None:
@@ -121,7 +122,7 @@ def test_a_depth_map_that_differs_within_the_tolerance_passes(run: Path, tiny_st
     for pair in content["pairs"]:
         pair["prediction_sha256"] = "0" * 64
     run.write_text(json.dumps(content))
-    found = verify(load_result(run), run, tiny_store)
+    found = verify_result(load_result(run), run, tiny_store)
     assert (found.identical, found.largest_difference) == (0, 0)
 
 
@@ -129,7 +130,7 @@ def test_a_method_whose_name_leads_elsewhere_is_not_run(run: Path, tiny_store: S
     result = load_result(run)
     method = result.method.model_copy(update={"name": "constant"})
     with pytest.raises(ResultError, match="leads to another entry"):
-        verify(result.model_copy(update={"method": method}), run, tiny_store)
+        verify_result(result.model_copy(update={"method": method}), run, tiny_store)
 
 
 def test_an_older_protocol_is_verified_under_its_own_window(run: Path, tiny_store: Store) -> None:
@@ -146,21 +147,21 @@ def test_an_older_protocol_is_verified_under_its_own_window(run: Path, tiny_stor
         }
     )  # fmt: skip
     save_result(result, run)
-    assert verify(load_result(run), run, tiny_store).largest_difference == 0
+    assert verify_result(load_result(run), run, tiny_store).largest_difference == 0
     with pytest.raises(UnknownNameError, match="another version of protocol"):
-        run_tables(load_result(run), find_protocol("thesis-networks").label)
-    shown = run_tables(load_result(run), find_protocol("thesis-networks-1").label)
+        run_tables(summarise(load_result(run), find_protocol("thesis-networks").label))
+    shown = run_tables(summarise(load_result(run), find_protocol("thesis-networks-1").label))
     assert "thesis-networks, version 1: superseded by version 2" in shown[0].title
     unknown = result.model_copy(update={"protocols": [{"name": "mine", "version": 1}]})
     with pytest.raises(UnknownNameError, match="unknown protocol of"):
-        verify(unknown, run, tiny_store)
+        verify_result(unknown, run, tiny_store)
 
 
 def test_other_data_are_refused(run: Path, tiny_store: Store) -> None:
     result = load_result(run)
     dataset = result.dataset.model_copy(update={"fingerprint": "8" * 64})
     with pytest.raises(ResultError, match="made with other data"):
-        verify(result.model_copy(update={"dataset": dataset}), run, tiny_store)
+        verify_result(result.model_copy(update={"dataset": dataset}), run, tiny_store)
 
 
 def claiming(result: Result, name: str, entry: str, **parameters: Any) -> Result:
@@ -175,7 +176,7 @@ def test_a_result_runs_no_command(run: Path, tiny_store: Store, tmp_path: Path) 
     )
     for trusted in ((), ("subprocess:Popen",)):
         with pytest.raises(ResultError, match="holds no method"):
-            verify(forged, run, tiny_store, trusted=trusted)
+            verify_result(forged, run, tiny_store, trusted=trusted)
     assert not proof.exists()
 
 
@@ -193,9 +194,9 @@ def test_code_of_others_is_imported_only_with_consent(
     forged = claiming(load_result(run), "theirs.py:predict", "theirs.py:predict", window=3)
     for trusted in ((), ("theirs.py",), ("theirs.py:other", "theirs:predict")):
         with pytest.raises(ResultError, match="only if you agree"):
-            verify(forged, run, tiny_store, trusted=trusted)
+            verify_result(forged, run, tiny_store, trusted=trusted)
     assert not Path("imported").exists()
-    found = verify(forged, run, tiny_store, count=2, trusted=["theirs.py:predict"])
+    found = verify_result(forged, run, tiny_store, count=2, trusted=["theirs.py:predict"])
     assert (found.identical, found.same_source) == (2, False)
     # The name holds a folder of the submitter's machine: what was agreed to is run.
     Path("imported").unlink()
@@ -203,7 +204,7 @@ def test_code_of_others_is_imported_only_with_consent(
     elsewhere.parent.mkdir()
     elsewhere.write_text("raise SystemExit('the wrong file')")
     named = claiming(load_result(run), f"{elsewhere}:predict", "theirs.py:predict")
-    verify(named, run, tiny_store, count=1, trusted=["theirs.py:predict"])
+    verify_result(named, run, tiny_store, count=1, trusted=["theirs.py:predict"])
 
 
 def test_a_module_beside_the_reviewer_stands_in_for_no_library(
@@ -211,7 +212,7 @@ def test_a_module_beside_the_reviewer_stands_in_for_no_library(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.path", [place for place in sys.path if place])
-    verify(load_result(run), run, tiny_store, count=1)
+    verify_result(load_result(run), run, tiny_store, count=1)
     assert str(tmp_path) not in sys.path
 
 
@@ -219,10 +220,10 @@ def test_a_result_chooses_no_file_of_weights(run: Path, tiny_store: Store, tmp_p
     entry = "dfdbench.methods.learned:DfDNetMethod"
     forged = claiming(load_result(run), "dfd-net", entry, weights="/etc/passwd")
     with pytest.raises(ResultError, match="must not choose"):
-        verify(forged, run, tiny_store)
+        verify_result(forged, run, tiny_store)
     (tmp_path / "mine.safetensors").write_bytes(b"others")
     with pytest.raises(ResultError, match="other weights"):
-        verify(forged, run, tiny_store, weights=tmp_path / "mine.safetensors")
+        verify_result(forged, run, tiny_store, weights=tmp_path / "mine.safetensors")
 
 
 def test_a_result_of_pairs_that_there_are_not_is_refused(run: Path, tiny_store: Store) -> None:
@@ -230,7 +231,7 @@ def test_a_result_of_pairs_that_there_are_not_is_refused(run: Path, tiny_store: 
     pairs = [pair.model_copy(update={"scene": "Elsewhere"}) for pair in result.pairs]
     pairs = [pair.model_copy(update={"id": f"Elsewhere/{pair.id}"}) for pair in pairs]
     with pytest.raises(ResultError, match="does not have"):
-        verify(result.model_copy(update={"pairs": pairs}), run, tiny_store)
+        verify_result(result.model_copy(update={"pairs": pairs}), run, tiny_store)
 
 
 def test_a_reproduced_result_says_so_on_the_board(demo_store: Store, tmp_path: Path) -> None:
@@ -239,7 +240,7 @@ def test_a_reproduced_result_says_so_on_the_board(demo_store: Store, tmp_path: P
         demo_store, method, "test", tmp_path / "run", keep_predictions=False
     ).result
     path = submit(result, tmp_path)[0]
-    save_verification(verify(load_result(path), path, demo_store, count=2), 0, path)
+    save_verification(verify_result(load_result(path), path, demo_store, count=2), 0, path)
     board = next(b for b in boards(collect(tmp_path)) if b.protocol == "thesis")
     assert board.standings[0].entry.status == "reproduced"
     content = json.loads(path.read_text())

@@ -62,23 +62,23 @@ def test_the_networks_window_is_that_of_their_scoring_code(
     protocol = PROTOCOLS["thesis-networks-2"]
     valid = np.ones(shape, bool)
     depth, exact = np.zeros(shape, np.uint8), np.zeros(shape, np.float32)
-    assert score(protocol, depth, valid, exact, crop).nrmse == 0
+    assert score(protocol, depth, valid, exact, crop)["nrmse"] == 0
     inside = np.ones(shape, bool)
     height, width = (min(crop, extent - extent % 16) for extent in shape)
     inside[top : top + height, left : left + width] = False
     # Errors outside the window do not count; inside it every corner does.
-    assert score(protocol, depth, valid, inside * np.float32(255), crop).nrmse == 0
+    assert score(protocol, depth, valid, inside * np.float32(255), crop)["nrmse"] == 0
     for y, x in ((0, 0), (height - 1, width - 1)):
         one = exact.copy()
         one[top + y, left + x] = 255
         expected = (1 / (height * width)) ** 0.5
-        assert score(protocol, depth, valid, one, crop).nrmse == pytest.approx(expected)
+        assert score(protocol, depth, valid, one, crop)["nrmse"] == pytest.approx(expected)
 
 
 def test_fewer_than_16_rows_leave_the_networks_nothing_to_score() -> None:
     depth, valid = np.zeros((15, 40), np.uint8), np.ones((15, 40), bool)
     scores = score(PROTOCOLS["thesis-networks-2"], depth, valid, depth.astype(np.float32), 352)
-    assert all(math.isnan(value) for value in (scores.nrmse, scores.nmae, scores.ssim))
+    assert all(math.isnan(value) for value in (scores["nrmse"], scores["nmae"], scores["ssim"]))
 
 
 def test_each_protocol_scores_as_it_says() -> None:
@@ -87,20 +87,20 @@ def test_each_protocol_scores_as_it_says() -> None:
     valid = depth > 20
     test = random.uniform(0, 255, (40, 50)).astype(np.float32)
     thesis = score(PROTOCOLS["thesis"], depth, valid, test, 16)
-    assert thesis.nrmse == nrmse(depth, test)
-    assert thesis.nmae == nmae(depth, test)
-    assert thesis.ssim == ssim(depth, test)
+    assert thesis["nrmse"] == nrmse(depth, test)
+    assert thesis["nmae"] == nmae(depth, test)
+    assert thesis["ssim"] == ssim(depth, test)
     networks = score(RELEASED["thesis-networks"], depth, valid, test, 16)
     crop = (slice(12, 28), slice(17, 33))
-    assert networks.nrmse == nrmse(depth[crop], test[crop], data_range=255)
-    assert networks.ssim == ssim(depth[crop], test[crop])
+    assert networks["nrmse"] == nrmse(depth[crop], test[crop], data_range=255)
+    assert networks["ssim"] == ssim(depth[crop], test[crop])
     cut = score(PROTOCOLS["thesis-networks-2"], depth, valid, test, 16)
     crop = (slice(8, 24), slice(16, 32))  # of 32 rows and 48 columns
-    assert cut.nrmse == nrmse(depth[crop], test[crop], data_range=255)
-    assert cut.ssim == ssim(depth[crop], test[crop])
+    assert cut["nrmse"] == nrmse(depth[crop], test[crop], data_range=255)
+    assert cut["ssim"] == ssim(depth[crop], test[crop])
     known = score(PROTOCOLS["valid"], depth, valid, test, 16)
-    assert known.nmae == nmae(depth, test, data_range=255, mask=valid)
-    assert known.ssim == ssim(depth, test, mask=valid)
+    assert known["nmae"] == nmae(depth, test, data_range=255, mask=valid)
+    assert known["ssim"] == ssim(depth, test, mask=valid)
 
 
 def test_a_crop_larger_than_the_image_takes_it_whole() -> None:
@@ -108,15 +108,15 @@ def test_a_crop_larger_than_the_image_takes_it_whole() -> None:
     test = depth[::-1].astype(np.float32)
     valid = np.ones(depth.shape, bool)
     scores = score(RELEASED["thesis-networks"], depth, valid, test, 624)
-    assert scores.nrmse == nrmse(depth, test, data_range=255)
+    assert scores["nrmse"] == nrmse(depth, test, data_range=255)
 
 
 def test_a_flat_board_is_undefined_only_where_its_own_range_divides() -> None:
     # k35 of the real-world set is such a board: Eq. 3.11 cannot give Table 7.1's 0.0036.
     depth, valid = np.full((20, 20), 90, np.uint8), np.ones((20, 20), bool)
     test = np.full((20, 20), 91, np.float32)
-    assert math.isnan(score(PROTOCOLS["thesis"], depth, valid, test, 16).nrmse)
-    assert score(RELEASED["thesis-networks"], depth, valid, test, 16).nrmse == pytest.approx(
+    assert math.isnan(score(PROTOCOLS["thesis"], depth, valid, test, 16)["nrmse"])
+    assert score(RELEASED["thesis-networks"], depth, valid, test, 16)["nrmse"] == pytest.approx(
         1 / 255
     )
 

@@ -7,6 +7,7 @@ import pytest
 from dfdbench.errors import UnknownNameError
 from dfdbench.results.run_data import run_as_csv, run_as_json
 from dfdbench.results.run_tables import run_tables
+from dfdbench.results.summary import summarise
 from dfdbench.tables.render import as_markdown, as_rich, render
 from dfdbench.tables.table import Format, Table
 from tests.made_results import make_result
@@ -20,7 +21,7 @@ VALUES = {
 
 
 def test_a_run_has_scores_extremes_and_times() -> None:
-    scores, extremes, times = run_tables(make_result(VALUES), "thesis")
+    scores, extremes, times = run_tables(summarise(make_result(VALUES), "thesis"))
     assert scores.columns[:4] == ("exposure", "illumination", "NRMSE ↓", "std")
     assert "SSIM ↑" in scores.columns
     places = [row[:2] for row in scores.rows]
@@ -32,7 +33,7 @@ def test_a_run_has_scores_extremes_and_times() -> None:
     assert scores.rows[-1][2] == "0.0850"
     assert "range of the means of 2 scenes, too few for an interval" in scores.notes[0]
     many = {(scene, 1, 1, 0): 0.1 for scene in "abcdef"}
-    notes = run_tables(make_result(many), "thesis")[0].notes
+    notes = run_tables(summarise(make_result(many), "thesis"))[0].notes
     assert "95 % interval of the overall mean, bootstrapped over 6 scenes" in notes[0]
     assert [row[0] for row in extremes.rows] == ["top"] * 5 + ["bottom"] * 5
     assert extremes.rows[0][1:5] == ("a", "1", "1", "0")
@@ -42,25 +43,25 @@ def test_a_run_has_scores_extremes_and_times() -> None:
 
 def test_few_pairs_are_not_both_best_and_worst() -> None:
     few = dict(list(VALUES.items())[:6])
-    extremes = run_tables(make_result(few), "thesis")[1]
+    extremes = run_tables(summarise(make_result(few), "thesis"))[1]
     assert len(extremes.rows) == 6
 
 
 def test_markdown_csv_and_json_say_the_same() -> None:
     result = make_result(VALUES)
-    markdown = render(run_tables(result, "thesis"), Format.markdown)
+    markdown = render(run_tables(summarise(result, "thesis")), Format.markdown)
     assert "| overall |  | 0.0850 |" in markdown
-    rows = list(csv.DictReader(io.StringIO(run_as_csv(result, "thesis"))))
+    rows = list(csv.DictReader(io.StringIO(run_as_csv(summarise(result, "thesis")))))
     whole = [row for row in rows if row["exposure"] == "all" and row["metric"] == "nrmse"]
     assert float(whole[0]["mean"]) == pytest.approx(0.085)
-    content = json.loads(run_as_json(result, "thesis"))
+    content = json.loads(run_as_json(summarise(result, "thesis")))
     assert content["groups"][-1]["nrmse"]["mean"] == pytest.approx(0.085)
     assert content["top"][0]["pair"] == "a/view1/illumination1/exposure0"
 
 
 def test_an_undefined_score_is_shown_as_such() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): None})
-    notes = " ".join(run_tables(result, "thesis")[0].notes)
+    notes = " ".join(run_tables(summarise(result, "thesis"))[0].notes)
     assert "without a defined score (flat ground truth), in no mean: 1 pair" in notes
 
 
@@ -72,28 +73,30 @@ def test_failures_are_listed_by_reason_and_leave_no_score() -> None:
     ]
     dataset = result.dataset.model_copy(update={"evaluated": 0})
     failed = result.model_copy(update={"pairs": pairs, "dataset": dataset, "averages": None})
-    scores, failures = run_tables(failed, "thesis")
+    scores, failures = run_tables(summarise(failed, "thesis"))
     assert "PARTIAL" in scores.title
     assert all("–" in row for row in scores.rows)
     assert failures.rows == (("raised X: y", "a/view1/illumination1/exposure0", "16"),)
-    json.loads(run_as_json(failed, "thesis"))
+    json.loads(run_as_json(summarise(failed, "thesis")))
 
 
 def test_a_protocol_that_was_not_scored() -> None:
     with pytest.raises(UnknownNameError, match="valid"):
-        run_tables(make_result(VALUES), "valid")
+        run_tables(summarise(make_result(VALUES), "valid"))
 
 
 @pytest.mark.parametrize(
     "name", ["a|b", "<script>alert(1)</script>", "[red]x[/red]", 'q"uote', "🐟"]
 )
 def test_a_name_is_text_never_markup(name: str) -> None:
-    markdown = render(run_tables(make_result(VALUES, name), "thesis"), Format.markdown)
+    markdown = render(run_tables(summarise(make_result(VALUES, name), "thesis")), Format.markdown)
     assert "<script>" not in markdown
     assert "a|b" not in markdown
     shown = as_rich(Table(name, (name,), ((name,),), "l"))
     assert str(shown.title) == name
-    rows = list(csv.DictReader(io.StringIO(run_as_csv(make_result(VALUES, name), "thesis"))))
+    rows = list(
+        csv.DictReader(io.StringIO(run_as_csv(summarise(make_result(VALUES, name), "thesis"))))
+    )
     assert rows[0]["method"] == name
 
 

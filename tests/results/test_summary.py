@@ -1,13 +1,19 @@
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dfdbench.datasets.manifest import Scene
+from dfdbench.metrics import intervals
 from dfdbench.metrics.intervals import bootstrap_interval, scene_interval
-from dfdbench.results.record import PairResult, PairScores
-from dfdbench.results.summary import ranked, summarise
+from dfdbench.results.record import PairResult
+from dfdbench.results.run_data import run_as_csv, run_as_json
+from dfdbench.results.run_tables import run_tables
+from dfdbench.results.scene_tables import scene_tables, spread_table
+from dfdbench.results.summary import ranked, scene_labels, summarise
 from tests.made_results import make_result
 
 # Table 5.3 of the thesis, exposure 0: mean and std of the NRMSE of 6 pairs an illumination.
@@ -28,7 +34,7 @@ def test_the_overall_row_of_table_5_3_follows_from_its_cells() -> None:
         for illumination, (mean, std) in CELLS.items()
         for number, value in enumerate(six_with(mean, std))
     }
-    groups = summarise(make_result(values), "thesis")
+    groups = summarise(make_result(values), "thesis").groups
     cells = [group for group in groups if group.block == 0 and group.row is not None]
     for group, (mean, std) in zip(cells, CELLS.values(), strict=True):
         assert group.metrics["nrmse"].mean == pytest.approx(mean)
@@ -42,7 +48,7 @@ def test_rank_is_by_nrmse_and_ties_by_nmae() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("c", 1, 1, 0): 0.1})
     pairs = list(result.pairs)
     pairs[1] = pairs[1].model_copy(
-        update={"scores": {"thesis": PairScores(nrmse=0.1, nmae=0.09, ssim=1)}}
+        update={"scores": {"thesis": {"nrmse": 0.1, "nmae": 0.09, "ssim": 1.0}}}
     )
     order = ranked(result.model_copy(update={"pairs": pairs}), "thesis")
     assert [pair.scene for pair in order] == ["c", "b", "a"]
@@ -50,7 +56,7 @@ def test_rank_is_by_nrmse_and_ties_by_nmae() -> None:
 
 def test_an_undefined_score_is_counted_and_in_no_mean() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): None})
-    whole = summarise(result, "thesis")[-1]
+    whole = summarise(result, "thesis").groups[-1]
     assert whole.metrics["nrmse"].mean == 0.2
     assert (whole.evaluated, whole.undefined, whole.metrics["nrmse"].defined) == (2, 1, 1)
     assert [pair.scene for pair in ranked(result, "thesis")] == ["a"]
@@ -65,7 +71,9 @@ def broken(result_pairs: list[PairResult], number: int, status: str) -> list[Pai
 def test_a_failed_pair_leaves_its_groups_without_a_mean() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("a", 1, 1, 1): 0.3})
     failed = result.model_copy(update={"pairs": broken(result.pairs, 0, "failed")})
-    by_place = {(g.block, g.row): g.metrics["nrmse"].mean for g in summarise(failed, "thesis")}
+    by_place = {
+        (g.block, g.row): g.metrics["nrmse"].mean for g in summarise(failed, "thesis").groups
+    }
     assert by_place == {
         (0, 1): None,
         (0, None): None,
@@ -78,7 +86,9 @@ def test_a_failed_pair_leaves_its_groups_without_a_mean() -> None:
 def test_a_missing_pair_leaves_cells_but_no_overall_mean() -> None:
     result = make_result({("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1})
     partial = result.model_copy(update={"pairs": broken(result.pairs, 0, "missing")})
-    by_place = {(g.block, g.row): g.metrics["nrmse"].mean for g in summarise(partial, "thesis")}
+    by_place = {
+        (g.block, g.row): g.metrics["nrmse"].mean for g in summarise(partial, "thesis").groups
+    }
     assert by_place == {(0, 1): 0.1, (0, None): None, (None, None): None}
 
 
@@ -123,3 +133,26 @@ def test_few_scenes_give_the_range_of_their_means_and_six_an_interval(count: int
         assert interval is not None
         assert means[0] < interval[0] < interval[1] < means[-1]
     assert scene_interval([1.0, 2.0], ["a", "a"]) is None
+
+
+def test_what_is_shown_of_a_run_is_bootstrapped_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+
+    def counted(
+        values: Sequence[float], scenes: Sequence[str], seed: int = 0
+    ) -> tuple[float, float] | None:
+        drawn.append(len(values))
+        return bootstrap_interval(values, scenes, seed)
+
+    monkeypatch.setattr(intervals, "bootstrap_interval", counted)
+    values = {(scene, 1, 1, e): 0.1 * (e + 1) for scene in "abcdef" for e in (0, 1)}
+    summary = summarise(make_result(dict(values)), "thesis")
+    # Three metrics and the seconds, of each exposure and of all pairs.
+    assert sorted(drawn) == [6] * 8 + [12] * 4
+    scenes = [Scene(name=name, source="thesis", geometry="flat", texture=0) for name in "abcdef"]
+    run_tables(summary)
+    spread_table(summary)
+    scene_tables(summary, scenes)
+    run_as_csv(summary, scene_labels(scenes))
+    run_as_json(summary, scene_labels(scenes))
+    assert len(drawn) == 12

@@ -1,0 +1,93 @@
+"""What a metric is, and all that there are: whatever shows or checks scores loops over these."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from math import fsum
+from types import MappingProxyType
+
+from dfdbench.metrics.scores import nmae, nrmse, ssim
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A metric, as protocols score it, results keep it and tables show it.
+
+    Parameters
+    ----------
+    name : str
+        As results and protocols have it.
+    larger_is_better : bool
+        Its direction.
+    function : callable
+        Called with ground truth and estimate in depth levels, shape (y, x), with `data_range`
+        and with `mask`, true where a pixel counts, or None; gives the score, NaN where it is
+        undefined.
+    lowest, highest : float
+        What it may be; a result that says otherwise is refused.
+    data_range : float, optional
+        What the function is handed as such; if not given, the protocol's divisor.
+    younger : bool
+        Whether there are results from before the metric. They lack it, and that is no mistake:
+        it was not scored. Of every other metric a result has a score, null where undefined.
+
+    Examples
+    --------
+    >>> METRICS["nrmse"].heading, METRICS["ssim"].heading
+    ('NRMSE ↓', 'SSIM ↑')
+    >>> METRICS["ssim"].axis_label
+    'SSIM (higher is better)'
+    """
+
+    name: str
+    larger_is_better: bool
+    function: Callable[..., float]
+    lowest: float
+    highest: float
+    data_range: float | None = None
+    younger: bool = False
+
+    @property
+    def title(self) -> str:
+        """What text calls it."""
+        return self.name.upper()
+
+    @property
+    def heading(self) -> str:
+        """What heads its column: its title, and which way is better."""
+        return f"{self.title} {'↑' if self.larger_is_better else '↓'}"
+
+    @property
+    def axis_label(self) -> str:
+        """What a figure's axis is called."""
+        return f"{self.title} ({'higher' if self.larger_is_better else 'lower'} is better)"
+
+
+# Levels are at most 255 apart, and what divides them is 255 or a range of at least one level.
+_METRICS = {
+    metric.name: metric
+    for metric in (
+        Metric("nrmse", False, nrmse, 0, 255),
+        Metric("nmae", False, nmae, 0, 255),
+        Metric("ssim", True, ssim, -1, 1, data_range=255.0),
+    )
+}
+#: Every metric by name, in the order in which they are shown.
+METRICS: Mapping[str, Metric] = MappingProxyType(_METRICS)
+#: What pairs and methods are ranked by, and what by where that ties: as the thesis ranks.
+RANKED_BY, TIES_BY = "nrmse", "nmae"
+
+
+def mean_of(scores: Iterable[float | None]) -> float | None:
+    """Return the mean of the scores that are defined; None where there are none.
+
+    It does not depend on their order, so that it is the same wherever it is taken.
+
+    Examples
+    --------
+    >>> mean_of([0.1, None, 0.3]), mean_of([None])
+    (0.2, None)
+    """
+    defined = [score for score in scores if score is not None]
+    return fsum(defined) / len(defined) if defined else None
