@@ -13,14 +13,14 @@ from pydantic import Field, ValidationError, model_validator
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.folder import PUBLISHED
-from dfdbench.results.record import Model
+from dfdbench.system.record import Record
 
 Text = Annotated[str, Field(min_length=1)]
 Printed = Annotated[Decimal, Field(allow_inf_nan=False)]
 Metric = Annotated[str, Field(pattern="^(nrmse|nmae|ssim)$")]
 
 
-class PublishedRow(Model):
+class PublishedRow(Record):
     """One printed row.
 
     `at` says what it is of, in the table's own words: a lighting, a fold, a pair, a statistic;
@@ -38,7 +38,7 @@ class PublishedRow(Model):
     device: str | None = None
 
 
-class PublishedTable(Model):
+class PublishedTable(Record):
     """A printed table, or numbers of a figure that the text gives.
 
     `table` is its number, `kind` whether it is one; `quantity` what the rows' `values` are.

@@ -14,17 +14,9 @@ from pydantic import Field, ValidationError
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.submission import TIME_FORMAT
 from dfdbench.results.environment import describe_environment
-from dfdbench.results.record import (
-    Count,
-    Environment,
-    Model,
-    PairResult,
-    Result,
-    Seed,
-    Sha256,
-    Time,
-)
+from dfdbench.results.record import Count, Environment, PairResult, Result, Seed, Sha256, Time
 from dfdbench.system.files import write_whole
+from dfdbench.system.record import Record
 
 SUFFIX = ".reproduced.json"
 #: How far a score may be off where the depth map is not the very same: float32 filters differ in
@@ -32,7 +24,7 @@ SUFFIX = ".reproduced.json"
 TOLERANCE = 1e-3
 
 
-class Verification(Model):
+class Verification(Record):
     """What a verification found, kept beside the result.
 
     `result_sha256` is that of the result's file: of a result that changes nothing is known.

@@ -7,11 +7,12 @@ import math
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, TypeAdapter
+from pydantic import AfterValidator, Field, JsonValue, TypeAdapter
 
 from dfdbench.datasets.manifest import Name
 from dfdbench.metrics.protocol import METRICS, label_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
+from dfdbench.system.record import Record
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 #: Levels are at most 255 apart, and what divides them is 255 or a range of at least one level.
@@ -29,13 +30,7 @@ Similarity = Annotated[float, Field(allow_inf_nan=False, ge=-1, le=1)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
-class Model(BaseModel):
-    """A frozen record that refuses fields it does not know."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class PairScores(Model):
+class PairScores(Record):
     """The metrics of one pair under one protocol; null where a metric is undefined."""
 
     nrmse: Error | None
@@ -43,7 +38,7 @@ class PairScores(Model):
     ssim: Similarity | None
 
 
-class PairResult(Model):
+class PairResult(Record):
     """What became of one pair.
 
     `status`: ``ok``; ``failed``, the method gave no usable depth (`error` says why);
@@ -76,7 +71,7 @@ def _with_safe_name(record: dict[str, Any]) -> dict[str, Any]:
     return record
 
 
-class DatasetRecord(Model):
+class DatasetRecord(Record):
     """Which data the run used; names are such as may become part of a path."""
 
     name: Name
@@ -100,7 +95,7 @@ def _as_utf8(parameters: dict[str, Any]) -> dict[str, Any]:
     return parameters
 
 
-class MethodRecord(Model):
+class MethodRecord(Record):
     """Which method was run, and how.
 
     `files_sha256` is of what parameters name: files, and folders by their files' names and
@@ -118,7 +113,7 @@ class MethodRecord(Model):
     files_sha256: dict[str, Sha256] = Field(default_factory=dict)
 
 
-class Environment(Model):
+class Environment(Record):
     """Where it was run."""
 
     python: str
@@ -139,7 +134,7 @@ def _a_date(text: str) -> str:
 Time = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ$"), AfterValidator(_a_date)]
 
 
-class Submission(Model):
+class Submission(Record):
     """What makes a result fit for the leaderboard.
 
     `submitted` tells which of two results of one method is the newer; `seal` is the SHA-256
@@ -150,7 +145,7 @@ class Submission(Model):
     seal: Sha256
 
 
-class Result(Model):
+class Result(Record):
     """A run in full. `averages` is null unless every expected pair was evaluated."""
 
     schema_version: Literal[1]

@@ -8,11 +8,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.architectures import UNET_FILTERS
 from dfdbench.methods.networks.widths import FILTERS, narrowed
+from dfdbench.system.record import Record
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
@@ -20,7 +21,7 @@ Count = Annotated[int, Field(ge=1)]
 _NARROWEST = 128
 
 
-class TrainingConfiguration(BaseModel):
+class TrainingConfiguration(Record):
     """All choices of a training but the data and the seed.
 
     Defaults are the thesis's (5.2), apart from what its text leaves open: `crops_per_step`.
@@ -75,8 +76,6 @@ class TrainingConfiguration(BaseModel):
     evaluate_every, evaluate_pairs : int
         How often, and on how many pairs of training and test each, the metrics are logged.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     filters: str | Annotated[list[Count], Field(min_length=1)] | None = None
     narrow: Annotated[int, Field(ge=1, le=_NARROWEST)] = 1

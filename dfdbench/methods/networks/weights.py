@@ -9,27 +9,26 @@ from typing import Annotated, Any, Literal
 
 import safetensors
 import safetensors.torch
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 from torch import Tensor, nn
 
 from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.networks.architectures import DfDNet, UNet
 from dfdbench.system.files import write_whole
+from dfdbench.system.record import Record
 
 NETWORKS: dict[str, type[nn.Module]] = {"dfd-net": DfDNet, "u-net": UNet}
 _METADATA = "dfdbench-card"
 _SUFFIX = ".safetensors"
 
 
-class Card(BaseModel):
+class Card(Record):
     """Where weights come from: the model card, kept in the file itself.
 
     `architecture` are the network's constructor arguments, `scores` the means over `scored_on`
     under the protocol ``thesis``; `seconds` is the time spent training; `started_from` tells of
     the weights that training began with, where it did not begin anew.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     schema_version: Literal[1] = 1
     method: Literal["dfd-net", "u-net"]
