@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.folder import PUBLISHED
-from dfdbench.system.record import Record
+from dfdbench.system.record import Record, problems_of
 
 Text = Annotated[str, Field(min_length=1)]
 Printed = Annotated[Decimal, Field(allow_inf_nan=False)]
@@ -98,15 +98,7 @@ def load_published(folder: Path) -> list[PublishedTable]:
         try:
             tables.append(PublishedTable.model_validate(json.loads(path.read_text("utf-8"))))
         except ValidationError as error:
-            problems += [
-                Problem(
-                    "wrong value in the published table",
-                    where=f"{path}: {'.'.join(map(str, detail['loc']))}",
-                    expected=detail["msg"],
-                    got=repr(detail["input"])[:80],
-                )
-                for detail in error.errors()
-            ]
+            problems += problems_of(error, "wrong value in the published table", file=path)
         except (UnicodeDecodeError, json.JSONDecodeError) as error:
             problems.append(
                 Problem("cannot read the published table", where=str(path), got=str(error))

@@ -13,6 +13,7 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import Problem, ResultError
 from dfdbench.results.record import PairResult, Result, average
 from dfdbench.system.files import write_whole
+from dfdbench.system.record import problems_of
 
 SCHEMA_VERSION = 1
 #: What a result is called in the folder of its run.
@@ -83,15 +84,8 @@ def examine_result(path: Path) -> tuple[Result, list[Problem]]:
     try:
         result = Result.model_validate(content)
     except ValidationError as error:
-        raise ResultError.of(
-            Problem(
-                "wrong value in the result",
-                where=f"{path}: {'.'.join(map(str, detail['loc']))}",
-                expected=detail["msg"],
-                got=repr(detail["input"])[:80],
-            )
-            for detail in error.errors()
-        ) from error
+        problems = problems_of(error, "wrong value in the result", file=path)
+        raise ResultError.of(problems) from error
     problems = list(_contradictions(result, path))
     if result.submission and result.submission.seal != seal_of(content):
         problems.append(

@@ -15,11 +15,12 @@ from torch import Tensor, nn
 from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.networks.architectures import DfDNet, UNet
 from dfdbench.system.files import write_whole
-from dfdbench.system.record import Record
+from dfdbench.system.record import Record, problems_of
 
 NETWORKS: dict[str, type[nn.Module]] = {"dfd-net": DfDNet, "u-net": UNet}
 _METADATA = "dfdbench-card"
 _SUFFIX = ".safetensors"
+_OTHER_VERSION = "train again with this version, or use the version that wrote it"
 
 
 class Card(Record):
@@ -153,7 +154,7 @@ def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
             "the model card's architecture cannot be built",
             where=str(path),
             got=str(error),
-            fix="train again with this version, or use the version that wrote it",
+            fix=_OTHER_VERSION,
         ) from error
     _fill(network, tensors, path)
     return network.eval(), card
@@ -168,17 +169,8 @@ def _read_card(text: str, path: Path) -> Card:
     try:
         return Card.model_validate_json(text)
     except ValidationError as error:
-        raise MethodError.of(
-            [
-                Problem(
-                    "the model card cannot be read",
-                    where=f"{path}: {'.'.join(str(part) for part in item['loc'])}",
-                    got=item["msg"],
-                    fix="train again with this version, or use the version that wrote it",
-                )
-                for item in error.errors()
-            ]
-        ) from error
+        what = "the model card cannot be read"
+        raise MethodError.of(problems_of(error, what, file=path, fix=_OTHER_VERSION)) from error
 
 
 def _fill(network: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
