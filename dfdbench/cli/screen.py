@@ -25,7 +25,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, reason_of
 from dfdbench.tables.render import as_rich
 from dfdbench.tables.table import Table, least_width
 
@@ -93,7 +93,7 @@ def save_figure(figure: Figure, path: Path) -> None:
         figure.savefig(path, dpi=120, format="png")
     except OSError as error:
         raise InputError(
-            "cannot write the figure", where=str(path), got=error.strerror or str(error)
+            "cannot write the figure", where=str(path), got=reason_of(error)
         ) from error
     say(f"figure       {path}")
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import TypeAdapter, ValidationError
 
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair, excluded_pairs, grid_of_pairs
-from dfdbench.errors import ManifestError, Problem, unknown_name
+from dfdbench.errors import ManifestError, Problem, reason_of, unknown_name
 from dfdbench.system.record import problems_of
 
 _AXIS = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -51,7 +51,7 @@ def read_manifest(path: str | Path) -> Manifest:
         content = file.read_bytes()
     except OSError as error:
         raise ManifestError(
-            "cannot read the manifest", where=str(file), got=str(error.strerror)
+            "cannot read the manifest", where=str(file), got=reason_of(error)
         ) from error
     return parse_manifest(content, file.name)
 

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import Problem, ResultError
+from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.results.record import PairResult, Result, average
 from dfdbench.system.files import write_whole
 from dfdbench.system.record import problems_of
@@ -104,7 +104,7 @@ def _read_json(path: Path) -> Any:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        reason = reason_of(error)
         raise ResultError(
             "cannot read the result",
             where=str(path),

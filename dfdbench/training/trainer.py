@@ -13,7 +13,7 @@ import torch
 from torch import nn
 
 import dfdbench
-from dfdbench.errors import InputError, Problem, ResultError
+from dfdbench.errors import InputError, Problem, ResultError, reason_of
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.preparation import start_from_differences
 from dfdbench.methods.networks.weights import (
@@ -106,7 +106,7 @@ def train(
         raise ResultError(
             "cannot write the training",
             where=str(folder),
-            got=error.strerror or str(error),
+            got=reason_of(error),
             fix="make room, or choose another place with --out DIR; --resume goes on",
         ) from error
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.datasets.manifest import Capture
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.rig.depth_map import depth_image, warp
 from dfdbench.rig.geometry import Rig
 from dfdbench.rig.lidar import Beams, average_scans
@@ -289,7 +289,7 @@ def _png_problem(path: Path, size: tuple[int, ...]) -> Iterator[Problem]:
             file.seek(max(length - 16, 0))
             tail = file.read()
     except OSError as error:
-        yield Problem("cannot read the file", where=str(path), got=error.strerror or str(error))
+        yield Problem("cannot read the file", where=str(path), got=reason_of(error))
         return
     if not head.startswith(b"\x89PNG\r\n\x1a\n") or len(head) < 24:
         yield Problem("not a PNG file", where=str(path), got=f"bytes {head[:8]!r}")

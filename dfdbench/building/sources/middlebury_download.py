@@ -21,7 +21,7 @@ from dfdbench.building.fetching.transfer import Patience
 from dfdbench.building.png import decode_depth, decode_image, png_size
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Scene
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.location import as_location
 from dfdbench.system.lock import hold
 
@@ -103,7 +103,7 @@ def download_middlebury(
         raise SourceError(
             "cannot keep the download",
             where=str(error.filename or folder),
-            got=error.strerror or str(error),
+            got=reason_of(error),
             fix="make room, or choose another place with --cache DIR",
         ) from error
     _refuse(fates, folder)
