@@ -9,7 +9,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.audit.depth_histogram import LEVELS, DepthHistogram, Mask
+from dfdbench.audit.depth_histogram import DepthHistogram, Mask
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError, Problem
 
 

@@ -8,10 +8,11 @@ from typing import Literal
 import numpy as np
 
 from dfdbench.audit.coverage import Coverage, Criterion, DensityBound, Verdict, check_allowance
-from dfdbench.audit.depth_histogram import LEVELS, DepthHistogram
+from dfdbench.audit.depth_histogram import DepthHistogram
 from dfdbench.audit.leaks import Leak
 from dfdbench.audit.level_ranges import range_text, runs
 from dfdbench.audit.sides import Side
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.system.record import Record
 
 WEIGHTS = "each depth map counts once for each pair that the manifest makes of it"

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, TypeAdapter
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.manifest import Name
 from dfdbench.metrics.protocol import METRICS, label_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
@@ -16,7 +17,7 @@ from dfdbench.system.record import Record
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 #: Levels are at most 255 apart, and what divides them is 255 or a range of at least one level.
-Error = Annotated[float, Field(allow_inf_nan=False, ge=0, le=255)]
+Error = Annotated[float, Field(allow_inf_nan=False, ge=0, le=LAST_LEVEL)]
 #: Bounds far above any run's keep sums of such numbers finite.
 Seconds = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1e9)]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]

@@ -13,6 +13,7 @@ import torch
 from torch import nn
 
 import dfdbench
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError, Problem, ResultError, reason_of
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.preparation import start_from_differences
@@ -146,7 +147,7 @@ class _Session:
             start_from_differences(self._network, first_patches)
         self._loss = LevelLoss(choices.label_width, device)
         self._present = images.count_levels()
-        self._trained = np.zeros(256, np.int64)
+        self._trained = np.zeros(LEVELS, np.int64)
         self._step = 0
         self._seconds = 0.0
         self._new = Log()

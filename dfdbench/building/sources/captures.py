@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.manifest import Capture
 from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.rig.depth_map import depth_image, warp
@@ -24,8 +25,6 @@ from dfdbench.rig.registration_file import read_registration
 Image = NDArray[np.uint8]
 Depth = tuple[NDArray[np.uint8], NDArray[np.bool_]]
 Read = TypeVar("Read")
-
-_FARTHEST = 255
 
 
 class PublishedScene:
@@ -63,7 +62,7 @@ class PublishedScene:
     def depth(self) -> Depth:
         """Return depth levels in centimetres and where they are known."""
         levels = _decode(self.depth_files()[0], cv2.IMREAD_GRAYSCALE)
-        return levels, (levels > 0) & (levels < _FARTHEST)
+        return levels, (levels > 0) & (levels < LAST_LEVEL)
 
     def depth_files(self) -> list[Path]:
         """Return the LIDAR's depth map."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.demo_scenes import SCENES
 from dfdbench.building.sources.interface import SceneImages
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -197,4 +198,4 @@ def _depth_levels(distance: Floats, other: Floats, shift: int) -> NDArray[np.uin
     rows = np.arange(distance.shape[0])[:, np.newaxis]
     there = other[rows, np.clip(seen, 0, distance.shape[1] - 1)]
     hidden = inside & (there < distance * (1 - _OCCLUSION))
-    return np.where(hidden, 0, np.clip(np.rint(level), 1, 255)).astype(np.uint8)
+    return np.where(hidden, 0, np.clip(np.rint(level), 1, LAST_LEVEL)).astype(np.uint8)
