@@ -28,15 +28,13 @@ from dfdbench.methods.networks.weights import (
 from dfdbench.results.environment import describe_environment
 from dfdbench.training.checkpoint import WEIGHTS, Log, TrainingFolder
 from dfdbench.training.crops import Cropper, Redraw, TrainingImages, count_levels
+from dfdbench.training.ending import EndedBy
 from dfdbench.training.loss import LevelLoss
 from dfdbench.training.schedule import schedule_of
 from dfdbench.training.scoring import evenly_spaced, mean_scores, same_threads
 from dfdbench.training.task import Task, require_trainable
 
 _SAVE_SECONDS = 60.0
-#: How `ended_by` begins where time was up.
-TIME_LIMIT = "its time limit"
-_WITHIN_WARM_UP = f"{TIME_LIMIT}, within the warm-up"
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ class Outcome:
     @property
     def within_warm_up(self) -> bool:
         """True where time was up before the learning rate had reached its height."""
-        return self.card.ended_by.startswith(_WITHIN_WARM_UP)
+        return EndedBy.of(self.card.ended_by) is EndedBy.TIME_LIMIT_IN_WARM_UP
 
 
 def train(
@@ -188,9 +186,8 @@ class _Session:
     def _time_is_up(self) -> str:
         choices = self._task.configuration
         if choices.schedule != "cosine" or self._step >= choices.warm_up:
-            return TIME_LIMIT
-        # Such weights have hardly been trained, and their scores say nothing of the network.
-        return f"{_WITHIN_WARM_UP}, at step {self._step:,} of {choices.warm_up:,}"
+            return EndedBy.TIME_LIMIT
+        return f"{EndedBy.TIME_LIMIT_IN_WARM_UP}, at step {self._step:,} of {choices.warm_up:,}"
 
     def _one_step(self) -> float:
         pixels, levels = self._cropper.draw(self._step)
