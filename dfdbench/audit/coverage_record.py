@@ -111,7 +111,7 @@ class CoverageRecord(Record):
         return ", ".join(range_text(*run) for run in runs(keys))
 
 
-def compare(
+def compare_depths(
     train: Side,
     test: Side,
     bound: DensityBound | None = None,

@@ -191,9 +191,9 @@ def experiment(
         from dfdbench.figures.training import experiment_figure
         from dfdbench.training.experiments import (
             PAIR,
+            experiment_table,
             find_experiment,
             run_trial,
-            score_table,
             trials,
         )
     use_threads(threads)
@@ -221,7 +221,7 @@ def experiment(
         with progress(label) as bar:
             card = run_trial(trial, limit, device, _stepping(bar))
         cards.append((trial.value, card))
-        table = score_table(asked, cards)
+        table = experiment_table(asked, cards)
         keep_table(folder, table)
     save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
     print_table(table) if format is Format.table else print(render([table], format), end="")

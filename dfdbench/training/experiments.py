@@ -220,7 +220,7 @@ def run_trial(
     return train(trial.task, trial.folder, max_seconds, device, on_step).card
 
 
-def score_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Table:
+def experiment_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Table:
     """Return minimum, mean, maximum and deviation of the scores, as Tables 5.6 and 5.7.
 
     Parameters

@@ -38,7 +38,7 @@ _SAVE_SECONDS = 60.0
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrainingOutcome:
     """What a call of `train` came to.
 
     Parameters
@@ -68,7 +68,7 @@ def train(
     device: str = "auto",
     on_step: Callable[[int, int | None, float], None] | None = None,
     fresh: bool = False,
-) -> Outcome:
+) -> TrainingOutcome:
     """Train until the schedule ends or time is up; go on from the folder's checkpoint.
 
     Parameters
@@ -155,7 +155,7 @@ class _Session:
 
     def run(
         self, max_seconds: float | None, on_step: Callable[[int, int | None, float], None] | None
-    ) -> Outcome:
+    ) -> TrainingOutcome:
         choices = self._task.configuration
         begin = time.monotonic() - self._seconds
         saved = time.monotonic()
@@ -246,7 +246,7 @@ class _Session:
         self._schedule.restore(state["schedule"])
         self._trained = state["trained"].numpy()
 
-    def _finish(self, ended: str) -> Outcome:
+    def _finish(self, ended: str) -> TrainingOutcome:
         task = self._task
         scores = mean_scores(self._network, task.store, task.test, self._device)
         with same_threads():
@@ -276,7 +276,7 @@ class _Session:
         )
         path = self._folder.path / WEIGHTS
         save_weights(path, self._network, card)
-        return Outcome(path, card, self._cropper)
+        return TrainingOutcome(path, card, self._cropper)
 
 
 def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str]:

@@ -10,11 +10,11 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, UnknownNameError
 from dfdbench.training.experiments import (
+    experiment_table,
     experiments,
     find_experiment,
     folds_of,
     run_trial,
-    score_table,
     trials,
 )
 from tests.methods.networks.test_architectures import SMALL
@@ -108,12 +108,12 @@ def test_time_that_was_too_short_is_given_more(tiny_store: Store, tmp_path: Path
 def test_the_table_has_the_statistics_of_table_5_6() -> None:
     scores = [{"nrmse": value, "nmae": value / 2, "ssim": 1 - value} for value in (0.1, 0.2, 0.3)]
     cards = [("", card(seed=seed, scores=found)) for seed, found in enumerate(scores)]
-    table = score_table(find_experiment("repeatability"), cards)
+    table = experiment_table(find_experiment("repeatability"), cards)
     rows = {str(record["statistic"]): record for record in table.records}
     assert list(rows) == ["minimum", "mean", "maximum", "std deviation"]
     assert rows["mean"]["nrmse"] == pytest.approx(0.2)
     assert rows["minimum"]["ssim"] == pytest.approx(0.7)
     assert rows["std deviation"]["nmae"] == pytest.approx(0.05)  # of a sample, as in the thesis
-    single = score_table(find_experiment("cross-validation"), [("K1", cards[0][1])])
+    single = experiment_table(find_experiment("cross-validation"), [("K1", cards[0][1])])
     assert [row[0] for row in single.rows] == ["K1"]
     assert single.rows[0][3:] == ("0.1000", "0.0500", "0.9000")
