@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.simulation.photographs import GAMMA, normal_numbers, photograph
 from dfdbench.simulation.raycast import Surface, View, cast
+from dfdbench.tables.wording import listed
 
 Floats = NDArray[np.float64]
 
@@ -127,8 +128,8 @@ def _problems_of(manifest: Manifest) -> Iterator[Problem]:
             yield Problem(
                 what=f"the demo scenes have no such {axis}",
                 where=f"{manifest.stem}: axes.{axis}",
-                expected=f"of {_listed(values)}",
-                got=_listed(strange),
+                expected=f"of {listed(values)}",
+                got=listed(strange),
                 fix="leave it out",
             )
     for scene in manifest.scene_names:
@@ -136,13 +137,9 @@ def _problems_of(manifest: Manifest) -> Iterator[Problem]:
             yield Problem(
                 what="no such demo scene",
                 where=f"{manifest.stem}: scenes",
-                expected=f"of {_listed(SCENES)}",
+                expected=f"of {listed(SCENES)}",
                 got=scene,
             )
-
-
-def _listed(names: Iterable[object]) -> str:
-    return ", ".join(map(str, names))
 
 
 def photograph_light(light: Floats, seed: tuple[int, ...]) -> NDArray[np.uint8]:

@@ -24,6 +24,7 @@ from dfdbench.datasets.manifest import Manifest, Scene
 from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.location import as_location
 from dfdbench.system.lock import hold
+from dfdbench.tables.wording import listed
 
 _NAMES_SHOWN = 10
 
@@ -263,7 +264,7 @@ def _refuse(fates: list[Fate], folder: Path) -> None:
             Problem(
                 f"{len(missing)} files are missing: no address has them",
                 where=str(folder),
-                got=_listed(missing),
+                got=listed(missing, _NAMES_SHOWN),
             )
         )
     if problems:
@@ -278,12 +279,7 @@ def _told_once(fates: list[Fate], kind: str) -> list[Problem]:
     names = [fate.name for fate in fates]
     rest = Problem(
         f"{len(fates)} files in all could not be had",
-        got=_listed(names),
+        got=listed(names, _NAMES_SHOWN),
         fix="the same command goes on from here",
     )
     return [*problems[:3], rest]
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - _NAMES_SHOWN} more" if len(names) > _NAMES_SHOWN else ""
-    return ", ".join(names[:_NAMES_SHOWN]) + more
