@@ -25,7 +25,11 @@ class Problem:
 
     Examples
     --------
-    >>> print(Problem("unknown scene", "splits.test", "one of: Art, Books", "Boks"))
+    >>> print(
+    ...     Problem(
+    ...         "unknown scene", where="splits.test", expected="one of: Art, Books", got="Boks"
+    ...     )
+    ... )
     unknown scene
       where     splits.test
       expected  one of: Art, Books
@@ -162,3 +166,16 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
         got=name,
         fix=" ".join(part for part in (hint, fix) if part),
     )
+
+
+def reason_of(error: BaseException) -> str:
+    """Return why a file could not be read or written, in the system's words where it has some.
+
+    Examples
+    --------
+    >>> reason_of(FileNotFoundError(2, "No such file or directory", "a.toml"))
+    'No such file or directory'
+    >>> reason_of(OSError("a library's own text"))
+    "a library's own text"
+    """
+    return getattr(error, "strerror", None) or str(error)

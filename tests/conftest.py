@@ -28,7 +28,7 @@ from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.mrf import Energy, published
 from dfdbench.rig.registration import register, sight
 from dfdbench.rig.registration_file import write_registration
-from dfdbench.simulation.captures import Settings, write_captures
+from dfdbench.simulation.captures import CaptureSettings, write_captures
 from dfdbench.system.location import as_location
 from dfdbench.system.parallel import Threads
 from tests.made_captures import STEPS, raw_scene
@@ -260,7 +260,9 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("captures")
     manifest = find_manifest("realworld")
     assert manifest.capture is not None
-    write_captures(folder, ("k01", "k03"), manifest.capture, Settings(STEPS, (40,)), workers=2)
+    write_captures(
+        folder, ("k01", "k03"), manifest.capture, CaptureSettings(STEPS, (40,)), workers=2
+    )
     scenes = {name: raw_scene(folder, name) for name in ("k01", "k03")}
     rig = next(iter(scenes.values())).rig
     sightings = {

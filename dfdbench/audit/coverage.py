@@ -9,7 +9,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.audit.depth_histogram import LEVELS, DepthHistogram, Mask
+from dfdbench.audit.depth_histogram import DepthHistogram, Mask
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError, Problem
 
 
@@ -83,6 +84,8 @@ class Coverage:
 
     Examples
     --------
+    >>> from dfdbench.audit.depth_histogram import depth_histogram
+    >>> from dfdbench.audit.level_ranges import as_ranges
     >>> near = depth_histogram(np.full((2, 2), 200, np.uint8), np.ones((2, 2), bool))
     >>> far = depth_histogram(np.array([[200, 9]], np.uint8), np.ones((1, 2), bool))
     >>> as_ranges(Coverage(train=near, test=far).missing)

@@ -6,24 +6,19 @@ import json
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
 from dfdbench.audit.coverage import Coverage, Criterion, DensityBound, Verdict, check_allowance
-from dfdbench.audit.depth_histogram import LEVELS, DepthHistogram
+from dfdbench.audit.depth_histogram import DepthHistogram
 from dfdbench.audit.leaks import Leak
 from dfdbench.audit.level_ranges import range_text, runs
 from dfdbench.audit.sides import Side
+from dfdbench.blur.recipe import LEVELS
+from dfdbench.system.record import Record
 
 WEIGHTS = "each depth map counts once for each pair that the manifest makes of it"
 
 
-class Model(BaseModel):
-    """A frozen record that refuses fields it does not know."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class SideRecord(Model):
+class SideRecord(Record):
     """One side: whose scenes, how many pixels, and its histograms over levels 0 to 255.
 
     `expanded` is the expected number of pixels if each pair is drawn once as a 32 x 32 crop in
@@ -43,7 +38,7 @@ class SideRecord(Model):
     expanded: list[float]
 
 
-class RangeRecord(Model):
+class RangeRecord(Record):
     """Neighbouring levels that share a verdict and its criteria, and where they come from.
 
     `share` is that of the test's known pixels; `scenes` parts the range's test pixels.
@@ -64,7 +59,7 @@ class RangeRecord(Model):
         return range_text(self.first, self.last)
 
 
-class LeakRecord(Model):
+class LeakRecord(Record):
     """One thing that both sides share."""
 
     kind: str
@@ -73,7 +68,7 @@ class LeakRecord(Model):
     detail: str
 
 
-class CoverageRecord(Model):
+class CoverageRecord(Record):
     """A comparison in full.
 
     `shares` are shares of the test's known pixels by verdict and by criterion,
@@ -116,7 +111,7 @@ class CoverageRecord(Model):
         return ", ".join(range_text(*run) for run in runs(keys))
 
 
-def compare(
+def compare_depths(
     train: Side,
     test: Side,
     bound: DensityBound | None = None,

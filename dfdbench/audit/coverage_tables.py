@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from dfdbench.audit.coverage import Criterion, Verdict
 from dfdbench.audit.coverage_record import CoverageRecord, RangeRecord, SideRecord
 from dfdbench.tables.table import Table
-from dfdbench.tables.wording import percent
+from dfdbench.tables.wording import listed, percent
 
 SCHEMA_VERSION = 1
 _SCENES_NAMED = 4
@@ -117,7 +117,8 @@ def _notes(record: CoverageRecord) -> list[str]:
     if record.test.inverted:
         notes.append("the test's levels were turned round, 255 - level (Eq. 7.1), to mean the same")
     notes += [
-        f"not in the store, so not counted in {side.split}: {_short(side.absent_scenes)}"
+        f"not in the store, so not counted in {side.split}: "
+        + listed(side.absent_scenes, _ABSENT_NAMED)
         for side in (record.train, record.test)
         if side.absent_scenes
     ]
@@ -126,11 +127,6 @@ def _notes(record: CoverageRecord) -> list[str]:
 
 def _absent(record: CoverageRecord) -> list[str]:
     return record.train.absent_scenes + record.test.absent_scenes
-
-
-def _short(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:_ABSENT_NAMED])
-    return shown + (f" and {len(names) - _ABSENT_NAMED} more" * (len(names) > _ABSENT_NAMED))
 
 
 def _name(side: SideRecord) -> str:

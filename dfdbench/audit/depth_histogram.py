@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError
 
-LEVELS = 256
 #: Side in pixels of the crops that the thesis's networks train on (5.2.1) ...
 CROP_SIZE = 32
 #: ... and in how many orientations each is shown: four rotations, each mirrored.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dfdbench.audit.depth_histogram import LEVELS
 from dfdbench.audit.level_ranges import as_ranges
 from dfdbench.audit.sides import Side
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.tables.table import Table
 from dfdbench.tables.wording import percent
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.blur.recipe import LEVELS, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import InputError
 
 #: The steps tried, in depth levels.
 STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
 #: Given where no step tried is seen.
-UNSEEN = 256
+UNSEEN = LEVELS
 #: What it means that a step is seen; in every text the same words.
 SEEN = (
     "a step is seen where the defocus pixel, as stored in whole grey levels, differs in some "

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.audit.depth_histogram import LEVELS, Mask
+from dfdbench.audit.depth_histogram import Mask
+from dfdbench.blur.recipe import LEVELS
 
 
 @dataclass(frozen=True)

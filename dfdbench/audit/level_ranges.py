@@ -42,6 +42,7 @@ def as_ranges(levels: Mask) -> str:
 
     Examples
     --------
+    >>> import numpy as np
     >>> marked = np.zeros(256, bool)
     >>> marked[[9, 36, 37, 38]] = True
     >>> as_ranges(marked)

@@ -16,6 +16,7 @@ from dfdbench.audit.coverage_tables import leak_text
 from dfdbench.audit.depth_histogram import Mask
 from dfdbench.audit.level_errors import LevelErrors, level_errors
 from dfdbench.audit.trained_on import Training
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
@@ -132,7 +133,7 @@ def pair_of(record: PairResult) -> Pair:
 
 def error_table(join: ErrorJoin, title: str, meaning: str) -> Table:
     """Return mean errors by verdict, and below what `conclusion` says of them."""
-    whole = np.ones(256, bool)
+    whole = np.ones(LEVELS, bool)
     total = join.total
     kinds: Mapping[str, Mask] = {
         **{str(verdict): join.levels[verdict] for verdict in reversed(Verdict)},
@@ -232,7 +233,7 @@ def errors_as_json(
         }
         for verdict, mask in join.levels.items()
     }
-    single = np.eye(256, dtype=bool)
+    single = np.eye(LEVELS, dtype=bool)
     content = {
         "format": "dfdbench coverage errors",
         "schema_version": SCHEMA_VERSION,

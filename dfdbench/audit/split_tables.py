@@ -18,7 +18,7 @@ SCHEMA_VERSION = 1
 SHOWN = 10
 
 
-def ranking_table(
+def ranked_splits_table(
     manifest: Manifest, ranking: Ranking, published: Sequence[str], criterion: str
 ) -> Table:
     """Return the best test sets, and the published one with its rank."""
@@ -115,7 +115,7 @@ def folds_fragment(folds: Folds, why: str) -> str:
 
 
 @dataclass(frozen=True)
-class Settings:
+class ProposalSettings:
     """What a proposal depends on, as its files keep it.
 
     Parameters
@@ -151,7 +151,7 @@ class Settings:
 
 
 def ranking_as_json(
-    manifest: Manifest, settings: Settings, ranking: Ranking, published: Sequence[str]
+    manifest: Manifest, settings: ProposalSettings, ranking: Ranking, published: Sequence[str]
 ) -> str:
     """Return a ranking's best as JSON."""
     content = {
@@ -170,7 +170,7 @@ def ranking_as_json(
 
 def folds_as_json(
     manifest: Manifest,
-    settings: Settings,
+    settings: ProposalSettings,
     proposals: Sequence[Folds],
     hopeless: Sequence[Hopeless],
     published: Folds,

@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import InputError, Problem, unknown_name
 
+#: How many depth levels a pixel may have, as a byte keeps them, and the last of them.
+LEVELS = 256
+LAST_LEVEL = LEVELS - 1
+
 
 def _is_positive(value: Any) -> bool:
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
@@ -62,7 +66,7 @@ class BlurRecipe:
 
     sigma_min: float
     sigma_step: float
-    levels: int = 256
+    levels: int = LEVELS
     kernel_size: int = 27
     invert: bool = True
 
@@ -71,7 +75,7 @@ class BlurRecipe:
         fits = {
             "sigma_min": (_is_positive(self.sigma_min), "a number > 0"),
             "sigma_step": (_is_positive(self.sigma_step), "a number > 0"),
-            "levels": (_is_whole(self.levels) and 2 <= self.levels <= 256, "2 to 256"),
+            "levels": (_is_whole(self.levels) and 2 <= self.levels <= LEVELS, f"2 to {LEVELS}"),
             "kernel_size": (_is_whole(size) and size > 0 and size % 2 == 1, "odd, positive"),
             "invert": (isinstance(self.invert, bool), "true or false"),
         }

@@ -44,6 +44,7 @@ def synthesize(
 
     Examples
     --------
+    >>> from dfdbench.blur.recipe import RECIPES
     >>> image = np.zeros((5, 5, 3), np.uint8)
     >>> image[2, 2] = 255
     >>> near = synthesize(image, np.full((5, 5), 255, np.uint8), RECIPES["published"])

@@ -11,7 +11,7 @@ import xarray
 from numpy.typing import NDArray
 from upath import UPath
 
-from dfdbench.blur.recipe import BlurRecipe, find_recipe
+from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe, find_recipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.sources.interface import SceneImages, Source
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -226,6 +226,6 @@ def _synthesised(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> N
             at = dict(zip(manifest.axes, place, strict=True))
             depth = images.depth[tuple(at[axis] for axis in manifest.depth.axes)]
             if manifest.depth.grows_with == "distance":
-                depth = 255 - depth
+                depth = LAST_LEVEL - depth
             defocus[place] = synthesize(images.infocus[place], depth, blur)
     return defocus

@@ -13,7 +13,7 @@ from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store import Store
-from dfdbench.errors import StoreError
+from dfdbench.errors import StoreError, reason_of
 from dfdbench.system.files import write_whole
 
 
@@ -111,6 +111,4 @@ def _write(path: Path, image: NDArray[np.uint8]) -> None:
             )
         write_whole(path, content)
     except OSError as error:
-        raise StoreError(
-            "cannot write the image", where=str(path), got=error.strerror or str(error)
-        ) from error
+        raise StoreError("cannot write the image", where=str(path), got=reason_of(error)) from error

@@ -26,7 +26,7 @@ from dfdbench.cli import (
     training,
 )
 from dfdbench.cli.screen import say, spell_out_what_cannot_be_shown
-from dfdbench.errors import DfdbenchError, Problem
+from dfdbench.errors import DfdbenchError, Problem, reason_of
 
 __all__ = ["app", "main"]
 
@@ -98,7 +98,7 @@ def main() -> None:
             raise
         say(
             "error: "
-            + str(Problem("cannot write", where=str(error.filename or ""), got=str(error.strerror)))
+            + str(Problem("cannot write", where=str(error.filename or ""), got=reason_of(error)))
         )
         sys.stderr.flush()
         # What standard output still holds cannot be written either.

@@ -13,7 +13,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from dfdbench.cli.screen import print_table, say
-from dfdbench.errors import InputError, ResultError
+from dfdbench.errors import InputError, ResultError, reason_of
 from dfdbench.figures.style import write_figure
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown
@@ -62,7 +62,7 @@ def writing(place: Path) -> Iterator[None]:
         raise ResultError(
             "cannot write the answer",
             where=str(error.filename or place),
-            got=error.strerror or str(error),
+            got=reason_of(error),
             fix="choose another place with --out",
         ) from error
 

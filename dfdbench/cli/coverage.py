@@ -12,7 +12,7 @@ import typer
 from matplotlib.figure import Figure
 
 from dfdbench.audit.coverage import Criterion, DensityBound
-from dfdbench.audit.coverage_record import CoverageRecord, compare
+from dfdbench.audit.coverage_record import CoverageRecord, compare_depths
 from dfdbench.audit.coverage_tables import coverage_table, each_as_json, each_table, verdict_line
 from dfdbench.audit.leaks import Leak, LeakError, LeakKind, find_leaks, leaks_between, scene_hashes
 from dfdbench.audit.run_errors import (
@@ -116,7 +116,9 @@ class Rule:
 
     def compare(self, train: Side, test: Side, leaks: Sequence[Leak]) -> CoverageRecord:
         """Hold a test side against a training side."""
-        return compare(train, test, self.bound, self.criterion, self.allowed_share, tuple(leaks))
+        return compare_depths(
+            train, test, self.bound, self.criterion, self.allowed_share, tuple(leaks)
+        )
 
 
 def _end(*records: CoverageRecord) -> None:

@@ -15,6 +15,7 @@ from dfdbench.audit.difficulty_tables import (
     difficulty_table,
 )
 from dfdbench.audit.sides import depth_maps
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.cli.screen import progress
 from dfdbench.datasets.manifest import Pair
@@ -70,5 +71,5 @@ def _difficulty_of(store: Store, pair: Pair, noise: int) -> Difficulty:
     assert recipe is not None
     depth = images.depth
     if store.manifest.depth.grows_with == "distance":
-        depth = 255 - depth
+        depth = LAST_LEVEL - depth
     return smallest_step(images.infocus, depth, images.valid, recipe, noise)

@@ -20,11 +20,12 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.figures.captures import overlay_figure
 from dfdbench.optics.sharpness import sharpest
+from dfdbench.rig.board_pose import Sighting
 from dfdbench.rig.board_rays import board_rays
 from dfdbench.rig.depth_map import depth_image, warp
 from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import Beams
-from dfdbench.rig.registration import Registration, Sighting, register, sight
+from dfdbench.rig.registration import Registration, register, sight
 from dfdbench.rig.registration_file import NAME, PREVIOUS, read_registration, write_registration
 from dfdbench.tables.table import Table
 

@@ -25,7 +25,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, reason_of
 from dfdbench.figures.style import write_figure
 from dfdbench.tables.render import as_rich
 from dfdbench.tables.table import Table, least_width
@@ -94,7 +94,7 @@ def save_figure(figure: Figure, path: Path) -> None:
         write_figure(figure, path)
     except OSError as error:
         raise InputError(
-            "cannot write the figure", where=str(path), got=error.strerror or str(error)
+            "cannot write the figure", where=str(path), got=reason_of(error)
         ) from error
     say(f"figure       {path}")
 

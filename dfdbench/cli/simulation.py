@@ -15,7 +15,7 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError
 from dfdbench.rig.geometry import Pose
 from dfdbench.simulation.board_scene import MOUNTED
-from dfdbench.simulation.captures import Settings, write_captures
+from dfdbench.simulation.captures import CaptureSettings, write_captures
 from dfdbench.simulation.white_dot import write_lens_test
 
 app = typer.Typer(help="Make captures as the thesis's rig would write them.")
@@ -38,7 +38,7 @@ def simulate_realworld(
     manifest = find_manifest("realworld")
     capture = capture_of(manifest)
     names = chosen_scenes(scenes, manifest)
-    settings = Settings(
+    settings = CaptureSettings(
         chosen_numbers(steps, "--steps", capture.voltage_step),
         chosen_numbers(exposures, "--exposures", manifest.axes["exposure_ms"]),
         capture.frames,

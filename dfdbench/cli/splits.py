@@ -14,12 +14,12 @@ from dfdbench.audit.fold_proposals import Folds, propose_folds
 from dfdbench.audit.leaks import scene_hashes, scenes_alike
 from dfdbench.audit.sides import scene_histograms
 from dfdbench.audit.split_tables import (
-    Settings,
+    ProposalSettings,
     folds_as_json,
     folds_fragment,
     folds_table,
+    ranked_splits_table,
     ranking_as_json,
-    ranking_table,
     split_fragment,
 )
 from dfdbench.audit.splits import Scenes, hopeless_scenes, rank_tests
@@ -58,7 +58,7 @@ def split(
     store = open_store(dataset)
     bound = DensityBound(density_factor, density_floor)
     scenes = _scenes(store, criterion, bound, allow)
-    settings = Settings(store.fingerprint, scenes, seed)
+    settings = ProposalSettings(store.fingerprint, scenes, seed)
     if test_scenes is not None:
         _propose_tests(store.manifest, settings, test_scenes, _Place(store, out), format)
     elif folds is not None:
@@ -74,7 +74,7 @@ class _Place:
         return folder_or(self.out, Path("results") / f"{self.store.path.stem}-splits" / name)
 
 
-def _told(manifest: Manifest, settings: Settings) -> str:
+def _told(manifest: Manifest, settings: ProposalSettings) -> str:
     scenes, absent = settings.scenes, settings.absent(manifest)
     told = f"criterion {scenes.criterion}, seed {settings.seed}"
     if scenes.criterion is not Criterion.thesis and scenes.bound != DensityBound():
@@ -85,7 +85,7 @@ def _told(manifest: Manifest, settings: Settings) -> str:
 
 
 def _propose_tests(
-    manifest: Manifest, settings: Settings, size: int, place: _Place, format: AnswerFormat
+    manifest: Manifest, settings: ProposalSettings, size: int, place: _Place, format: AnswerFormat
 ) -> None:
     scenes = settings.scenes
     published = _published_test(manifest, scenes)
@@ -99,12 +99,12 @@ def _propose_tests(
     content = ranking_as_json(manifest, settings, ranking, published)
     fragment = split_fragment(manifest, best, train, why)
     folder = place.folder(f"test-{size}")
-    answer = Answer(content, (ranking_table(manifest, ranking, published, scenes.criterion),))
+    answer = Answer(content, (ranked_splits_table(manifest, ranking, published, scenes.criterion),))
     give(answer, format, folder, {"split.toml": fragment, "split.json": content})
 
 
 def _propose_folds(
-    manifest: Manifest, settings: Settings, number: int, place: _Place, format: AnswerFormat
+    manifest: Manifest, settings: ProposalSettings, number: int, place: _Place, format: AnswerFormat
 ) -> None:
     scenes = settings.scenes
     proposals = propose_folds(scenes, number, settings.seed)

@@ -13,7 +13,7 @@ from dfdbench.system.parallel import Pool, Threads
 
 
 @dataclass(frozen=True)
-class Difference:
+class StoreDifference:
     """Something in a store that is not as it was built.
 
     Parameters
@@ -30,7 +30,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Verification:
+class StoreVerification:
     """What a store holds against what it says it holds.
 
     Parameters
@@ -40,7 +40,7 @@ class Verification:
         array cannot be read.
     scenes, arrays : int
         How many were looked at.
-    differences : tuple of Difference
+    differences : tuple of StoreDifference
         All that was found.
     """
 
@@ -48,7 +48,7 @@ class Verification:
     recomputed: str
     scenes: int
     arrays: int
-    differences: tuple[Difference, ...]
+    differences: tuple[StoreDifference, ...]
 
     @property
     def sound(self) -> bool:
@@ -58,7 +58,7 @@ class Verification:
 
 def verify_store(
     store: Store, pool: Pool | None = None, on_scene: Callable[[int, int], None] | None = None
-) -> Verification:
+) -> StoreVerification:
     """Recompute the fingerprint of a store from its arrays.
 
     Parameters
@@ -80,13 +80,13 @@ def verify_store(
 
     looked_at = (pool or Threads()).map(_SceneVerifier(store), store.scenes, step)
     missing = [
-        Difference(scene, "", "the scene is missing")
+        StoreDifference(scene, "", "the scene is missing")
         for scene in _scenes_expected(store)
         if scene not in store.scenes
     ]
     differences = [difference for scene in looked_at for difference in scene.differences]
     digests = {scene.name: scene.digest for scene in looked_at}
-    return Verification(
+    return StoreVerification(
         store.fingerprint,
         combine(digests) if all(digests.values()) else "",
         len(looked_at),
@@ -100,7 +100,7 @@ class _Scene:
     name: str
     digest: str
     arrays: int
-    differences: tuple[Difference, ...]
+    differences: tuple[StoreDifference, ...]
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class _SceneVerifier:
         try:
             dataset = self.store.scene(scene)
         except (OSError, ValueError, KeyError, RuntimeError) as error:
-            return _Scene(scene, "", 0, (Difference(scene, "", f"cannot be opened: {error}"),))
+            return _Scene(scene, "", 0, (StoreDifference(scene, "", f"cannot be opened: {error}"),))
         recorded = dict(dataset.attrs.get("array_digests", {}))
         found: dict[str, str] = {}
         differences = []
@@ -120,20 +120,22 @@ class _SceneVerifier:
             try:
                 values = np.asarray(variable.values)
             except (OSError, ValueError, RuntimeError) as error:
-                differences.append(Difference(scene, name, f"cannot be decoded: {error}"))
+                differences.append(StoreDifference(scene, name, f"cannot be decoded: {error}"))
                 continue
             found[name] = array_digest(name, tuple(map(str, variable.dims)), values)
             if name not in recorded:
-                differences.append(Difference(scene, name, "was not there when it was built"))
+                differences.append(StoreDifference(scene, name, "was not there when it was built"))
             elif found[name] != recorded[name]:
-                differences.append(Difference(scene, name, "holds other values"))
+                differences.append(StoreDifference(scene, name, "holds other values"))
         unread = {difference.array for difference in differences}
         differences += [
-            Difference(scene, name, "is missing")
+            StoreDifference(scene, name, "is missing")
             for name in sorted(set(recorded) - set(found) - unread)
         ]
         if found == recorded and combine(found) != dataset.attrs.get("digest"):
-            differences.append(Difference(scene, "", "its recorded digests contradict each other"))
+            differences.append(
+                StoreDifference(scene, "", "its recorded digests contradict each other")
+            )
         whole = len(found) == len(dataset.variables)
         return _Scene(scene, combine(found) if whole else "", len(found), tuple(differences))
 

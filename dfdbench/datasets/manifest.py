@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from dfdbench.errors import unknown_name
+from dfdbench.system.record import Record
 
 ALL_PAIRS = "all"
 
@@ -20,13 +21,13 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Count = Annotated[int, Field(ge=1)]
 
 
-class Model(BaseModel):
-    """A frozen record that refuses fields it does not know and values of another type."""
+class StrictRecord(Record):
+    """A record that refuses values of another type: TOML tells text from numbers."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(strict=True)
 
 
-class Source(Model):
+class Source(StrictRecord):
     """Where files come from, under which terms, and what to cite."""
 
     name: Name
@@ -35,7 +36,7 @@ class Source(Model):
     citations: list[str]
 
 
-class Scene(Model):
+class Scene(StrictRecord):
     """A scene; `geometry` and `texture` where the data set tells them apart."""
 
     name: Name
@@ -44,7 +45,7 @@ class Scene(Model):
     texture: int | None = None
 
 
-class Depth(Model):
+class Depth(StrictRecord):
     """What a depth level means.
 
     `axes` are the pair axes along which the depth map changes, `unknown` the level that marks
@@ -62,14 +63,14 @@ class Depth(Model):
         return "nearer" if self.grows_with == "nearness" else "farther"
 
 
-class Table(Model):
+class Table(StrictRecord):
     """How a score table is laid out: a block for each value of `blocks`, a row for `rows`."""
 
     blocks: str
     rows: str | None = None
 
 
-class Exclusion(Model):
+class Exclusion(StrictRecord):
     """Pairs left out, and why; an axis that is not named stands for all its values."""
 
     scenes: list[str]
@@ -78,7 +79,7 @@ class Exclusion(Model):
     reason: Annotated[str, Field(min_length=1)]
 
 
-class Split(Model):
+class Split(StrictRecord):
     """Scenes that are used together; splits of one partition share no scene."""
 
     name: Name
@@ -87,14 +88,14 @@ class Split(Model):
     pairs: Count
 
 
-class Fold(Model):
+class Fold(StrictRecord):
     """One fold of a cross validation: these scenes test, all others train."""
 
     name: Name
     test_scenes: list[str]
 
 
-class Capture(Model):
+class Capture(StrictRecord):
     """How a camera recorded the set: lens steps, frames averaged, and the crops in pixels."""
 
     voltage_step: list[int]
@@ -135,7 +136,7 @@ class Pair:
         return dict(self.coordinates)
 
 
-class Manifest(Model):
+class Manifest(StrictRecord):
     """A data set in full: sources, scenes, axes, exclusions, splits, folds, recipe.
 
     Obtained from `dfdbench.datasets.manifest_file.read_manifest` or

@@ -5,14 +5,15 @@ from __future__ import annotations
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair, excluded_pairs, grid_of_pairs
-from dfdbench.errors import ManifestError, Problem, unknown_name
+from dfdbench.errors import ManifestError, Problem, reason_of, unknown_name
+from dfdbench.system.record import problems_of
 
 _AXIS = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # What the arrays and dimensions of a scene in a store are called, besides the axes.
@@ -50,7 +51,7 @@ def read_manifest(path: str | Path) -> Manifest:
         content = file.read_bytes()
     except OSError as error:
         raise ManifestError(
-            "cannot read the manifest", where=str(file), got=str(error.strerror)
+            "cannot read the manifest", where=str(file), got=reason_of(error)
         ) from error
     return parse_manifest(content, file.name)
 
@@ -93,7 +94,7 @@ def _validate_sections(raw: dict[str, Any], file: str) -> tuple[dict[str, Any], 
         try:
             sections[name] = TypeAdapter[Any](annotation).validate_python(raw[name], strict=True)
         except ValidationError as error:
-            problems.extend(_problem_of(detail, name, file) for detail in error.errors())
+            problems += problems_of(error, "wrong value", file=file, section=name)
     known = set(Manifest.model_fields)
     problems.extend(
         Problem(
@@ -103,17 +104,6 @@ def _validate_sections(raw: dict[str, Any], file: str) -> tuple[dict[str, Any], 
         if name not in known
     )
     return sections, problems
-
-
-def _problem_of(detail: Mapping[str, Any], section: str, file: str) -> Problem:
-    place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in detail["loc"])
-    missing = detail["type"] == "missing"
-    return Problem(
-        what="field is missing" if missing else "wrong value",
-        where=f"{file}: {section}{place}",
-        expected="" if missing else re.sub(r"^(Input|String|Value) should ", "", detail["msg"]),
-        got="" if missing else repr(detail["input"]),
-    )
 
 
 def _unknown(file: str, field: str, what: str, got: str, known: list[str]) -> Problem:

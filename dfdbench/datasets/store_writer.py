@@ -15,7 +15,7 @@ from upath import UPath
 from dfdbench.datasets.fingerprint import combine, scene_digests
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import FORMAT, FORMAT_VERSION
-from dfdbench.errors import DfdbenchError, StoreError
+from dfdbench.errors import DfdbenchError, StoreError, reason_of
 from dfdbench.system.location import (
     Place,
     as_location,
@@ -230,7 +230,7 @@ def disk_errors(location: UPath) -> Iterator[None]:
         raise StoreError(
             "cannot write the store",
             where=str(location),
-            got=getattr(error, "strerror", None) or str(error),
+            got=reason_of(error),
             fix="make room or choose another place with --store PATH; "
             "the same command goes on where it stopped",
         ) from error

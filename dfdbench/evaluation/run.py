@@ -12,7 +12,7 @@ import dfdbench
 from dfdbench.audit.trained_on import coverage_warnings
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.errors import ResultError, StoreError
+from dfdbench.errors import ResultError, StoreError, reason_of
 from dfdbench.evaluation.pair import (
     PRINTED,
     TURNED,
@@ -165,7 +165,7 @@ def run_method(
         raise ResultError(
             "cannot write the run",
             where=str(folder),
-            got=error.strerror or str(error),
+            got=reason_of(error),
             fix="make room or choose another place with --out DIR; "
             "the same command goes on where it stopped",
         ) from error

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from dfdbench.audit.coverage import Verdict
 from dfdbench.audit.coverage_record import CoverageRecord, SideRecord
-from dfdbench.audit.depth_histogram import LEVELS
 from dfdbench.audit.difficulty import STEPS, Difficulty
 from dfdbench.audit.level_ranges import runs
 from dfdbench.audit.run_errors import ErrorJoin, pair_of
 from dfdbench.audit.sides import Side
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.store import Store
 from dfdbench.figures.style import without_ticks
 from dfdbench.results.folder import read_prediction

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import PairImages, Store
 from dfdbench.figures.groups import group_figures
@@ -187,7 +188,7 @@ def _draw_marks(axis: Axes, found: Sequence[tuple[float, float]], number: int, l
 
 def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     """Draw the histogram of ground truth and prediction over all evaluated pairs."""
-    truth, found = np.zeros(256), np.zeros(256)
+    truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
     for record in result.pairs:
         pair = Pair(record.scene, tuple(record.coordinates.items()))
         if record.status != "ok":
@@ -196,13 +197,13 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
         prediction = read_prediction(folder, pair, depth.shape)
         if prediction is None:
             continue
-        truth += np.bincount(depth[valid], minlength=256)
-        found += np.bincount(_nearest(prediction[valid]), minlength=256)
+        truth += np.bincount(depth[valid], minlength=LEVELS)
+        found += np.bincount(_nearest(prediction[valid]), minlength=LEVELS)
     if not truth.any():
         return None
     figure = Figure(figsize=(9, 4), layout="constrained")
     axis = figure.subplots()
-    levels = np.arange(256)
+    levels = np.arange(LEVELS)
     axis.fill_between(
         levels,
         100 * truth / truth.sum(),
@@ -222,7 +223,7 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     axis.set(
         xlabel="depth level",
         ylabel="known pixels (%)",
-        xlim=(0, 255),
+        xlim=(0, LAST_LEVEL),
         title=f"depths of {result.dataset.name}, split {result.dataset.split}",
     )
     axis.grid(alpha=0.3)

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.figures.style import COLOURS
 from dfdbench.methods.networks.weights import Card
 from dfdbench.metrics.metric import METRICS
@@ -78,13 +79,13 @@ def levels_figure(rows: Sequence[Row], title: str) -> Figure:
         counts = np.array([int(row[name]) for row in rows], np.float64)
         axis.stairs(
             100 * counts / max(counts.sum(), 1),
-            np.append(levels, 256) - 0.5,
+            np.append(levels, LEVELS) - 0.5,
             color=colour,
             label=f"{label}: {counts.sum():.4g} pixels",
             fill=name == "present",
             alpha=0.6,
         )
-    axis.set(title=title, xlabel="depth level", ylabel="pixels (%)", xlim=(-1, 256))
+    axis.set(title=title, xlabel="depth level", ylabel="pixels (%)", xlim=(-1, LEVELS))
     axis.grid(alpha=0.3)
     axis.legend()
     return figure

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.folder import PUBLISHED
 from dfdbench.metrics.metric import METRICS, mean_of
-from dfdbench.results.record import Model
+from dfdbench.system.record import Record, problems_of
 
 Text = Annotated[str, Field(min_length=1)]
 Printed = Annotated[Decimal, Field(allow_inf_nan=False)]
@@ -28,7 +28,7 @@ def _known(name: str) -> str:
 MetricName = Annotated[str, AfterValidator(_known)]
 
 
-class PublishedRow(Model):
+class PublishedRow(Record):
     """One printed row.
 
     `at` says what it is of, in the table's own words: a lighting, a fold, a pair, a statistic;
@@ -46,7 +46,7 @@ class PublishedRow(Model):
     device: str | None = None
 
 
-class PublishedTable(Model):
+class PublishedTable(Record):
     """A printed table, or numbers of a figure that the text gives.
 
     `table` is its number, `kind` whether it is one; `quantity` what the rows' `values` are.
@@ -106,15 +106,7 @@ def load_published(folder: Path) -> list[PublishedTable]:
         try:
             tables.append(PublishedTable.model_validate(json.loads(path.read_text("utf-8"))))
         except ValidationError as error:
-            problems += [
-                Problem(
-                    "wrong value in the published table",
-                    where=f"{path}: {'.'.join(map(str, detail['loc']))}",
-                    expected=detail["msg"],
-                    got=repr(detail["input"])[:80],
-                )
-                for detail in error.errors()
-            ]
+            problems += problems_of(error, "wrong value in the published table", file=path)
         except (UnicodeDecodeError, json.JSONDecodeError) as error:
             problems.append(
                 Problem("cannot read the published table", where=str(path), got=str(error))

@@ -14,17 +14,9 @@ from pydantic import Field, ValidationError
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.submission import TIME_FORMAT
 from dfdbench.results.environment import describe_environment
-from dfdbench.results.record import (
-    Count,
-    Environment,
-    Model,
-    PairResult,
-    Result,
-    Seed,
-    Sha256,
-    Time,
-)
+from dfdbench.results.record import Count, Environment, PairResult, Result, Seed, Sha256, Time
 from dfdbench.system.files import write_whole
+from dfdbench.system.record import Record, problems_of
 
 SUFFIX = ".reproduced.json"
 #: How far a score may be off where the depth map is not the very same: float32 filters differ in
@@ -32,7 +24,7 @@ SUFFIX = ".reproduced.json"
 SCORE_TOLERANCE = 1e-3
 
 
-class Reproduction(Model):
+class Reproduction(Record):
     """What a verification found, kept beside the result.
 
     `result_sha256` is that of the result's file: of a result that changes nothing is known.
@@ -124,16 +116,8 @@ def load_verification(result: Result, path: Path) -> Reproduction | None:
     try:
         verification = Reproduction.model_validate_json(place.read_bytes())
     except ValidationError as error:
-        raise ResultError.of(
-            Problem(
-                what="wrong value in the verification",
-                where=f"{place}: {'.'.join(map(str, detail['loc']))}",
-                expected=detail["msg"],
-                got=repr(detail["input"])[:80],
-                fix=fix,
-            )
-            for detail in error.errors()
-        ) from error
+        what = "wrong value in the verification"
+        raise ResultError.of(problems_of(error, what, file=place, fix=fix)) from error
     there = sha256(path.read_bytes()).hexdigest()
     drawn = [pair.id for pair in sample(result, len(verification.pairs), verification.seed)]
     problems = []

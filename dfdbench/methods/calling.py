@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.methods.importing import describe
 from dfdbench.methods.isolation import process_kept
 from dfdbench.methods.method import Image, Predict, Prediction
@@ -89,9 +90,9 @@ def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float
         bad = int(array.size - np.isfinite(array).sum())
         return None, f"returned NaN or infinity in {bad} of {array.size} pixels"
     low, high = array.min(), array.max()
-    if low < -_ROUNDING or high > 255 + _ROUNDING:
-        return None, f"returned levels from {low:g} to {high:g}; expected 0 to 255"
-    return np.clip(array.astype(np.float32), 0, 255), ""
+    if low < -_ROUNDING or high > LAST_LEVEL + _ROUNDING:
+        return None, f"returned levels from {low:g} to {high:g}; expected 0 to {LAST_LEVEL}"
+    return np.clip(array.astype(np.float32), 0, LAST_LEVEL), ""
 
 
 def _finite_numbers(given: Any) -> dict[str, float]:

@@ -19,7 +19,7 @@ _ORDINARY = "an ordinary pair, 240 × 320"
 
 
 @dataclass(frozen=True)
-class Trial:
+class Check:
     """One input that was tried: what it was, what was wrong (empty: nothing), what was odd."""
 
     name: str
@@ -28,7 +28,7 @@ class Trial:
     warning: str
 
 
-def check_method(method: Method, seed: int = 0) -> tuple[Trial, ...]:
+def check_method(method: Method, seed: int = 0) -> tuple[Check, ...]:
     """Call a method on awkward pairs and say what is wrong with its answers.
 
     Tried are odd sizes, tall and wide images, a flat, a black and a saturated pair, a pair
@@ -50,7 +50,7 @@ def check_method(method: Method, seed: int = 0) -> tuple[Trial, ...]:
     for name, (infocus, defocus) in pairs.items():
         prediction = call(method.predict, infocus, defocus)
         warning = "printed to standard output" if prediction.printed else ""
-        trials.append(Trial(name, prediction.seconds, prediction.error, warning))
+        trials.append(Check(name, prediction.seconds, prediction.error, warning))
     infocus, defocus = pairs[_ORDINARY]
     first = call(method.predict, infocus, defocus)
     second = call(method.predict, infocus, defocus)
@@ -58,11 +58,11 @@ def check_method(method: Method, seed: int = 0) -> tuple[Trial, ...]:
         odd = ""
         if not np.array_equal(first.depth, second.depth):
             odd = "two answers to one pair differ: fix its seeds, or its scores cannot be rerun"
-        trials.append(Trial("the same pair twice", second.seconds, "", odd))
+        trials.append(Check("the same pair twice", second.seconds, "", odd))
         likeness = correlation(_slope(*first.depth.shape), first.depth)
         turned = "depth seems to grow with distance: every set wants brighter for nearer"
         odd = turned if likeness < AGAINST else ""
-        trials.append(Trial("brighter for nearer", first.seconds, "", odd))
+        trials.append(Check("brighter for nearer", first.seconds, "", odd))
     trials.append(_try_writing(method, infocus, defocus))
     return tuple(trials)
 
@@ -98,7 +98,7 @@ def _slope(height: int, width: int) -> Image:
     return np.broadcast_to(levels, (height, width)).copy()
 
 
-def _try_writing(method: Method, infocus: Image, defocus: Image) -> Trial:
+def _try_writing(method: Method, infocus: Image, defocus: Image) -> Check:
     # `call` hands out copies, so nothing is spoilt; still a method that writes is a trap.
     mine = infocus.copy(), defocus.copy()
 
@@ -109,4 +109,4 @@ def _try_writing(method: Method, infocus: Image, defocus: Image) -> Trial:
     prediction = call(predict, infocus, defocus)
     same = np.array_equal(mine[0], infocus) and np.array_equal(mine[1], defocus)
     warning = "" if same else "changes the images it is handed"
-    return Trial("leaves its input alone", prediction.seconds, prediction.error, warning)
+    return Check("leaves its input alone", prediction.seconds, prediction.error, warning)

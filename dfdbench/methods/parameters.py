@@ -12,7 +12,14 @@ from typing import Any
 import numpy as np
 
 from dfdbench.blur.recipe import RECIPES, BlurRecipe, find_recipe
-from dfdbench.errors import DfdbenchError, MethodError, Problem, UnknownNameError, unknown_name
+from dfdbench.errors import (
+    DfdbenchError,
+    MethodError,
+    Problem,
+    UnknownNameError,
+    reason_of,
+    unknown_name,
+)
 
 
 def read_parameters(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -108,7 +115,7 @@ def _read_fields(file: str | Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        reason = reason_of(error)
         raise MethodError(
             what="cannot read the blur recipe",
             where=str(file),
@@ -152,7 +159,7 @@ def _digest(path: Path) -> str:
         raise MethodError(
             what="cannot read what a parameter names",
             where=str(error.filename or path),
-            got=error.strerror or str(error),
+            got=reason_of(error),
             fix="a run keeps the SHA-256 of files and folders that parameters name",
         ) from error
 

@@ -79,6 +79,7 @@ def load(name: str, **params: Any) -> Predict:
 
     Examples
     --------
+    >>> import numpy as np
     >>> predict = load("constant", training_mean=80.0)
     >>> image = np.zeros((2, 3, 3), np.uint8)
     >>> predict(image, image).tolist()

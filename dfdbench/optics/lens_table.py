@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dfdbench.errors import InputError, Problem, SourceError
+from dfdbench.errors import InputError, Problem, SourceError, reason_of
 
 _TABLE = "realworld-1/lens_blur_radius_px.csv"
 _LAYOUT = "a heading step,0.4,0.5,... and a row a voltage step"
@@ -135,7 +135,7 @@ def read_lens_table(path: Path | None = None) -> LensTable:
             "cannot read the lens table",
             where=str(path),
             expected=f"a CSV file: {_LAYOUT}",
-            got=getattr(error, "strerror", None) or str(error),
+            got=reason_of(error),
         ) from error
     return parse_lens_table(text, str(path or _TABLE))
 

@@ -13,6 +13,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
@@ -171,8 +172,8 @@ def read_prediction(folder: Path, pair: Pair, shape: tuple[int, int]) -> NDArray
             raise ValueError(f"{array}")
         depth = np.asarray(array[index])
         kept = not np.isnan(depth).all()
-        if kept and not ((depth >= 0) & (depth <= 255)).all():
-            raise ValueError("levels outside 0 to 255")
+        if kept and not ((depth >= 0) & (depth <= LAST_LEVEL)).all():
+            raise ValueError(f"levels outside 0 to {LAST_LEVEL}")
     except (LookupError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
         raise ResultError(
             what="no depth maps of a run",

@@ -9,21 +9,13 @@ from datetime import datetime
 from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    JsonValue,
-    TypeAdapter,
-    WithJsonSchema,
-    create_model,
-)
+from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, WithJsonSchema, create_model
 
 from dfdbench.datasets.manifest import Name
 from dfdbench.metrics.metric import METRICS, Metric, mean_of
 from dfdbench.metrics.protocol import label_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
+from dfdbench.system.record import Record
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 #: Bounds far above any run's keep sums of such numbers finite.
@@ -38,14 +30,8 @@ Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]+$", max_length=1000
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
-class Model(BaseModel):
-    """A frozen record that refuses fields it does not know."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
 @cache
-def _score_model(metrics: tuple[Metric, ...]) -> type[Model]:
+def _score_model(metrics: tuple[Metric, ...]) -> type[Record]:
     fields: dict[str, Any] = {
         metric.name: (
             Annotated[float, Field(allow_inf_nan=False, ge=metric.lowest, le=metric.highest)]
@@ -55,7 +41,7 @@ def _score_model(metrics: tuple[Metric, ...]) -> type[Model]:
         for metric in metrics
     }
     what = "The metrics of one pair under one protocol; null where a metric is undefined."
-    return create_model("PairScores", __base__=Model, __doc__=what, **fields)
+    return create_model("PairScores", __base__=Record, __doc__=what, **fields)
 
 
 def _by_metric(scores: dict[str, float | None]) -> dict[str, float | None]:
@@ -82,7 +68,7 @@ def pair_scores(scores: Mapping[str, float]) -> dict[str, float | None]:
     return _by_metric({name: None if math.isnan(v) else v for name, v in scores.items()})
 
 
-class PairResult(Model):
+class PairResult(Record):
     """What became of one pair.
 
     `status`: ``ok``; ``failed``, the method gave no usable depth (`error` says why);
@@ -119,7 +105,7 @@ def _with_safe_name(record: dict[str, Any]) -> dict[str, Any]:
     return record
 
 
-class DatasetRecord(Model):
+class DatasetRecord(Record):
     """Which data the run used; names are such as may become part of a path."""
 
     name: Name
@@ -143,7 +129,7 @@ def _as_utf8(parameters: dict[str, Any]) -> dict[str, Any]:
     return parameters
 
 
-class MethodRecord(Model):
+class MethodRecord(Record):
     """Which method was run, and how.
 
     `files_sha256` is of what parameters name: files, and folders by their files' names and
@@ -161,7 +147,7 @@ class MethodRecord(Model):
     files_sha256: dict[str, Sha256] = Field(default_factory=dict)
 
 
-class Environment(Model):
+class Environment(Record):
     """Where it was run."""
 
     python: str
@@ -182,7 +168,7 @@ def _a_date(text: str) -> str:
 Time = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ$"), AfterValidator(_a_date)]
 
 
-class Submission(Model):
+class Submission(Record):
     """What makes a result fit for the leaderboard.
 
     `submitted` tells which of two results of one method is the newer; `seal` is the SHA-256
@@ -193,7 +179,7 @@ class Submission(Model):
     seal: Sha256
 
 
-class Result(Model):
+class Result(Record):
     """A run in full. `averages` is null unless every expected pair was evaluated."""
 
     schema_version: Literal[1]

@@ -11,9 +11,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from dfdbench.datasets.manifest import Pair
-from dfdbench.errors import Problem, ResultError
+from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.results.record import PairResult, Result, average
 from dfdbench.system.files import write_whole
+from dfdbench.system.record import problems_of
 
 RESULT_SCHEMA_VERSION = 1
 #: What a result is called in the folder of its run.
@@ -84,15 +85,8 @@ def examine_result(path: Path) -> tuple[Result, list[Problem]]:
     try:
         result = Result.model_validate(content)
     except ValidationError as error:
-        raise ResultError.of(
-            Problem(
-                "wrong value in the result",
-                where=f"{path}: {'.'.join(map(str, detail['loc']))}",
-                expected=detail["msg"],
-                got=repr(detail["input"])[:80],
-            )
-            for detail in error.errors()
-        ) from error
+        problems = problems_of(error, "wrong value in the result", file=path)
+        raise ResultError.of(problems) from error
     problems = list(_contradictions(result, path))
     if result.submission and result.submission.seal != seal_of(content):
         problems.append(
@@ -111,7 +105,7 @@ def _read_json(path: Path) -> Any:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        reason = reason_of(error)
         raise ResultError(
             "cannot read the result",
             where=str(path),

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.rig.lidar import (
     Beams,
     Floats,
@@ -19,7 +20,6 @@ from dfdbench.rig.lidar import (
 )
 
 MILLIMETRES_PER_LEVEL = 10
-_FARTHEST = 255
 _UPSAMPLED_MEDIAN = 13
 #: Total scale after each of the six steps: (height, width).
 UPSAMPLING = ((3, 2), (6, 2), (9, 4), (12, 4), (15, 6), (18, 6))
@@ -35,7 +35,7 @@ def to_levels(distance: Floats) -> Floats:
     >>> to_levels(np.array([1509.9, 2550.0, 4000.0])).tolist()
     [150.0, 255.0, 255.0]
     """
-    return np.clip(np.floor(distance / MILLIMETRES_PER_LEVEL), 0, _FARTHEST)
+    return np.clip(np.floor(distance / MILLIMETRES_PER_LEVEL), 0, LAST_LEVEL)
 
 
 def in_range(distance: Floats) -> Mask:
@@ -48,7 +48,7 @@ def in_range(distance: Floats) -> Mask:
     >>> in_range(np.array([0.0, 1500.0, 2549.0, 2550.0])).tolist()
     [False, True, True, False]
     """
-    return (distance >= MILLIMETRES_PER_LEVEL) & (distance < _FARTHEST * MILLIMETRES_PER_LEVEL)
+    return (distance >= MILLIMETRES_PER_LEVEL) & (distance < LAST_LEVEL * MILLIMETRES_PER_LEVEL)
 
 
 def upsample(levels: Floats, valid: Mask) -> tuple[Floats, Mask]:
@@ -68,7 +68,7 @@ def upsample(levels: Floats, valid: Mask) -> tuple[Floats, Mask]:
     scaled = levels
     for down, across in UPSAMPLING:
         scaled = median_cross(_nearest(scaled, height * down, width * across), _UPSAMPLED_MEDIAN)
-    return scaled, np.asarray(_nearest(valid, *scaled.shape) & (scaled < _FARTHEST))
+    return scaled, np.asarray(_nearest(valid, *scaled.shape) & (scaled < LAST_LEVEL))
 
 
 def warp(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.rig.lidar import Beams
 
 _OS1 = "realworld-1/os1_beams.csv"
@@ -43,7 +43,7 @@ def read_ranges(path: Path) -> NDArray[np.int32]:
         ranges = _load_array(path) if path.suffix == ".npy" else _decode(path.read_bytes(), path)
     except OSError as error:
         raise SourceError(
-            "cannot read the range file", where=str(path), got=error.strerror or str(error)
+            "cannot read the range file", where=str(path), got=reason_of(error)
         ) from error
     if ranges.size == 0 or ranges.min() < 0:
         raise SourceError(

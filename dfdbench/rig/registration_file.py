@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.files import write_whole
 
 Floats = NDArray[np.float64]
@@ -50,7 +50,7 @@ def read_registration(path: Path) -> Floats:
     try:
         content = tomllib.loads(path.read_text("utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        got = getattr(error, "strerror", None) or str(error)
+        got = reason_of(error)
         raise SourceError("cannot read the registration", where=where, got=got) from error
     if "matrix" in content and "pairs" in content:
         raise SourceError("a matrix and pairs", where=where, expected="one of them", got="both")
@@ -116,7 +116,7 @@ def write_registration(path: Path, matrix: Floats, corners: Floats, note: str) -
             write_whole(path.with_name(PREVIOUS), path.read_bytes())
         write_whole(path, "\n".join([f"{_HEAD}# {note}\n", *pairs]))
     except OSError as error:
-        got = error.strerror or str(error)
+        got = reason_of(error)
         raise SourceError("cannot write the registration", where=str(path), got=got) from error
 
 

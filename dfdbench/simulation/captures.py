@@ -30,7 +30,7 @@ _VERSION = 1
 
 
 @dataclass(frozen=True)
-class Settings:
+class CaptureSettings:
     """What is simulated of each scene.
 
     Parameters
@@ -56,7 +56,7 @@ def write_captures(
     folder: Path,
     scenes: Sequence[str],
     capture: Capture,
-    settings: Settings,
+    settings: CaptureSettings,
     workers: int = 1,
     on_scene: Callable[[int, int], None] | None = None,
 ) -> tuple[str, ...]:
@@ -72,7 +72,7 @@ def write_captures(
         k00 to k63.
     capture : Capture
         Sizes, of the manifest.
-    settings : Settings
+    settings : CaptureSettings
         What is simulated.
     workers : int
         Scenes made at once; the files do not depend on it.
@@ -119,7 +119,7 @@ def write_captures(
 
 
 def _write_scene(
-    scene: SimulatedScene, place: Path, truth: Path, table: LensTable, settings: Settings
+    scene: SimulatedScene, place: Path, truth: Path, table: LensTable, settings: CaptureSettings
 ) -> None:
     beams = read_beams()
     scans = [scene.scan(beams, number) for number in range(settings.scans)]

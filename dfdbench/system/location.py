@@ -9,7 +9,7 @@ import zarr.abc.store
 import zarr.storage
 from upath import UPath
 
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, reason_of
 
 #: What a place may be given as.
 Place = str | Path | UPath
@@ -52,7 +52,7 @@ def as_location(place: Place) -> UPath:
         raise InputError(
             what="cannot reach the host",
             where=str(place),
-            got=error.strerror or str(error),
+            got=reason_of(error),
             fix="check the URL and the network",
         ) from error
     if location.protocol in _LOCAL:

@@ -1,6 +1,8 @@
-"""How numbers read in tables."""
+"""How numbers and lists read, in tables and in what is said."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 
 def percent(share: float) -> str:
@@ -17,3 +19,16 @@ def percent(share: float) -> str:
         return f"{100 * share:.1f} %"
     digits = f"{100 * share:.1g}"
     return f"{float(digits):f}".rstrip("0").rstrip(".") + " %" if share >= 1e-8 else "< 0.000001 %"
+
+
+def listed(things: Iterable[object], most: int | None = None) -> str:
+    """Return things as one text, with commas; of more than `most` the first, and how many more.
+
+    Examples
+    --------
+    >>> listed(["Art", "Books", "Dolls"]), listed(["Art", "Books", "Dolls"], most=2)
+    ('Art, Books, Dolls', 'Art, Books and 1 more')
+    """
+    texts = [str(thing) for thing in things]
+    left = 0 if most is None else len(texts) - most
+    return ", ".join(texts[:most]) + (f" and {left} more" if left > 0 else "")

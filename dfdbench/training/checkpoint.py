@@ -22,7 +22,7 @@ WEIGHTS = "weights.safetensors"
 _CHECKPOINT = "checkpoint.pt"
 _LOSSES = "losses.csv"
 _SCORES = "scores.csv"
-LEVELS = "depth_levels.csv"
+_LEVELS = "depth_levels.csv"
 TRAINING_FIGURE = "training.png"
 LEVELS_FIGURE = "depth_levels.png"
 PATCHES = "patches.csv"
@@ -33,7 +33,7 @@ _OWN = (
     Path(WEIGHTS).with_suffix(".md").name,
     _LOSSES,
     _SCORES,
-    LEVELS,
+    _LEVELS,
     TRAINING_FIGURE,
     LEVELS_FIGURE,
     PATCHES,
@@ -155,11 +155,11 @@ class TrainingFolder:
             {"level": level, "trained": int(count), "present": int(there)}
             for level, (count, there) in enumerate(zip(trained, present, strict=True))
         ]
-        _write(self.path / LEVELS, rows)
+        _write(self.path / _LEVELS, rows)
 
     def levels(self) -> list[Row]:
         """Return what `write_levels` wrote."""
-        return _read(self.path / LEVELS)
+        return _read(self.path / _LEVELS)
 
     def write_patches(self, rows: list[Row]) -> None:
         """Write how often patches were drawn from each pair."""

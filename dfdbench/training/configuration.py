@@ -8,11 +8,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.architectures import UNET_FILTERS
 from dfdbench.methods.networks.widths import FILTERS, narrowed
+from dfdbench.system.record import Record, problems_of
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
@@ -20,7 +21,7 @@ Count = Annotated[int, Field(ge=1)]
 _NARROWEST = 128
 
 
-class TrainingConfiguration(BaseModel):
+class TrainingConfiguration(Record):
     """All choices of a training but the data and the seed.
 
     Defaults are the thesis's (5.2), apart from what its text leaves open: `crops_per_step`.
@@ -75,8 +76,6 @@ class TrainingConfiguration(BaseModel):
     evaluate_every, evaluate_pairs : int
         How often, and on how many pairs of training and test each, the metrics are logged.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     filters: str | Annotated[list[Count], Field(min_length=1)] | None = None
     narrow: Annotated[int, Field(ge=1, le=_NARROWEST)] = 1
@@ -206,21 +205,31 @@ def read_configuration(
             got=name,
         )
     try:
-        return TrainingConfiguration.model_validate({**tomllib.loads(text), **(changes or {})})
+        choices = {**tomllib.loads(text), **(changes or {})}
     except tomllib.TOMLDecodeError as error:
         raise InputError("not a TOML file", where=name, got=str(error)) from error
-    except ValidationError as error:
-        raise InputError.of([_problem(name, dict(item)) for item in error.errors()]) from error
+    return _checked(choices, name)
 
 
-def _problem(name: str, item: dict[str, Any]) -> Problem:
-    where = ".".join(str(part) for part in item["loc"])
-    if item["type"] == "extra_forbidden":
-        known = ", ".join(TrainingConfiguration.model_fields)
-        return Problem(
-            "unknown choice", where=f"{name}: {where}", expected=f"one of: {known}", got=where
+def _checked(choices: Mapping[str, Any], name: str) -> TrainingConfiguration:
+    known = TrainingConfiguration.model_fields
+    problems = [
+        Problem(
+            "unknown choice",
+            where=f"{name}: {choice}",
+            expected=f"one of: {', '.join(known)}",
+            got=choice,
         )
-    got = "" if item["type"] == "value_error" else str(item["input"])
-    what = "the configuration cannot be used"
-    expected = item["msg"].removeprefix("Value error, ")
-    return Problem(what, where=f"{name}: {where}" if where else name, expected=expected, got=got)
+        for choice in choices
+        if choice not in known
+    ]
+    try:
+        configuration = TrainingConfiguration.model_validate(
+            {choice: value for choice, value in choices.items() if choice in known}
+        )
+    except ValidationError as error:
+        what = "the configuration cannot be used"
+        raise InputError.of([*problems, *problems_of(error, what, file=name)]) from error
+    if problems:
+        raise InputError.of(problems)
+    return configuration

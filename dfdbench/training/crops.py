@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
@@ -60,7 +60,7 @@ class TrainingImages:
 
     def count_levels(self) -> NDArray[np.int64]:
         """Return how often each depth level occurs, shape (256,)."""
-        return sum((count_levels(levels) for levels in self.levels), np.zeros(256, np.int64))
+        return sum((count_levels(levels) for levels in self.levels), np.zeros(LEVELS, np.int64))
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class Redraw:
         rows, columns = np.ogrid[: depth.shape[0], : depth.shape[1]]
         plane = down * (rows - depth.shape[0] / 2) + right * (columns - depth.shape[1] / 2)
         moved = depth + (level - mean) + plane
-        levels = np.clip(np.rint(moved), self._unknown + 1, 255)
+        levels = np.clip(np.rint(moved), self._unknown + 1, LAST_LEVEL)
         redrawn = np.where(known, levels, depth).astype(np.uint8)
         return redrawn, synthesize(infocus, redrawn, self._recipe)
 
@@ -269,5 +269,5 @@ def oriented(image: Tensor, orientation: int) -> Tensor:
 
 def count_levels(levels: Tensor) -> NDArray[np.int64]:
     """Return how often each depth level occurs, shape (256,)."""
-    counts: NDArray[np.int64] = torch.bincount(levels[levels >= 0], minlength=256).numpy()
+    counts: NDArray[np.int64] = torch.bincount(levels[levels >= 0], minlength=LEVELS).numpy()
     return counts

@@ -19,8 +19,9 @@ from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
 from dfdbench.training.checkpoint import WEIGHTS
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
+from dfdbench.training.ending import EndedBy
 from dfdbench.training.task import Task, require_trainable, task_of
-from dfdbench.training.trainer import TIME_LIMIT, train
+from dfdbench.training.trainer import train
 
 #: What an experiment changes where it changes no choice of the configuration.
 FOLD = "fold"
@@ -213,8 +214,9 @@ def run_trial(
                 where=str(trial.folder),
                 fix="choose another with --out DIR",
             )
-        ended_early = max_seconds is None or card.seconds < max_seconds
-        if not (card.ended_by.startswith(TIME_LIMIT) and ended_early):
+        ended = EndedBy.of(card.ended_by)
+        more_time = max_seconds is None or card.seconds < max_seconds
+        if not (ended and ended.early and more_time):
             return card
     return train(trial.task, trial.folder, max_seconds, device, on_step).card
 

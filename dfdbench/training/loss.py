@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from dfdbench.methods.networks.architectures import LEVELS
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.training.crops import IGNORED
 
 

@@ -6,6 +6,7 @@ import math
 from typing import Any, Protocol
 
 from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.ending import EndedBy
 from dfdbench.training.slope_test import steps_without_progress
 
 #: The slope test looks at all losses since the last change: not at each step.
@@ -74,9 +75,9 @@ class ProgressSchedule:
         """Why training has ended, empty while it has not."""
         # Ten shrinkings by 0.1 leave a rounding error above 1e-10.
         if self.rate <= self._least * (1 + 1e-6):
-            return f"learning rate {self._least:g}"
+            return f"{EndedBy.LEARNING_RATE} {self._least:g}"
         if self._steps is not None and self._step >= self._steps:
-            return "its number of steps"
+            return EndedBy.STEPS
         return ""
 
     def state(self) -> dict[str, Any]:
@@ -127,7 +128,7 @@ class CosineSchedule:
     @property
     def ended(self) -> str:
         """Why training has ended, empty while it has not."""
-        return "its number of steps" if self._step >= self._steps else ""
+        return EndedBy.STEPS if self._step >= self._steps else ""
 
     def state(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""

@@ -6,8 +6,9 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from dfdbench.audit.coverage import Coverage, Criterion, DensityBound, Verdict, uncovered
-from dfdbench.audit.depth_histogram import LEVELS, DepthHistogram, depth_histogram, expected_uses
+from dfdbench.audit.depth_histogram import DepthHistogram, depth_histogram, expected_uses
 from dfdbench.audit.level_ranges import as_ranges
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError
 
 COUNTS = arrays(np.int64, LEVELS, elements=st.integers(0, 1000))

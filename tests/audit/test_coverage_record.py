@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from dfdbench.audit.coverage import Criterion, Verdict
-from dfdbench.audit.coverage_record import compare, coverage_schema
+from dfdbench.audit.coverage_record import compare_depths, coverage_schema
 from dfdbench.audit.sides import sides_of
 from dfdbench.datasets.store import Store
 
@@ -15,7 +15,7 @@ def test_the_published_schema_is_that_of_the_model() -> None:
 
 
 def test_ranges_and_shares_add_up(tiny_store: Store) -> None:
-    record = compare(*sides_of(tiny_store))
+    record = compare_depths(*sides_of(tiny_store))
     pixels = record.test.known_pixels
     assert sum(record.test.counts) == pixels
     total = record.shares["missing"] + record.shares["scarce"] + record.shares["covered"]
@@ -32,7 +32,7 @@ def test_ranges_and_shares_add_up(tiny_store: Store) -> None:
 
 def test_criterion_and_allowance_decide(tiny_store: Store) -> None:
     sides = sides_of(tiny_store)
-    share = compare(*sides, criterion=Criterion.thesis).uncovered_share
+    share = compare_depths(*sides, criterion=Criterion.thesis).uncovered_share
     assert 0 < share < 1
-    assert not compare(*sides, criterion=Criterion.thesis).covered
-    assert compare(*sides, criterion=Criterion.thesis, allowed_share=share).covered
+    assert not compare_depths(*sides, criterion=Criterion.thesis).covered
+    assert compare_depths(*sides, criterion=Criterion.thesis, allowed_share=share).covered

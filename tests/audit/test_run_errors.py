@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dfdbench.audit.coverage import Verdict
-from dfdbench.audit.coverage_record import CoverageRecord, LeakRecord, compare
+from dfdbench.audit.coverage_record import CoverageRecord, LeakRecord, compare_depths
 from dfdbench.audit.level_errors import LevelErrors
 from dfdbench.audit.run_errors import (
     ErrorJoin,
@@ -46,7 +46,7 @@ def join_of(scarce: float, share: int = 20) -> ErrorJoin:
 
 @pytest.fixture
 def record(tiny_store: Store) -> CoverageRecord:
-    return compare(*sides_of(tiny_store))
+    return compare_depths(*sides_of(tiny_store))
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_json_has_the_same_numbers(record: CoverageRecord) -> None:
 
 def test_only_a_runs_own_predictions_are_joined(tiny_store: Store, tmp_path: Path) -> None:
     run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
-    record = compare(*sides_of(tiny_store))
+    record = compare_depths(*sides_of(tiny_store))
     join = join_errors(tiny_store, run.result, run.folder, record)
     assert list(join.pairs) == [pair.id for pair in run.result.pairs]
     truth = [tiny_store.read_depth(pair)[1].sum() for pair in tiny_store.pairs("test")]

@@ -5,12 +5,12 @@ import numpy as np
 from dfdbench.audit.coverage import Criterion, DensityBound
 from dfdbench.audit.fold_proposals import Folds, propose_folds
 from dfdbench.audit.split_tables import (
-    Settings,
+    ProposalSettings,
     folds_as_json,
     folds_fragment,
     folds_table,
+    ranked_splits_table,
     ranking_as_json,
-    ranking_table,
     split_fragment,
 )
 from dfdbench.audit.splits import Scenes, hopeless_scenes, rank_tests
@@ -28,11 +28,11 @@ def scenes() -> Scenes:
 
 def test_the_published_test_has_its_rank_or_a_reason(tiny_manifest: Manifest) -> None:
     ranking = rank_tests(scenes(), 2)
-    table = ranking_table(tiny_manifest, ranking, ("Two", "Three"), "either")
+    table = ranked_splits_table(tiny_manifest, ranking, ("Two", "Three"), "either")
     assert sum("(published)" in row[0] for row in table.rows) == 1
-    other = ranking_table(tiny_manifest, rank_tests(scenes(), 1), ("Two", "Three"), "either")
+    other = ranked_splits_table(tiny_manifest, rank_tests(scenes(), 1), ("Two", "Three"), "either")
     assert "has 2 scenes, not 1" in other.notes[-1]
-    none = ranking_table(tiny_manifest, ranking, (), "either")
+    none = ranked_splits_table(tiny_manifest, ranking, (), "either")
     assert "no published split" in none.notes[-1]
 
 
@@ -44,7 +44,7 @@ def test_folds_say_what_the_published_reach_and_what_none_can(tiny_manifest: Man
     assert "published folds: 2 of 2 not covered" in notes
     assert "at least 1 of 3 folds" in notes
     assert "Three: rare in all other scenes: 36" in notes
-    settings = Settings("f" * 64, scenes(), 5)
+    settings = ProposalSettings("f" * 64, scenes(), 5)
     content = json.loads(folds_as_json(tiny_manifest, settings, proposals, hopeless, published))
     assert content["cannot_be_covered"][0]["scene"] == "Three"
     assert content["seed"] == 5
@@ -55,7 +55,9 @@ def test_a_ranking_keeps_what_it_depends_on(tiny_manifest: Manifest) -> None:
     bound = DensityBound(4.0, 0.01)
     chosen = Scenes(("One", "Two"), counts, (("One", "Two"),), Criterion.density, bound, 0.1)
     ranking = rank_tests(scenes(), 1)
-    content = json.loads(ranking_as_json(tiny_manifest, Settings("f" * 64, chosen, 7), ranking, ()))
+    content = json.loads(
+        ranking_as_json(tiny_manifest, ProposalSettings("f" * 64, chosen, 7), ranking, ())
+    )
     assert {key: content[key] for key in list(content)[3:11]} == {
         "fingerprint": "f" * 64, "criterion": "density", "allowed_share": 0.1,
         "density_factor": 4.0, "density_floor": 0.01, "seed": 7, "absent_scenes": ["Three"],

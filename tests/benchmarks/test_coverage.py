@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.audit.coverage_record import compare
+from dfdbench.audit.coverage_record import compare_depths
 from dfdbench.audit.sides import sides_of
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.building.build import scene_dataset
@@ -48,7 +48,7 @@ def store_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def coverage_of_all(path: Path) -> int:
-    return compare(*sides_of(Store(path), "train", "all")).test.known_pixels
+    return compare_depths(*sides_of(Store(path), "train", "all")).test.known_pixels
 
 
 def pair_by_pair(path: Path) -> int:

@@ -9,7 +9,7 @@ import zarr
 from zarr.codecs import BloscCodec, GzipCodec
 
 from dfdbench.datasets.fingerprint import combine, scene_digests
-from dfdbench.datasets.integrity import Difference, verify_store
+from dfdbench.datasets.integrity import StoreDifference, verify_store
 from dfdbench.datasets.store import Store
 
 
@@ -70,15 +70,15 @@ def test_the_arrays_that_differ_are_named(tiny_store: Store) -> None:
     ]  # fmt: skip
     assert "cannot be decoded" in found.differences[0].what
     assert found.differences[1:] == (
-        Difference("Two", "depth", "holds other values"),
-        Difference("Three", "valid", "is missing"),
+        StoreDifference("Two", "depth", "holds other values"),
+        StoreDifference("Three", "valid", "is missing"),
     )
 
 
 def test_a_scene_that_is_gone_is_named(tiny_store: Store) -> None:
     shutil.rmtree(local(tiny_store) / "Two")
     found = verify_store(Store(tiny_store.path))
-    assert found.differences == (Difference("Two", "", "the scene is missing"),)
+    assert found.differences == (StoreDifference("Two", "", "the scene is missing"),)
     assert found.recomputed not in ("", found.recorded)
 
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 
 from dfdbench.audit.coverage import Verdict
-from dfdbench.audit.coverage_record import compare
+from dfdbench.audit.coverage_record import compare_depths
 from dfdbench.audit.run_errors import join_errors
 from dfdbench.audit.sides import sides_of
 from dfdbench.datasets.store import Store
@@ -13,7 +13,7 @@ from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_
 
 
 def test_offending_ranges_are_marked(tiny_store: Store) -> None:
-    record = compare(*sides_of(tiny_store))
+    record = compare_depths(*sides_of(tiny_store))
     figure = coverage_figure(record)
     top, middle, _ = figure.axes
     assert len(top.patches) == len(middle.patches) == len(record.ranges)
@@ -24,7 +24,7 @@ def test_masks_lie_over_the_errors_of_the_worst_pair_of_each_scene(
     tiny_store: Store, tmp_path: Path
 ) -> None:
     run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
-    record = compare(*sides_of(tiny_store))
+    record = compare_depths(*sides_of(tiny_store))
     join = join_errors(tiny_store, run.result, run.folder, record)
     figure = mask_figure(tiny_store, run.result, run.folder, join)
     rows = [axis.get_ylabel() for axis in figure.axes if axis.get_ylabel().startswith("T")]

@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 
 from dfdbench.optics.lens_table import read_lens_table
+from dfdbench.rig.board_pose import Sighting
 from dfdbench.rig.board_rays import board_rays
 from dfdbench.rig.depth_map import depth_image, warp
 from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import average_scans
 from dfdbench.rig.lidar_files import read_beams
-from dfdbench.rig.registration import Registration, Sighting, register, sight
+from dfdbench.rig.registration import Registration, register, sight
 from dfdbench.simulation.board_scene import MOUNTED, SimulatedScene, defocus
 from dfdbench.simulation.raycast import View
 

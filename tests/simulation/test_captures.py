@@ -6,9 +6,9 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Capture
 from dfdbench.errors import InputError
 from dfdbench.rig.registration_file import read_registration
-from dfdbench.simulation.captures import Settings, write_captures
+from dfdbench.simulation.captures import CaptureSettings, write_captures
 
-FEW = Settings(steps=(135,), exposures=(30,), frames=1, scans=2)
+FEW = CaptureSettings(steps=(135,), exposures=(30,), frames=1, scans=2)
 
 
 @pytest.fixture(scope="module")

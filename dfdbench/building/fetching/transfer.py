@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 import requests
 
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import Problem, SourceError, reason_of
 
 _BLOCK = 64 * 1024
 _TRY_AGAIN = frozenset({408, 416, 425, 429})
@@ -174,7 +174,7 @@ class Transfer:
             raise SourceError(
                 "cannot keep the download",
                 where=str(part),
-                got=error.strerror or str(error),
+                got=reason_of(error),
                 fix="make room, or choose another place with --cache DIR",
             ) from error
 

@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.manifest import Capture
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.rig.depth_map import depth_image, warp
 from dfdbench.rig.geometry import Rig
 from dfdbench.rig.lidar import Beams, average_scans
@@ -24,8 +25,6 @@ from dfdbench.rig.registration_file import read_registration
 Image = NDArray[np.uint8]
 Depth = tuple[NDArray[np.uint8], NDArray[np.bool_]]
 Read = TypeVar("Read")
-
-_FARTHEST = 255
 
 
 class PublishedScene:
@@ -63,7 +62,7 @@ class PublishedScene:
     def depth(self) -> Depth:
         """Return depth levels in centimetres and where they are known."""
         levels = _decode(self.depth_files()[0], cv2.IMREAD_GRAYSCALE)
-        return levels, (levels > 0) & (levels < _FARTHEST)
+        return levels, (levels > 0) & (levels < LAST_LEVEL)
 
     def depth_files(self) -> list[Path]:
         """Return the LIDAR's depth map."""
@@ -289,7 +288,7 @@ def _png_problem(path: Path, size: tuple[int, ...]) -> Iterator[Problem]:
             file.seek(max(length - 16, 0))
             tail = file.read()
     except OSError as error:
-        yield Problem("cannot read the file", where=str(path), got=error.strerror or str(error))
+        yield Problem("cannot read the file", where=str(path), got=reason_of(error))
         return
     if not head.startswith(b"\x89PNG\r\n\x1a\n") or len(head) < 24:
         yield Problem("not a PNG file", where=str(path), got=f"bytes {head[:8]!r}")

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.demo_scenes import SCENES
 from dfdbench.building.sources.interface import SceneImages
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.simulation.photographs import GAMMA, normal_numbers, photograph
 from dfdbench.simulation.raycast import Surface, View, cast
+from dfdbench.tables.wording import listed
 
 Floats = NDArray[np.float64]
 
@@ -126,8 +128,8 @@ def _problems_of(manifest: Manifest) -> Iterator[Problem]:
             yield Problem(
                 what=f"the demo scenes have no such {axis}",
                 where=f"{manifest.stem}: axes.{axis}",
-                expected=f"of {_listed(values)}",
-                got=_listed(strange),
+                expected=f"of {listed(values)}",
+                got=listed(strange),
                 fix="leave it out",
             )
     for scene in manifest.scene_names:
@@ -135,13 +137,9 @@ def _problems_of(manifest: Manifest) -> Iterator[Problem]:
             yield Problem(
                 what="no such demo scene",
                 where=f"{manifest.stem}: scenes",
-                expected=f"of {_listed(SCENES)}",
+                expected=f"of {listed(SCENES)}",
                 got=scene,
             )
-
-
-def _listed(names: Iterable[object]) -> str:
-    return ", ".join(map(str, names))
 
 
 def photograph_light(light: Floats, seed: tuple[int, ...]) -> NDArray[np.uint8]:
@@ -197,4 +195,4 @@ def _depth_levels(distance: Floats, other: Floats, shift: int) -> NDArray[np.uin
     rows = np.arange(distance.shape[0])[:, np.newaxis]
     there = other[rows, np.clip(seen, 0, distance.shape[1] - 1)]
     hidden = inside & (there < distance * (1 - _OCCLUSION))
-    return np.where(hidden, 0, np.clip(np.rint(level), 1, 255)).astype(np.uint8)
+    return np.where(hidden, 0, np.clip(np.rint(level), 1, LAST_LEVEL)).astype(np.uint8)

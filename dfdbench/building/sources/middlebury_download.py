@@ -21,9 +21,10 @@ from dfdbench.building.fetching.transfer import Patience
 from dfdbench.building.png import decode_depth, decode_image, png_size
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Scene
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.location import as_location
 from dfdbench.system.lock import hold
+from dfdbench.tables.wording import listed
 
 _NAMES_SHOWN = 10
 
@@ -103,7 +104,7 @@ def download_middlebury(
         raise SourceError(
             "cannot keep the download",
             where=str(error.filename or folder),
-            got=error.strerror or str(error),
+            got=reason_of(error),
             fix="make room, or choose another place with --cache DIR",
         ) from error
     _refuse(fates, folder)
@@ -263,7 +264,7 @@ def _refuse(fates: list[Fate], folder: Path) -> None:
             Problem(
                 f"{len(missing)} files are missing: no address has them",
                 where=str(folder),
-                got=_listed(missing),
+                got=listed(missing, _NAMES_SHOWN),
             )
         )
     if problems:
@@ -278,12 +279,7 @@ def _told_once(fates: list[Fate], kind: str) -> list[Problem]:
     names = [fate.name for fate in fates]
     rest = Problem(
         f"{len(fates)} files in all could not be had",
-        got=_listed(names),
+        got=listed(names, _NAMES_SHOWN),
         fix="the same command goes on from here",
     )
     return [*problems[:3], rest]
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - _NAMES_SHOWN} more" if len(names) > _NAMES_SHOWN else ""
-    return ", ".join(names[:_NAMES_SHOWN]) + more

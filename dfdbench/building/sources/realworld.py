@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.captures import PublishedScene, RawScene, find_scene
 from dfdbench.building.sources.interface import SceneImages
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -186,6 +187,6 @@ class RealworldFolder:
         depth = self._manifest.depth
         if depth.grows_with == "distance":
             return levels
-        turned = 255 - levels
+        turned = LAST_LEVEL - levels
         # What is blurred was turned whole, as in the thesis: pixels without a return too.
         return turned if self._synthetic else np.where(valid, turned, np.uint8(depth.unknown))

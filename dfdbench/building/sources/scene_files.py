@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from dfdbench.building.fetching.archive import archive_members, read_member
-from dfdbench.errors import SourceError
+from dfdbench.errors import SourceError, reason_of
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class SceneFiles:
                 return (self.folder / name).read_bytes()
         except OSError as error:
             raise SourceError(
-                "cannot read the file", where=self.where(name), got=error.strerror or str(error)
+                "cannot read the file", where=self.where(name), got=reason_of(error)
             ) from error
         if self.archive is None or name not in self._members:
             raise SourceError("no such file", where=self.where(name))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.layers import (
     ACTIVATIONS,
@@ -23,7 +24,6 @@ from dfdbench.methods.networks.layers import (
 from dfdbench.methods.networks.widths import FILTERS, LAYERS
 
 #: One class a depth level.
-LEVELS = 256
 #: Means of the published training images: in-focus R, G, B, then defocus R, G, B.
 PUBLISHED_MEANS = (110.9551, 98.1071, 69.9262, 111.0131, 98.1506, 69.9516)
 #: Channels of the U-Net's levels, Ronneberger et al. 2015.

@@ -47,6 +47,7 @@ def fold_batch_norm(network: nn.Module) -> nn.Module:
 
     Examples
     --------
+    >>> from dfdbench.methods.networks.widths import FILTERS
     >>> network = DfDNet(FILTERS["B-01-01"]).eval()
     >>> image = torch.full((1, 6, 8, 8), 100.0)
     >>> before = network(image)

@@ -9,27 +9,27 @@ from typing import Annotated, Any, Literal
 
 import safetensors
 import safetensors.torch
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 from torch import Tensor, nn
 
 from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.networks.architectures import DfDNet, UNet
 from dfdbench.system.files import write_whole
+from dfdbench.system.record import Record, problems_of
 
 NETWORKS: dict[str, type[nn.Module]] = {"dfd-net": DfDNet, "u-net": UNet}
 _METADATA = "dfdbench-card"
 _SUFFIX = ".safetensors"
+_OTHER_VERSION = "train again with this version, or use the version that wrote it"
 
 
-class Card(BaseModel):
+class Card(Record):
     """Where weights come from: the model card, kept in the file itself.
 
     `architecture` are the network's constructor arguments, `scores` the means over `scored_on`
     under the protocol ``thesis``; `seconds` is the time spent training; `started_from` tells of
     the weights that training began with, where it did not begin anew.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     schema_version: Literal[1] = 1
     method: Literal["dfd-net", "u-net"]
@@ -154,7 +154,7 @@ def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
             "the model card's architecture cannot be built",
             where=str(path),
             got=str(error),
-            fix="train again with this version, or use the version that wrote it",
+            fix=_OTHER_VERSION,
         ) from error
     _fill(network, tensors, path)
     return network.eval(), card
@@ -169,17 +169,8 @@ def _read_card(text: str, path: Path) -> Card:
     try:
         return Card.model_validate_json(text)
     except ValidationError as error:
-        raise MethodError.of(
-            [
-                Problem(
-                    "the model card cannot be read",
-                    where=f"{path}: {'.'.join(str(part) for part in item['loc'])}",
-                    got=item["msg"],
-                    fix="train again with this version, or use the version that wrote it",
-                )
-                for item in error.errors()
-            ]
-        ) from error
+        what = "the model card cannot be read"
+        raise MethodError.of(problems_of(error, what, file=path, fix=_OTHER_VERSION)) from error
 
 
 def _fill(network: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:

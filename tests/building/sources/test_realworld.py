@@ -16,7 +16,7 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError
 from dfdbench.rig.lidar_files import write_ranges
 from dfdbench.rig.registration_file import NAME as REGISTRATION
-from dfdbench.simulation.captures import Settings, write_captures
+from dfdbench.simulation.captures import CaptureSettings, write_captures
 from dfdbench.system.parallel import Threads
 from tests.conftest import write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
@@ -103,7 +103,7 @@ def test_the_board_at_1_5_m_is_brighter_than_the_one_at_2_5_m(
 ) -> None:
     raw = tmp_path / "raw"
     assert CAPTURED.capture is not None
-    write_captures(raw, ("k00",), CAPTURED.capture, Settings((129, 141), (40,)))
+    write_captures(raw, ("k00",), CAPTURED.capture, CaptureSettings((129, 141), (40,)))
     shutil.copy(raw / "truth/k00" / REGISTRATION, raw / "k00" / REGISTRATION)
     (raw / "k03").symlink_to(captures / "k03")
     build_store(CAPTURED, open_source(CAPTURED, raw), tmp_path / "s.zarr")

@@ -1,0 +1,70 @@
+"""Records that files keep: what is in them is checked, and what is wrong is told."""
+
+from __future__ import annotations
+
+import re
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from dfdbench.errors import Problem
+
+_PREAMBLE = re.compile(r"^(\w+ should (be )?|Value error, )")
+_LONGEST = 80
+
+
+class Record(BaseModel):
+    """A frozen record that refuses fields it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def problems_of(
+    error: ValidationError, what: str, *, file: object, section: str = "", fix: str = ""
+) -> list[Problem]:
+    """Return what is wrong with a record: each field that pydantic refused.
+
+    Parameters
+    ----------
+    error : ValidationError
+        From the record.
+    what : str
+        The problem in a few words, of a value that does not fit.
+    file : str or Path
+        Where the record is from.
+    section : str, optional
+        The record's part that was checked, where it was not the whole.
+    fix : str, optional
+        What the user can do about it.
+
+    Examples
+    --------
+    >>> class Shelf(Record):
+    ...     books: list[int]
+    >>> try:
+    ...     Shelf(books=[3, "x"])
+    ... except ValidationError as error:
+    ...     print(*problems_of(error, "wrong value", file="shelf.json"))
+    wrong value
+      where     shelf.json: books[1]
+      expected  a valid integer, unable to parse string as an integer
+      got       'x'
+    """
+    problems = []
+    for detail in error.errors():
+        place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in detail["loc"])
+        place = (section + place).removeprefix(".")
+        where = f"{file}: {place}" if place else str(file)
+        got = repr(detail["input"])[:_LONGEST]
+        match detail["type"]:
+            case "missing":
+                problem = Problem("field is missing", where=where, fix=fix)
+            case "extra_forbidden":
+                problem = Problem("unknown field", where=where, got=got, fix=fix)
+            case kind:
+                # What contradicts itself as a whole is too long to be shown.
+                whole = kind == "value_error" and isinstance(detail["input"], dict)
+                expected = _PREAMBLE.sub("", detail["msg"])
+                got = "" if whole else got
+                problem = Problem(what, where=where, expected=expected, got=got, fix=fix)
+        problems.append(problem)
+    return problems

@@ -1,0 +1,189 @@
+"""A network that learns: each step draws patches and changes its weights."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from dfdbench.blur.recipe import LEVELS
+from dfdbench.errors import InputError, Problem
+from dfdbench.methods.networks.preparation import start_from_differences
+from dfdbench.methods.networks.weights import build_network, load_weights, weights_sha256
+from dfdbench.training.crops import Cropper, Redraw, TrainingImages, count_levels
+from dfdbench.training.loss import LevelLoss
+from dfdbench.training.schedule import schedule_of
+from dfdbench.training.task import Task, require_trainable
+
+
+class Learner:
+    """A network, what draws its patches, and what changes its weights.
+
+    Parameters
+    ----------
+    task : Task
+        What is trained.
+    device : torch.device
+        Where.
+
+    Attributes
+    ----------
+    network : torch.nn.Module
+        What learns.
+    architecture : dict
+        The network's constructor arguments.
+    started_from : str
+        What the card says of the weights it began with; empty for random ones.
+    cropper : Cropper
+        What draws the patches.
+    schedule : Schedule
+        The learning rate of the step to come, and whether there is one.
+    step : int
+        Steps done.
+    present, trained : ndarray of int64, shape (256,)
+        How often each depth level occurs in the training pairs, and how often it was trained.
+
+    Raises
+    ------
+    InputError
+        Where the network cannot be trained so, or the weights to begin with are of another.
+    """
+
+    def __init__(self, task: Task, device: torch.device) -> None:
+        self._choices = choices = task.configuration
+        self._device = device
+        self.architecture = require_trainable(task)
+        images = TrainingImages.read(task.store, task.train, choices.unknown == "ignore")
+        self.architecture["channel_means"] = images.channel_means()
+        network, self.started_from = _beginning(task, self.architecture)
+        self.network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._optimizer = torch.optim.Adam(
+            _parameter_groups(self.network, choices.weight_decay),
+            choices.learning_rate,
+            betas=choices.betas,
+            fused=True,
+        )
+        self.schedule = schedule_of(choices)
+        self.cropper = _cropper(task, images)
+        if choices.initial_filters == "differences" and task.start is None:
+            first_patches, _ = self.cropper.draw(0)
+            start_from_differences(self.network, first_patches)
+        self._loss = LevelLoss(choices.label_width, device)
+        self.present = images.count_levels()
+        self.trained = np.zeros(LEVELS, np.int64)
+        self.step = 0
+
+    def learn(self) -> float:
+        """Do one step and return its loss.
+
+        Raises
+        ------
+        InputError
+            Where the loss is no number any more.
+        """
+        pixels, levels = self.cropper.draw(self.step)
+        self.trained += count_levels(levels)
+        pixels = pixels.to(self._device, memory_format=torch.channels_last)
+        for group in self._optimizer.param_groups:
+            group["lr"] = self.schedule.rate
+        self.network.train(self._choices.normalization == "batch")
+        bf16 = self._choices.precision == "bf16"
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=bf16):
+            logits = self.network(pixels)
+        loss = self._loss(logits, levels.to(self._device))
+        self._optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._optimizer.step()
+        value = float(loss.detach())
+        if not np.isfinite(value):
+            raise InputError(
+                "the loss is no number any more",
+                where=f"step {self.step + 1}",
+                got=str(value),
+                fix="a lower learning_rate; --fresh starts anew",
+            )
+        self.step += 1
+        self.schedule.after(self.step, value)
+        return value
+
+    def state(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps."""
+        return {
+            "step": self.step,
+            "network": self.network.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "schedule": self.schedule.state(),
+            "trained": torch.from_numpy(self.trained),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self.step = state["step"]
+        self.network.load_state_dict(state["network"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self.schedule.restore(state["schedule"])
+        self.trained = state["trained"].numpy()
+
+
+def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str]:
+    if task.start is None:
+        # PyTorch's own initial values; its global generator is left as it was.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(task.seed)
+            network = build_network(task.method, architecture)
+        return network, ""
+    network, card = load_weights(task.start, task.method)
+    problems = [
+        Problem(
+            "the weights are of another network",
+            where=f"{task.start}: {name}",
+            expected=str(value),
+            got=str(card.architecture.get(name)),
+        )
+        for name, value in architecture.items()
+        if name != "channel_means" and card.architecture.get(name) != value
+    ]
+    if problems:
+        raise InputError.of(problems)
+    architecture["channel_means"] = card.architecture["channel_means"]
+    earlier = f"; that from {card.started_from}" if card.started_from else ""
+    digest = weights_sha256(task.start)
+    minutes = f"{card.seconds / 60:.1f} minutes"
+    said = f"{card.trained_on}, {card.steps:,} steps in {minutes}, SHA-256 {digest[:16]}{earlier}"
+    return network, said
+
+
+def _cropper(task: Task, images: TrainingImages) -> Cropper:
+    choices = task.configuration
+    return Cropper(
+        images,
+        choices.crop,
+        choices.crops_per_step,
+        choices.expansion == "eight",
+        choices.noise,
+        task.seed,
+        _redraw(task, images),
+    )
+
+
+def _redraw(task: Task, images: TrainingImages) -> Redraw | None:
+    if not task.configuration.redraw_depth:
+        return None
+    recipe = task.store.recipe
+    assert recipe is not None, "require_trainable refuses this"
+    unknown = task.store.manifest.depth.unknown
+    there = torch.unique(torch.cat([levels.flatten() for levels in images.levels]))
+    known = there[(there >= 0) & (there != unknown)]
+    return Redraw(recipe, int(known.min()), int(known.max()), task.configuration.tilt, unknown)
+
+
+def _parameter_groups(network: nn.Module, weight_decay: float) -> list[dict[str, Any]]:
+    # As in dlib, decay is for the filters: not for biases, batch normalization, activations.
+    filters = [parameter for parameter in network.parameters() if parameter.dim() > 1]
+    others = [parameter for parameter in network.parameters() if parameter.dim() <= 1]
+    return [
+        {"params": filters, "weight_decay": weight_decay},
+        {"params": others, "weight_decay": 0.0},
+    ]
