@@ -142,6 +142,9 @@ class Manifest(Model):
     `dfdbench.datasets.catalog.find_manifest`, which check it.
     """
 
+    # Its fields are checked one by one: see `dfdbench.datasets.manifest_file`.
+    model_config = ConfigDict(defer_build=True)
+
     schema_version: Literal[1]
     name: Name
     short: Name

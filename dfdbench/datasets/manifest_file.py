@@ -6,6 +6,7 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -89,9 +90,8 @@ def _validate_sections(raw: dict[str, Any], file: str) -> tuple[dict[str, Any], 
             else:
                 sections[name] = field.get_default(call_default_factory=True)
             continue
-        annotation: Any = Annotated[field.annotation, field]
         try:
-            sections[name] = TypeAdapter[Any](annotation).validate_python(raw[name], strict=True)
+            sections[name] = _adapter(name).validate_python(raw[name], strict=True)
         except ValidationError as error:
             problems.extend(_problem_of(detail, name, file) for detail in error.errors())
     known = set(Manifest.model_fields)
@@ -103,6 +103,13 @@ def _validate_sections(raw: dict[str, Any], file: str) -> tuple[dict[str, Any], 
         if name not in known
     )
     return sections, problems
+
+
+@cache
+def _adapter(field: str) -> TypeAdapter[Any]:
+    known = Manifest.model_fields[field]
+    annotation: Any = Annotated[known.annotation, known]
+    return TypeAdapter(annotation)
 
 
 def _problem_of(detail: Mapping[str, Any], section: str, file: str) -> Problem:

@@ -10,7 +10,7 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, Problem, ResultError, unknown_name
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
-from dfdbench.evaluation.run import without_folder
+from dfdbench.evaluation.result import without_folder
 from dfdbench.leaderboard.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
 from dfdbench.leaderboard.verification_file import TOLERANCE, Outcome, sample
 from dfdbench.methods.registry import registered_methods
