@@ -26,7 +26,7 @@ class Model(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
-class Source(Model):
+class Origin(Model):
     """Where files come from, under which terms, and what to cite."""
 
     name: Name
@@ -62,7 +62,7 @@ class Depth(Model):
         return "nearer" if self.grows_with == "nearness" else "farther"
 
 
-class Table(Model):
+class TableLayout(Model):
     """How a score table is laid out: a block for each value of `blocks`, a row for `rows`."""
 
     blocks: str
@@ -158,10 +158,10 @@ class Manifest(Model):
     axes: dict[str, Annotated[list[int], Field(min_length=1)]]
     default_lighting: dict[str, int] | None = None
     depth: Depth
-    table: Table
+    table: TableLayout
     scene_count: Count
     pair_count: Count
-    sources: list[Source]
+    sources: list[Origin]
     scenes: list[Scene]
     exclusions: list[Exclusion] = Field(default_factory=list)
     splits: list[Split]

@@ -18,7 +18,7 @@ from dfdbench.audit.coverage_record import CoverageRecord, SideRecord
 from dfdbench.audit.depth_histogram import LEVELS
 from dfdbench.audit.difficulty import STEPS, Difficulty
 from dfdbench.audit.level_ranges import runs
-from dfdbench.audit.run_errors import ErrorJoin, pair_of
+from dfdbench.audit.run_errors import ErrorJoin
 from dfdbench.audit.sides import Side
 from dfdbench.datasets.store import Store
 from dfdbench.results.folder import read_prediction
@@ -128,8 +128,8 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
     heads = ("ground truth", "prediction", "uncovered levels", "|error|", "error under the mask")
     colours = ListedColormap(["white", _SCARCE, _MISSING])
     for record, axes in zip(rows, grid, strict=True):
-        depth, valid = store.read_depth(pair_of(record))
-        prediction = read_prediction(folder, pair_of(record), depth.shape)
+        depth, valid = store.read_depth(record.pair)
+        prediction = read_prediction(folder, record.pair, depth.shape)
         assert prediction is not None
         error = np.abs(prediction - depth)
         kind = np.where(join.levels[Verdict.missing], 2, join.levels[Verdict.scarce])[depth]

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
-from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.figures.groups import group_figures
 from dfdbench.figures.style import COLOURS, MARKERS, depth_span, plain_text
@@ -80,7 +79,7 @@ def panel_figure(
     """Draw in-focus, defocus, truth, prediction and error, a row a pair; None without pairs."""
     rows = []
     for record in pairs:
-        pair = Pair(record.scene, tuple(record.coordinates.items()))
+        pair = record.pair
         prediction = read_prediction(folder, pair, store.shape_of(pair.scene))
         if prediction is not None:
             rows.append((record, store.read(pair), prediction))
@@ -187,7 +186,7 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     """Draw the histogram of ground truth and prediction over all evaluated pairs."""
     truth, found = np.zeros(256), np.zeros(256)
     for record in result.pairs:
-        pair = Pair(record.scene, tuple(record.coordinates.items()))
+        pair = record.pair
         if record.status != "ok":
             continue
         depth, valid = store.read_depth(pair)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from pathlib import Path
 
-from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, Problem, ResultError, unknown_name
 from dfdbench.evaluation.loading import load_for
@@ -98,7 +97,7 @@ def verify(
     # By its entry, which was agreed to: a name may hold a folder of another machine.
     parameters = parameters_to_run(record, weights, path)
     method = load_for(store, record.entry, parameters, result.seed)
-    pairs = [Pair(claim.scene, tuple(claim.coordinates.items())) for claim in chosen]
+    pairs = [claim.pair for claim in chosen]
     # Under the versions that the result names: its scores are of no other.
     unknown = [label for label in result.protocol_names if label not in RELEASED]
     if unknown:

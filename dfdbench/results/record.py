@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, TypeAdapter
 
-from dfdbench.datasets.manifest import Name
+from dfdbench.datasets.manifest import Name, Pair
 from dfdbench.metrics.protocol import METRICS, label_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
 
@@ -63,6 +64,15 @@ class PairResult(Model):
     numbers: dict[str, Number] = Field(default_factory=dict)
     error: str | None = None
     warnings: list[str] = Field(default_factory=list)
+
+    @property
+    def pair(self) -> Pair:
+        """The pair that the record is of, on its axes in the order recorded."""
+        return self.pair_on(self.coordinates)
+
+    def pair_on(self, axes: Iterable[str]) -> Pair:
+        """Return the pair that the record is of, on axes in this order."""
+        return Pair(self.scene, tuple((axis, self.coordinates[axis]) for axis in axes))
 
 
 def _with_name(record: dict[str, Any]) -> dict[str, Any]:
