@@ -18,11 +18,10 @@ from dfdbench.audit.level_errors import LevelErrors, level_errors
 from dfdbench.audit.trained_on import Training
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.fingerprint import array_digest
-from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, ResultError
 from dfdbench.results.folder import read_prediction, require_pairs_of
-from dfdbench.results.record import PairResult, Result
+from dfdbench.results.record import Result
 from dfdbench.tables.table import Table
 from dfdbench.tables.wording import percent
 
@@ -100,8 +99,8 @@ def join_errors(store: Store, result: Result, folder: Path, record: CoverageReco
     errors, problems = {}, []
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
     for pair in evaluated:
-        depth, valid = store.read_depth(pair_of(pair))
-        prediction = read_prediction(folder, pair_of(pair), depth.shape)
+        depth, valid = store.read_depth(pair.pair)
+        prediction = read_prediction(folder, pair.pair, depth.shape)
         if prediction is None:
             problems.append(Problem("no prediction was kept", where=f"{folder}: {pair.id}"))
         elif array_digest("depth", ("y", "x"), prediction) != pair.prediction_sha256:
@@ -124,11 +123,6 @@ def join_errors(store: Store, result: Result, folder: Path, record: CoverageReco
         levels = {verdict: mask[::-1] for verdict, mask in levels.items()}
     scenes = {pair.id: pair.scene for pair in evaluated}
     return ErrorJoin(errors, scenes, levels)
-
-
-def pair_of(record: PairResult) -> Pair:
-    """Return the pair that a result's record is of."""
-    return Pair(record.scene, tuple(record.coordinates.items()))
 
 
 def error_table(join: ErrorJoin, title: str, meaning: str) -> Table:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +11,9 @@ import xarray
 from numpy.typing import NDArray
 from upath import UPath
 
-from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe, find_recipe
+from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.building.plan import NamedRecipe
 from dfdbench.building.sources.interface import SceneImages, Source
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
@@ -51,7 +52,7 @@ def build_store(
     manifest: Manifest,
     source: Source,
     place: Place,
-    recipe: str | None = None,
+    recipe: str | NamedRecipe | None = None,
     pool: Pool | None = None,
     on_scene: Callable[[int, int], None] | None = None,
 ) -> BuildReport:
@@ -68,8 +69,8 @@ def build_store(
         Where its images come from.
     place : str, Path or UPath
         The store to write: a local path or a URL.
-    recipe : str, optional
-        A blur recipe's name; by default the manifest's. Captured defocus has none.
+    recipe : str or NamedRecipe, optional
+        A blur recipe, or its name; by default the manifest's. Captured defocus has none.
     pool : Pool, optional
         Where scenes are made, and how many at once; one after the other by default. The store
         does not depend on it. The workers of a cluster need to reach source and store.
@@ -84,46 +85,19 @@ def build_store(
     StoreError
         Where the store cannot be written, or another build is writing it.
     """
-    recipe_name, blur = _blur_of(manifest, source, recipe)
+    made_by = _recipe_of(manifest, source, recipe)
     available = set(source.available_pairs())
     missing = tuple(pair for pair in manifest.pairs() if pair not in available)
     scenes = [name for name in manifest.scene_names if any(p.scene == name for p in available)]
     if not scenes:
         raise SourceError("nothing to build", fix=source.missing_help(missing))
-    done = 0
-
-    def progress(*_: object) -> None:
-        nonlocal done
-        done += 1
-        if on_scene:
-            on_scene(done, len(scenes))
-
-    attributes = {
-        "recipe": {"name": recipe_name, "parameters": blur.as_dict() if blur else {}},
-        "degradation": manifest.degradation,
-        "depth_unit": manifest.depth.unit,
-        "depth_grows_with": manifest.depth.grows_with,
-        "options": dict(source.options),
-    }
-    with StoreWriter(place, manifest, attributes) as writer:
-        writer.refuse_to_lose([pair.id for pair in missing])
-        outcomes = (pool or Threads()).map(
-            _SceneBuilder(manifest, source, blur, writer.scenes), scenes, progress
-        )
-        problems = [problem for outcome in outcomes for problem in outcome.problems]
-        if problems and missing:
-            named = ", ".join(pair.id for pair in missing[:3])
-            problems.append(
-                Problem(
-                    f"{len(missing)} pairs are missing besides",
-                    got=f"{named}{' ...' if len(missing) > 3 else ''}",
-                    fix=source.missing_help(missing),
-                )
-            )
-        if problems:
-            raise SourceError.of(problems)
-        digests = {outcome.scene: outcome.digest for outcome in outcomes}
-        fingerprint = writer.finish(digests, [pair.id for pair in missing])
+    left_out = [pair.id for pair in missing]
+    with StoreWriter(place, manifest, _attributes(manifest, source, made_by)) as writer:
+        writer.refuse_to_lose(left_out)
+        builder = _SceneBuilder(manifest, source, made_by.blur if made_by else None, writer.scenes)
+        outcomes = (pool or Threads()).map(builder, scenes, on_done=on_scene)
+        _refuse_damage(outcomes, source, missing)
+        fingerprint = writer.finish({one.scene: one.digest for one in outcomes}, left_out)
     return BuildReport(
         writer.path,
         fingerprint,
@@ -199,11 +173,38 @@ def scene_dataset(
     return xarray.Dataset(variables, coords=coordinates)
 
 
-def _blur_of(
-    manifest: Manifest, source: Source, recipe: str | None
-) -> tuple[str, BlurRecipe | None]:
-    """Return the blur recipe and its name: none where the defocus images are captured."""
-    name = recipe or manifest.recipe
+def _attributes(manifest: Manifest, source: Source, made_by: NamedRecipe | None) -> dict[str, Any]:
+    recipe = {"name": made_by.name, "parameters": made_by.blur.as_dict()} if made_by else None
+    return {
+        "recipe": recipe or {"name": "", "parameters": {}},
+        "degradation": manifest.degradation,
+        "depth_unit": manifest.depth.unit,
+        "depth_grows_with": manifest.depth.grows_with,
+        "options": dict(source.options),
+    }
+
+
+def _refuse_damage(outcomes: Sequence[_Outcome], source: Source, missing: tuple[Pair, ...]) -> None:
+    problems = [problem for outcome in outcomes for problem in outcome.problems]
+    if problems and missing:
+        named = ", ".join(pair.id for pair in missing[:3])
+        problems.append(
+            Problem(
+                f"{len(missing)} pairs are missing besides",
+                got=f"{named}{' ...' if len(missing) > 3 else ''}",
+                fix=source.missing_help(missing),
+            )
+        )
+    if problems:
+        raise SourceError.of(problems)
+
+
+def _recipe_of(
+    manifest: Manifest, source: Source, recipe: str | NamedRecipe | None
+) -> NamedRecipe | None:
+    """Return the blur recipe; None where the defocus images are captured."""
+    asked = recipe.name if isinstance(recipe, NamedRecipe) else recipe
+    name = asked or manifest.recipe
     if source.captures_defocus and name:
         # A store must not name a blur that its images do not have.
         raise SourceError(
@@ -213,10 +214,10 @@ def _blur_of(
             fix="leave it out; realworld-synthetic blurs the thesis's captures",
         )
     if source.captures_defocus:
-        return "", None
+        return None
     if name is None:
         raise SourceError(f"{manifest.short} names no blur recipe", fix="--recipe NAME")
-    return name, find_recipe(name)
+    return recipe if isinstance(recipe, NamedRecipe) else NamedRecipe.find(name)
 
 
 def _synthesised(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> NDArray[np.uint8]:

@@ -10,56 +10,20 @@ from typing import Annotated
 import typer
 
 from dfdbench import __version__
-from dfdbench.cli import (
-    building,
-    coverage,
-    datasets,
-    depths,
-    difficulty,
-    leaderboard,
-    methods,
-    optics,
-    registering,
-    reports,
-    simulation,
-    splits,
-    training,
-)
 from dfdbench.cli.screen import say, spell_out_what_cannot_be_shown
+from dfdbench.cli.verbs import LazyGroup
 from dfdbench.errors import DfdbenchError, Problem, reason_of
 
 __all__ = ["app", "main"]
 
 app = typer.Typer(
+    cls=LazyGroup,
     help="Build depth-from-defocus data sets, run methods on them, and compare.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command("list")(datasets.list_datasets)
-app.command()(datasets.info)
-app.command()(building.build)
-app.command()(datasets.verify)
-app.command()(building.export)
-app.command()(methods.run)
-app.command("check-method")(methods.check_method_command)
-app.command()(training.train)
-app.command()(training.experiment)
-cache_app = typer.Typer(rich_markup_mode=None, invoke_without_command=True)
-cache_app.callback()(datasets.cache_verb)
-cache_app.command("clear")(datasets.clear_cache)
-app.add_typer(cache_app, name="cache")
-app.command()(reports.report)
-app.command()(reports.compare)
-app.add_typer(leaderboard.app, name="leaderboard")
-app.command("register")(registering.register_scenes)
-app.add_typer(optics.app, name="optics", no_args_is_help=True)
-app.add_typer(simulation.app, name="simulate", no_args_is_help=True)
-app.command()(depths.depths)
-app.command()(coverage.coverage)
-app.command()(splits.split)
-app.command()(difficulty.difficulty)
 
 
 @app.callback(invoke_without_command=True)

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dfdbench.blur.recipe import RECIPES, find_recipe
-from dfdbench.building.build import build_store
-from dfdbench.building.export import export_png
-from dfdbench.building.fetching.checksums import known_checksums
-from dfdbench.building.fetching.download import SET_ASIDE
-from dfdbench.building.sources import Source, download_middlebury, open_source
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.cli.options import Cache, Scheduler, Workers, pool_of
 from dfdbench.cli.screen import download_progress, progress, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.datasets.store import Store, default_store, open_store
-from dfdbench.errors import InputError, Problem
-from dfdbench.system.cache import DOWNLOADS, cache_folder
-from dfdbench.system.location import as_location
+from dfdbench.errors import InputError
+
+if TYPE_CHECKING:
+    from dfdbench.building.build import BuildReport
+    from dfdbench.building.plan import BuildPlan
+    from dfdbench.building.sources import Source
 
 
 def build(
@@ -58,41 +53,18 @@ def build(
     cache: Cache = None,
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
-    manifest = find_manifest(name)
-    place = as_location(store or default_store(manifest, cache))
-    if place.protocol == "memory":
-        raise InputError(
-            "a store in memory ends with this command",
-            where="--store",
-            expected="a path or a URL",
-            got=str(place),
-        )
-    if recipe is not None:
-        find_recipe(recipe)
-    if recipe not in (None, manifest.recipe) and store is None:
-        raise InputError(
-            "another blur recipe makes another data set",
-            where="--recipe",
-            expected=str(manifest.recipe),
-            got=str(recipe),
-            fix="name its place: --store PATH",
-        )
+    from dfdbench.building.build import build_store
+    from dfdbench.building.plan import plan_build
+
+    plan = plan_build(find_manifest(name), store, recipe, _steps(pair), cache)
+    _refuse_memory(plan)
     pool = pool_of(workers, scheduler)
-    steps = _voltage_steps(manifest, pair, store)
-    if source is None and manifest.reader == "middlebury":
-        files = _fetched(manifest, mirror, offline, cache)
-    else:
-        _refuse_to_fetch(manifest, source, mirror, offline)
-        files = open_source(manifest, source, known_checksums(manifest), steps)
+    files = _source_of(plan, source, mirror or [], offline, cache)
     with progress("building scenes") as step:
-        report = build_store(manifest, files, place, recipe, pool, step)
-    scenes = len(report.scenes_built) + len(report.scenes_kept)
-    kept = f", {len(report.scenes_kept)} of them kept from before" if report.scenes_kept else ""
-    print(f"built {manifest.stem}: {report.pairs} pairs of {scenes} scenes{kept}")
-    print(f"store        {report.path}")
-    print(f"fingerprint  {report.fingerprint}")
+        report = build_store(plan.manifest, files, plan.place, plan.recipe, pool, step)
+    _tell(plan.manifest, report)
     if report.missing:
-        say(_missing_text(manifest, report.missing, files.missing_help(report.missing)))
+        say(_missing_text(plan.manifest, report.missing, files.missing_help(report.missing)))
         if not allow_missing:
             raise typer.Exit(2)
 
@@ -104,6 +76,9 @@ def export(
     cache: Cache = None,
 ) -> None:
     """Write the pairs as PNG files; Middlebury's are named as the thesis's."""
+    from dfdbench.building.export import export_png
+    from dfdbench.datasets.store import open_store
+
     store = open_store(name, cache=cache)
     store.manifest.scenes_of(split)
     with progress("writing pairs") as step:
@@ -111,53 +86,7 @@ def export(
     print(f"{count} pairs lie in {png}")
 
 
-def voltage_pair_stores(
-    manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None
-) -> dict[str, Store]:
-    """Return the set of each pair of voltage steps, ``135-141``, built where it is not there.
-
-    They lie beside the set of the manifest's own pair, in the cache.
-
-    Raises
-    ------
-    InputError
-        Where one is no such pair; where a set is not built and no folder of captures is named.
-    SourceError
-        Where the captures lack a pair's voltage steps altogether.
-    """
-    steps: dict[str, tuple[int, int]] = {}
-    for pair in map(str, pairs):
-        parts = re.fullmatch(r"(\d+)-(\d+)", pair)
-        if not parts:
-            raise InputError(
-                "not a pair of voltage steps",
-                where="--values",
-                expected="as 141-129,140-130",
-                got=pair,
-            )
-        steps[pair] = int(parts[1]), int(parts[2])
-    usual = default_store(manifest, cache)
-    places = {pair: usual.with_name(f"{manifest.stem}-{pair}.zarr") for pair in steps}
-    left = [pair for pair, place in places.items() if not place.exists()]
-    if left and source is None:
-        raise InputError(
-            "the sets of these voltage steps are not built",
-            where=str(usual.parent),
-            got=", ".join(left),
-            fix="name the folder of the captures: --source DIR",
-        )
-    # A step that does not exist is told before the first set is built.
-    sources = {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
-    for pair, files in sources.items():
-        with progress(f"building {manifest.stem}, steps {pair}") as step:
-            report = build_store(manifest, files, places[pair], None, pool_of(None), step)
-        say(f"built        {report.path}: {report.pairs} pairs, {len(report.missing)} missing")
-    return {pair: Store(place) for pair, place in places.items()}
-
-
-def _voltage_steps(
-    manifest: Manifest, pair: str | None, store: str | None
-) -> tuple[int, int] | None:
+def _steps(pair: str | None) -> tuple[int, int] | None:
     if pair is None:
         return None
     try:
@@ -169,83 +98,68 @@ def _voltage_steps(
             expected="two steps, as 141,129",
             got=pair,
         ) from None
-    usual = manifest.capture and (manifest.capture.infocus_step, manifest.capture.defocus_step)
-    if usual not in (None, (infocus, defocus)) and store is None:
-        raise InputError(
-            "another pair of voltage steps makes another data set",
-            where="--pair",
-            expected=f"{usual}",
-            got=pair,
-            fix="name its place: --store PATH",
-        )
     return infocus, defocus
 
 
-def _fetched(
-    manifest: Manifest, mirror: list[str] | None, offline: bool, cache: Path | None
+def _refuse_memory(plan: BuildPlan) -> None:
+    # From Python it is as good a place as any other.
+    if plan.place.protocol == "memory":
+        raise InputError(
+            "a store in memory ends with this command",
+            where="--store",
+            expected="a path or a URL",
+            got=str(plan.place),
+        )
+
+
+def _source_of(
+    plan: BuildPlan, folder: Path | None, mirror: list[str], offline: bool, cache: Path | None
 ) -> Source:
-    mirrors = [*(mirror or ()), *os.environ.get("DFDBENCH_MIRROR", "").split()]
-    _check_mirrors(mirrors)
+    from dfdbench.building.fetching.checksums import known_checksums
+    from dfdbench.building.obtaining import is_fetched, refuse_to_fetch
+    from dfdbench.building.sources import open_source
+
+    manifest = plan.manifest
+    if is_fetched(manifest, folder):
+        return _fetched(manifest, mirror, offline, cache)
+    given = [name for name, value in (("--mirror", mirror), ("--offline", offline)) if value]
+    refuse_to_fetch(manifest, folder, given)
+    return open_source(manifest, folder, known_checksums(manifest), plan.steps)
+
+
+def _fetched(manifest: Manifest, mirror: list[str], offline: bool, cache: Path | None) -> Source:
+    from dfdbench.building.fetching.download import SET_ASIDE
+    from dfdbench.building.obtaining import Fetching, download_folder, fetch_source
+
+    fetching = Fetching((*mirror, *os.environ.get("DFDBENCH_MIRROR", "").split()), offline)
     if offline and mirror:
         raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
-    folder = cache_folder(cache) / DOWNLOADS / manifest.stem
-    before = _count_set_aside(folder)
+    folder = download_folder(manifest, cache)
+    before = _count_files(folder / SET_ASIDE)
     try:
         with download_progress(f"fetching {manifest.short}") as step:
-            done = download_middlebury(manifest, folder, mirrors, offline, step)
+            source, done = fetch_source(manifest, folder, fetching, step)
     finally:
-        refused = _count_set_aside(folder) - before
+        refused = _count_files(folder / SET_ASIDE) - before
         if refused:
             say(f"{refused} files were refused and set aside in {folder / SET_ASIDE}")
     if done.new:
         say(f"fetched {done.new} files into {folder}, {done.kept} were there")
     if done.lock:
         say(f"their checksums are kept in {done.lock}")
-    if not done.new and not done.kept:
-        raise InputError(
-            f"no file of {manifest.short} is there",
-            where=str(folder),
-            got="--offline asks nobody" if offline else "the site has none of them",
-            fix="build once without --offline, or name a copy: --source DIR"
-            if offline
-            else "name a --mirror URL, or a copy on disk: --source DIR",
-        )
-    return open_source(manifest, folder, known_checksums(manifest, folder))
+    return source
 
 
-def _count_set_aside(folder: Path) -> int:
-    return sum(path.is_file() for path in (folder / SET_ASIDE).rglob("*"))
+def _count_files(folder: Path) -> int:
+    return sum(path.is_file() for path in folder.rglob("*"))
 
 
-def _check_mirrors(mirrors: list[str]) -> None:
-    problems = [
-        Problem(
-            "not an address",
-            where="--mirror or DFDBENCH_MIRROR",
-            expected="https://HOST/FOLDER",
-            got=mirror,
-        )
-        for mirror in mirrors
-        if not re.match(r"https?://[^/]+", mirror)
-    ]
-    if problems:
-        raise InputError.of(problems)
-
-
-def _refuse_to_fetch(
-    manifest: Manifest, source: Path | None, mirror: list[str] | None, offline: bool
-) -> None:
-    given = [name for name, value in (("--mirror", mirror), ("--offline", offline)) if value]
-    if given and source:
-        raise InputError(
-            "--source reads a copy on disk: nothing is fetched",
-            where=" and ".join(given),
-            fix="leave it out, or leave out --source",
-        )
-    if given:
-        raise InputError(
-            f"{manifest.short} is not fetched here", where=" and ".join(given), fix="leave it out"
-        )
+def _tell(manifest: Manifest, report: BuildReport) -> None:
+    scenes = len(report.scenes_built) + len(report.scenes_kept)
+    kept = f", {len(report.scenes_kept)} of them kept from before" if report.scenes_kept else ""
+    print(f"built {manifest.stem}: {report.pairs} pairs of {scenes} scenes{kept}")
+    print(f"store        {report.path}")
+    print(f"fingerprint  {report.fingerprint}")
 
 
 def _missing_text(manifest: Manifest, missing: tuple[Pair, ...], fix: str) -> str:

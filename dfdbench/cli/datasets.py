@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.filesize import decimal
@@ -12,18 +13,22 @@ from rich.filesize import decimal
 from dfdbench.cli.options import Cache, Workers, pool_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.catalog import find_manifest, released_manifests, typed_name
-from dfdbench.datasets.integrity import verify_store
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store, default_store, is_place, open_store
+from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.store_place import default_store, is_place
 from dfdbench.errors import InputError, unknown_name
-from dfdbench.methods.registry import registered_methods
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
-from dfdbench.system.location import size_of
 from dfdbench.tables.table import Table
+
+if TYPE_CHECKING:
+    from dfdbench.datasets.store import Store
+
+cache_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 
 
 def list_datasets(cache: Cache = None) -> None:
     """List the data sets and the registered methods."""
+    from dfdbench.methods.registry import registered_methods
+
     rows = tuple(
         (
             typed_name(manifest),
@@ -52,15 +57,19 @@ def info(
     cache: Cache = None,
 ) -> None:
     """Show what a data set consists of, or what a built one holds."""
-    store = Store(name) if is_place(name) else None
-    manifest = store.manifest if store else find_manifest(name)
-    if pairs is not None:
-        for pair in store.pairs(pairs) if store else manifest.pairs(pairs):
-            print(pair.id)
-    elif store:
-        _show_store(store)
+    if is_place(name):
+        # A manifest tells all it knows without the libraries that read arrays.
+        from dfdbench.datasets.store import Store
+
+        store = Store(name)
+        if pairs is None:
+            _show_store(store)
+        else:
+            _list_pairs(store.pairs(pairs))
+    elif pairs is None:
+        _show_manifest(find_manifest(name), cache)
     else:
-        _show_manifest(manifest, cache)
+        _list_pairs(find_manifest(name).pairs(pairs))
 
 
 def verify(
@@ -69,6 +78,9 @@ def verify(
     cache: Cache = None,
 ) -> None:
     """Recompute a store's fingerprint and compare it with the recorded one."""
+    from dfdbench.datasets.integrity import verify_store
+    from dfdbench.datasets.store import open_store
+
     store = open_store(name, cache=cache)
     with progress("reading scenes") as step:
         found = verify_store(store, pool_of(workers), step)
@@ -92,6 +104,7 @@ def verify(
     print("sound        the store holds what was built")
 
 
+@cache_app.callback()
 def cache_verb(context: typer.Context, cache: Cache = None) -> None:
     """List what lies in the cache: downloads and built data sets; `clear` removes it."""
     if context.invoked_subcommand is not None:
@@ -106,6 +119,7 @@ def cache_verb(context: typer.Context, cache: Cache = None) -> None:
     print_table(Table(title, ("kind", "name", "files", "size"), rows, "llrr"))
 
 
+@cache_app.command("clear")
 def clear_cache(
     names: Annotated[
         list[str] | None,
@@ -139,7 +153,14 @@ def clear_cache(
     print(f"removed {len(chosen)} entries, {decimal(sum(entry.size for entry in chosen))}")
 
 
+def _list_pairs(pairs: Iterable[Pair]) -> None:
+    for pair in pairs:
+        print(pair.id)
+
+
 def _show_store(store: Store) -> None:
+    from dfdbench.system.location import size_of
+
     attributes = store.attributes
     options = ", ".join(_option(*item) for item in attributes["options"].items() if item[1])
     recipe = attributes["recipe"]

@@ -4,31 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, say
-from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError
-from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.run import run_method
-from dfdbench.figures.runs import draw_run
-from dfdbench.leaderboard.folder import LEADERBOARD, require_leaderboard
-from dfdbench.leaderboard.submission import submit as submit_result
-from dfdbench.methods.check import check_method
-from dfdbench.methods.registry import load_method
-from dfdbench.metrics.protocol import find_protocol
-from dfdbench.results.record import Result
-from dfdbench.results.record_file import RESULT
-from dfdbench.results.run_data import run_as_csv, run_as_json
-from dfdbench.results.run_tables import run_tables
-from dfdbench.results.scene_tables import scene_tables, spread_table
-from dfdbench.results.summary import scene_labels, summarise
-from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
+
+if TYPE_CHECKING:
+    from dfdbench.datasets.manifest import Manifest
+    from dfdbench.evaluation.run import Run
+    from dfdbench.results.record import Result
+    from dfdbench.results.summary import RunSummary
 
 Params = Annotated[
     list[str] | None, typer.Option("--param", help="NAME=VALUE for the method; repeatable.")
@@ -69,6 +59,15 @@ def run(
     ] = False,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run goes on."""
+    from dfdbench.audit.trained_on import coverage_warnings
+    from dfdbench.datasets.store import open_store
+    from dfdbench.evaluation.loading import load_for
+    from dfdbench.evaluation.plan import RunOptions
+    from dfdbench.evaluation.run import run_method
+    from dfdbench.figures.runs import draw_run
+    from dfdbench.metrics.protocol import find_protocol
+    from dfdbench.results.summary import summarise
+
     shown = find_protocol(protocol).label
     if submit:
         _refuse_what_cannot_be_submitted(limit)
@@ -76,56 +75,73 @@ def run(
     data.manifest.scenes_of(split)
     loaded = load_for(data, method, values_of(param, "--param"), seed)
     folder = out or Path("results") / f"{data.path.stem}-{split}" / _folder_name(method, param)
+    options = RunOptions(limit, not no_predictions, fresh, seed)
+    pool = pool_of_processes(workers, scheduler)
+    warnings = coverage_warnings(loaded.trained_on, data, split)
     with progress(f"running {method}") as step:
-        done = run_method(
-            data,
-            loaded,
-            split,
-            folder,
-            limit,
-            not no_predictions,
-            fresh,
-            seed,
-            pool_of_processes(workers, scheduler),
-            step,
-        )
+        done = run_method(data, loaded, split, folder, options, pool, warnings, step)
+    _tell_what_was_reused(done)
+    summary = summarise(done.result, shown)
+    if not no_predictions:
+        draw_run(data, summary, folder)
+    _print_tables(summary, data.manifest, format)
+    _tell_where_it_lies(done, figures=not no_predictions)
+    if submit:
+        _submit(done.result)
+    if any(pair.status == "failed" for pair in done.result.pairs):
+        raise typer.Exit(1)
+
+
+def _tell_what_was_reused(done: Run) -> None:
     if done.set_aside:
         say(f"an earlier run with other settings was moved to {done.set_aside}")
     if done.reused:
         say(f"{done.reused} pairs taken over from an earlier call (--fresh evaluates anew)")
-    summary = summarise(done.result, shown)
-    if not no_predictions:
-        draw_run(data, summary, folder)
+
+
+def _print_tables(summary: RunSummary, manifest: Manifest, format: Format) -> None:
+    from dfdbench.results.run_data import run_as_csv, run_as_json
+    from dfdbench.results.run_tables import run_tables
+    from dfdbench.results.scene_tables import scene_tables, spread_table
+    from dfdbench.results.summary import scene_labels
+    from dfdbench.tables.render import render
+
+    if format is Format.csv:
+        print(run_as_csv(summary, scene_labels(manifest.scenes)), end="")
+        return
+    if format is Format.json:
+        print(run_as_json(summary, scene_labels(manifest.scenes)), end="")
+        return
     tables = [
         *run_tables(summary),
-        spread_table(summary, data.manifest.splits),
-        *scene_tables(summary, data.manifest.scenes),
+        spread_table(summary, manifest.splits),
+        *scene_tables(summary, manifest.scenes),
     ]
     if format is Format.table:
         for table in tables:
             print_table(table)
-    elif format is Format.csv:
-        print(run_as_csv(summary, scene_labels(data.manifest.scenes)), end="")
-    elif format is Format.json:
-        print(run_as_json(summary, scene_labels(data.manifest.scenes)), end="")
     else:
         print(render(tables, format), end="")
-    say(f"result       {folder / RESULT}")
-    if not no_predictions:
-        say(f"figures      {folder / 'figures'}")
+
+
+def _tell_where_it_lies(done: Run, figures: bool) -> None:
+    from dfdbench.results.record_file import RESULT
+
+    say(f"result       {done.folder / RESULT}")
+    if figures:
+        say(f"figures      {done.folder / 'figures'}")
     failed = sum(pair.status == "failed" for pair in done.result.pairs)
     if failed:
         say(f"{failed} pairs failed; the same command tries them again")
-    if submit:
-        _submit(done.result)
-    if failed:
-        raise typer.Exit(1)
 
 
 def check_method_command(
     method: Annotated[str, typer.Argument(help="As for run --method.")], param: Params = None
 ) -> None:
     """Try a method on awkward inputs and say what is wrong, before an hour is spent."""
+    from dfdbench.methods.check import check_method
+    from dfdbench.methods.registry import load_method
+
     offers: dict[str, Callable[[], Any]] = {
         "recipe": lambda: RECIPES["published"],
         "recipe_name": lambda: "published",
@@ -151,6 +167,8 @@ def check_method_command(
 
 
 def _refuse_what_cannot_be_submitted(limit: int | None) -> None:
+    from dfdbench.leaderboard.folder import LEADERBOARD, require_leaderboard
+
     # Before the run: it may take hours.
     if limit:
         raise InputError(
@@ -163,6 +181,9 @@ def _refuse_what_cannot_be_submitted(limit: int | None) -> None:
 
 
 def _submit(result: Result) -> None:
+    from dfdbench.leaderboard.folder import LEADERBOARD
+    from dfdbench.leaderboard.submission import submit as submit_result
+
     for path in submit_result(result, LEADERBOARD):
         say(f"submission   {path}")
     if not result.complete:

@@ -20,7 +20,12 @@ from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.optics.white_dot import Measurement, read_lens_captures
 from dfdbench.tables.table import Table
 
-app = typer.Typer(help="What a lens does to a point, and which voltage steps make a good pair.")
+app = typer.Typer(
+    help="What a lens does to a point, and which voltage steps make a good pair.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
 
 _OPTIONS = {"f_number": "--f-number", "focus_distance": "--focus"}
 _ROWS = 20

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
+
+if TYPE_CHECKING:
+    from dfdbench.system.parallel import Cluster, Pool
 
 Cache = Annotated[
     Path | None,
@@ -71,6 +73,8 @@ def pool_of(workers: int | None, scheduler: str | None = None) -> Pool:
     InputError
         Where both are named: a cluster has its own number of workers.
     """
+    from dfdbench.system.parallel import Threads
+
     return _cluster(workers, scheduler) or Threads(workers or os.cpu_count() or 1)
 
 
@@ -82,6 +86,8 @@ def pool_of_processes(workers: int | None, scheduler: str | None) -> Pool | None
     InputError
         As `pool_of` does.
     """
+    from dfdbench.system.parallel import Processes
+
     here = Processes(workers) if workers and workers > 1 else None
     return _cluster(workers, scheduler) or here
 
@@ -91,4 +97,8 @@ def _cluster(workers: int | None, scheduler: str | None) -> Cluster | None:
         raise InputError(
             "a cluster has its own number of workers", where="--workers", fix="leave it out"
         )
-    return Cluster(scheduler) if scheduler else None
+    if not scheduler:
+        return None
+    from dfdbench.system.parallel import Cluster
+
+    return Cluster(scheduler)

@@ -17,6 +17,7 @@ from dfdbench.cli.captures import capture_of, chosen_scenes
 from dfdbench.cli.lengths import LARGEST_PIXEL, parse_length
 from dfdbench.cli.screen import print_table, progress, save_figure
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.figures.captures import overlay_figure
 from dfdbench.optics.sharpness import sharpest
@@ -58,40 +59,11 @@ def register_scenes(
     )
     above = parse_length(baseline, "--baseline")
     rig = Rig(focal_pixels, (height, width), capture.crop_size, above)
-    everywhere = scene == "all"
-    span = f"{manifest.scene_names[0]}-{manifest.scene_names[-1]}"
-    names = chosen_scenes(span if everywhere else scene, manifest)
-    there = {name: find_scene(source, name, capture) for name in names}
-    if everywhere:
-        there = {name: files for name, files in there.items() if files}
-    seen: dict[str, _Seen] = {}
+    there = _scenes_there(scene, source, manifest)
     problems: dict[str, tuple[Problem, ...]] = {}
-    with progress("looking at scenes") as step:
-        for number, (name, files) in enumerate(there.items(), start=1):
-            try:
-                seen[name] = _look(files, source / name, rig, fresh)
-            except DfdbenchError as error:
-                problems[name] = error.problems
-            step(number, len(there))
-    sightings = {name: one.sighting for name, one in seen.items() if one.sighting}
-    with progress("registering scenes") as step:
-        found, untold = register(sightings, rig, step)
-    problems |= untold
-    for name, registration in list(found.items()):
-        try:
-            _write(seen[name], registration)
-        except DfdbenchError as error:
-            del found[name]
-            problems[name] = error.problems
-    drawn = {name: one for name, one in seen.items() if name in found or not one.sighting}
-    rows = []
-    with progress("drawing scenes") as step:
-        for number, (name, one) in enumerate(drawn.items(), start=1):
-            try:
-                rows.append(_drawn(name, one, found.get(name), rig))
-            except DfdbenchError as error:
-                problems[name] = error.problems
-            step(number, len(drawn))
+    seen = _look_at_all(there, source, rig, fresh, problems)
+    found = _register_all(seen, rig, problems)
+    rows = _draw_all(seen, found, rig, problems)
     if rows:
         columns = ("scene", "", "rays on their side", "known to (pixels)", "moved by (pixels)")
         print_table(Table("registration", columns, tuple(rows), "llrrr", _notes(found)))
@@ -114,6 +86,69 @@ class _Seen:
     frame: NDArray[np.uint8]
     told: str
     sighting: Sighting | None
+
+
+def _scenes_there(
+    scene: str, source: Path, manifest: Manifest
+) -> dict[str, RawScene | PublishedScene | None]:
+    everywhere = scene == "all"
+    span = f"{manifest.scene_names[0]}-{manifest.scene_names[-1]}"
+    names = chosen_scenes(span if everywhere else scene, manifest)
+    there = {name: find_scene(source, name, capture_of(manifest)) for name in names}
+    return {name: files for name, files in there.items() if files or not everywhere}
+
+
+def _look_at_all(
+    there: Mapping[str, RawScene | PublishedScene | None],
+    source: Path,
+    rig: Rig,
+    fresh: bool,
+    problems: dict[str, tuple[Problem, ...]],
+) -> dict[str, _Seen]:
+    seen: dict[str, _Seen] = {}
+    with progress("looking at scenes") as step:
+        for number, (name, files) in enumerate(there.items(), start=1):
+            try:
+                seen[name] = _look(files, source / name, rig, fresh)
+            except DfdbenchError as error:
+                problems[name] = error.problems
+            step(number, len(there))
+    return seen
+
+
+def _register_all(
+    seen: Mapping[str, _Seen], rig: Rig, problems: dict[str, tuple[Problem, ...]]
+) -> dict[str, Registration]:
+    sightings = {name: one.sighting for name, one in seen.items() if one.sighting}
+    with progress("registering scenes") as step:
+        registered, untold = register(sightings, rig, step)
+    problems |= untold
+    found: dict[str, Registration] = {}
+    for name, registration in registered.items():
+        try:
+            _write(seen[name], registration)
+            found[name] = registration
+        except DfdbenchError as error:
+            problems[name] = error.problems
+    return found
+
+
+def _draw_all(
+    seen: Mapping[str, _Seen],
+    found: Mapping[str, Registration],
+    rig: Rig,
+    problems: dict[str, tuple[Problem, ...]],
+) -> list[tuple[str, ...]]:
+    drawn = {name: one for name, one in seen.items() if name in found or not one.sighting}
+    rows = []
+    with progress("drawing scenes") as step:
+        for number, (name, one) in enumerate(drawn.items(), start=1):
+            try:
+                rows.append(_drawn(name, one, found.get(name), rig))
+            except DfdbenchError as error:
+                problems[name] = error.problems
+            step(number, len(drawn))
+    return rows
 
 
 def _look(files: RawScene | PublishedScene | None, place: Path, rig: Rig, fresh: bool) -> _Seen:

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from io import TextIOWrapper
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.filesize import decimal
 from rich.progress import (
@@ -29,6 +29,9 @@ from dfdbench.errors import InputError, reason_of
 from dfdbench.figures.style import write_figure
 from dfdbench.tables.render import as_rich
 from dfdbench.tables.table import Table, least_width
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _INTERRUPTED = 130
 

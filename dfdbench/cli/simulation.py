@@ -18,7 +18,12 @@ from dfdbench.simulation.board_scene import MOUNTED
 from dfdbench.simulation.captures import CaptureSettings, write_captures
 from dfdbench.simulation.white_dot import write_lens_test
 
-app = typer.Typer(help="Make captures as the thesis's rig would write them.")
+app = typer.Typer(
+    help="Make captures as the thesis's rig would write them.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
 
 _LARGEST_TURN = 10.0  # degrees
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from dfdbench.datasets.manifest_file import parse_manifest, read_manifest
 from dfdbench.errors import unknown_name
 
 
+@cache
 def released_manifests() -> tuple[Manifest, ...]:
     """Return every manifest that travels with the package, sorted by name and version.
 

@@ -70,15 +70,7 @@ def verify_store(
     on_scene : callable, optional
         Called with (scenes done, scenes in all).
     """
-    done = 0
-
-    def step(*_: object) -> None:
-        nonlocal done
-        done += 1
-        if on_scene:
-            on_scene(done, len(store.scenes))
-
-    looked_at = (pool or Threads()).map(_SceneVerifier(store), store.scenes, step)
+    looked_at = (pool or Threads()).map(_SceneVerifier(store), store.scenes, on_done=on_scene)
     missing = [
         StoreDifference(scene, "", "the scene is missing")
         for scene in _scenes_expected(store)

@@ -27,7 +27,7 @@ class StrictRecord(Record):
     model_config = ConfigDict(strict=True)
 
 
-class Source(StrictRecord):
+class Origin(StrictRecord):
     """Where files come from, under which terms, and what to cite."""
 
     name: Name
@@ -63,7 +63,7 @@ class Depth(StrictRecord):
         return "nearer" if self.grows_with == "nearness" else "farther"
 
 
-class Table(StrictRecord):
+class TableLayout(StrictRecord):
     """How a score table is laid out: a block for each value of `blocks`, a row for `rows`."""
 
     blocks: str
@@ -143,6 +143,9 @@ class Manifest(StrictRecord):
     `dfdbench.datasets.catalog.find_manifest`, which check it.
     """
 
+    # Its fields are checked one by one: see `dfdbench.datasets.manifest_file`.
+    model_config = ConfigDict(defer_build=True)
+
     schema_version: Literal[1]
     name: Name
     short: Name
@@ -156,10 +159,10 @@ class Manifest(StrictRecord):
     axes: dict[str, Annotated[list[int], Field(min_length=1)]]
     default_lighting: dict[str, int] | None = None
     depth: Depth
-    table: Table
+    table: TableLayout
     scene_count: Count
     pair_count: Count
-    sources: list[Source]
+    sources: list[Origin]
     scenes: list[Scene]
     exclusions: list[Exclusion] = Field(default_factory=list)
     splits: list[Split]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,8 +19,8 @@ from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.catalog import find_manifest, typed_name
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.store_place import default_store, is_place
 from dfdbench.errors import DfdbenchError, StoreError, UnknownNameError, unknown_name
-from dfdbench.system.cache import STORES, cache_folder
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
 
 FORMAT = "dfdbench store"
@@ -53,11 +52,6 @@ class PairImages:
     defocus: NDArray[np.uint8]
     depth: NDArray[np.uint8]
     valid: NDArray[np.bool_]
-
-
-def default_store(manifest: Manifest, cache: Path | None = None) -> Path:
-    """Return where the built data set lies unless a place is given."""
-    return cache_folder(cache) / STORES / f"{manifest.stem}.zarr"
 
 
 class Store:
@@ -211,17 +205,6 @@ class Store:
     def __reduce__(self) -> tuple[type[Store], tuple[UPath]]:
         # Another process opens it anew.
         return Store, (self.path,)
-
-
-def is_place(name: str) -> bool:
-    """Return whether a text names a store by its path or URL, not a data set.
-
-    Examples
-    --------
-    >>> is_place("demo"), is_place("demo-1.zarr"), is_place("s3://bucket/demo")
-    (False, True, True)
-    """
-    return (name.endswith(".zarr") or os.sep in name) and not name.endswith(".toml")
 
 
 def open_store(name: str, place: Place | None = None, cache: Path | None = None) -> Store:

@@ -18,7 +18,7 @@ from dfdbench.audit.coverage import Verdict
 from dfdbench.audit.coverage_record import CoverageRecord, SideRecord
 from dfdbench.audit.difficulty import STEPS, Difficulty
 from dfdbench.audit.level_ranges import runs
-from dfdbench.audit.run_errors import ErrorJoin, pair_of
+from dfdbench.audit.run_errors import ErrorJoin
 from dfdbench.audit.sides import Side
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.store import Store
@@ -131,8 +131,8 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
     for axis, head in zip(grid[0], heads, strict=True):
         axis.set_title(head, fontsize=10)
     for record, axes in zip(rows, grid, strict=True):
-        depth, valid = store.read_depth(pair_of(record))
-        prediction = read_prediction(folder, pair_of(record), depth.shape)
+        depth, valid = store.read_depth(record.pair)
+        prediction = read_prediction(folder, record.pair, depth.shape)
         assert prediction is not None
         _draw_mask(figure, axes, join, depth, valid, prediction)
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)

@@ -13,7 +13,6 @@ from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
-from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import PairImages, Store
 from dfdbench.figures.groups import group_figures
 from dfdbench.figures.style import (
@@ -86,7 +85,7 @@ def panel_figure(
     """Draw in-focus, defocus, truth, prediction and error, a row a pair; None without pairs."""
     rows = []
     for record in pairs:
-        pair = Pair(record.scene, tuple(record.coordinates.items()))
+        pair = record.pair
         prediction = read_prediction(folder, pair, store.shape_of(pair.scene))
         if prediction is not None:
             rows.append((record, store.read(pair), prediction))
@@ -190,7 +189,7 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     """Draw the histogram of ground truth and prediction over all evaluated pairs."""
     truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
     for record in result.pairs:
-        pair = Pair(record.scene, tuple(record.coordinates.items()))
+        pair = record.pair
         if record.status != "ok":
             continue
         depth, valid = store.read_depth(pair)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from pathlib import Path
 
-from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, Problem, ResultError, unknown_name
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
-from dfdbench.evaluation.run import without_folder
+from dfdbench.evaluation.result import without_folder
 from dfdbench.leaderboard.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
 from dfdbench.leaderboard.verification_file import SCORE_TOLERANCE, VerifiedSample, sample
 from dfdbench.methods.registry import registered_methods
@@ -94,7 +93,7 @@ def verify_result(
     evaluate = PairEvaluator(store, method, result.seed, _protocols_of(result, path))
     problems, identical, largest = [], 0, 0.0
     for number, claim in enumerate(chosen, 1):
-        rerun, _ = evaluate(Pair(claim.scene, tuple(claim.coordinates.items())))
+        rerun, _ = evaluate(claim.pair)
         if on_pair:
             on_pair(number, len(chosen))
         identical += claim.prediction_sha256 == rerun.prediction_sha256

@@ -7,12 +7,13 @@ import inspect
 import sys
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods.importing import describe, import_entry
-from dfdbench.methods.method import Method, Predict
-from dfdbench.methods.parameters import read_parameters
+
+if TYPE_CHECKING:
+    from dfdbench.methods.method import Method, Predict
 
 ENTRY_POINT_GROUP = "dfdbench.methods"
 _BUILT_IN = {
@@ -108,6 +109,10 @@ def load_method(
     MethodError, UnknownNameError
         As for `load`.
     """
+    # Here, so that a list of the names needs no numpy.
+    from dfdbench.methods.method import Method
+    from dfdbench.methods.parameters import read_parameters
+
     entry = name
     if ":" not in name:
         registered = registered_methods()

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from functools import cache
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, WithJsonSchema, create_model
 
-from dfdbench.datasets.manifest import Name
+from dfdbench.datasets.manifest import Name, Pair
 from dfdbench.metrics.metric import METRICS, Metric, mean_of
 from dfdbench.metrics.protocol import label_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
@@ -88,6 +88,15 @@ class PairResult(Record):
     numbers: dict[str, Number] = Field(default_factory=dict)
     error: str | None = None
     warnings: list[str] = Field(default_factory=list)
+
+    @property
+    def pair(self) -> Pair:
+        """The pair that the record is of, on its axes in the order recorded."""
+        return self.pair_on(self.coordinates)
+
+    def pair_on(self, axes: Iterable[str]) -> Pair:
+        """Return the pair that the record is of, on axes in this order."""
+        return Pair(self.scene, tuple((axis, self.coordinates[axis]) for axis in axes))
 
     def score(self, protocol: str, metric: str) -> float | None:
         """Return a score; None where it is undefined, or was not scored: see `Metric.younger`."""

@@ -10,7 +10,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.results.record import PairResult, Result, average
 from dfdbench.system.files import write_whole
@@ -149,7 +148,7 @@ def _misplaced(result: Result, path: Path) -> list[Problem]:
                     "a pair is not on the axes", where=where, expected=", ".join(axes), got=found
                 )
             )
-        elif pair.id != (name := _pair_of(pair, axes).id):
+        elif pair.id != (name := pair.pair_on(axes).id):
             problems.append(
                 Problem(
                     "a pair is not where its name says", where=where, expected=name, got=pair.id
@@ -161,10 +160,6 @@ def _misplaced(result: Result, path: Path) -> list[Problem]:
             Problem("a protocol is listed twice", where=f"{path}: protocols", got=", ".join(names))
         )
     return problems
-
-
-def _pair_of(record: PairResult, axes: list[str]) -> Pair:
-    return Pair(record.scene, tuple((axis, record.coordinates[axis]) for axis in axes))
 
 
 def _contradictions(result: Result, path: Path) -> list[Problem]:

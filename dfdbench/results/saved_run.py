@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import PairImages, Store, open_store
 from dfdbench.errors import DfdbenchError, Problem, ResultError
 from dfdbench.results.folder import PREDICTIONS, read_prediction, read_store_place, require_pairs_of
@@ -54,11 +53,10 @@ class SavedRun:
         """
         if self.store is None:
             return None
-        place = Pair(pair.scene, tuple(pair.coordinates.items()))
-        prediction = read_prediction(self.path.parent, place, self.store.shape_of(pair.scene))
+        prediction = read_prediction(self.path.parent, pair.pair, self.store.shape_of(pair.scene))
         if prediction is None:
             return None
-        return self.store.read(place), prediction
+        return self.store.read(pair.pair), prediction
 
 
 def open_run(path: Path, dataset: str | None = None) -> SavedRun:

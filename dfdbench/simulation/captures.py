@@ -95,13 +95,10 @@ def write_captures(
         raise InputError.of(problems)
     left = [name for name in scenes if not (folder / name).exists()]
     table = read_lens_table()
-    done = len(scenes) - len(left)
 
-    def progress(*_: object) -> None:
-        nonlocal done
-        done += 1
+    def progress(done: int, _: int) -> None:
         if on_scene:
-            on_scene(done, len(scenes))
+            on_scene(len(scenes) - len(left) + done, len(scenes))
 
     height, width = capture.frame_size
     rig = Rig(frame_size=(height, width), crop_size=capture.crop_size)
@@ -114,7 +111,7 @@ def write_captures(
         write_whole(partial / _SETTINGS, wanted)
         partial.rename(folder / name)
 
-    Threads(workers).map(write, left, progress)
+    Threads(workers).map(write, left, on_done=progress)
     return tuple(left)
 
 

@@ -7,7 +7,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from dask.base import compute
 from dask.callbacks import Callback
@@ -17,7 +17,10 @@ from dfdbench.errors import InputError
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
-Heard = Callable[[Item, Outcome], None]
+#: Called with (item, outcome) after each item.
+OnOutcome = Callable[[Item, Outcome], None]
+#: Called with (items done, items in all) after each item.
+OnDone = Callable[[int, int], None]
 
 _SECONDS_TO_ANSWER = 30
 
@@ -29,7 +32,8 @@ class Pool(Protocol):
         self,
         function: Callable[[Item], Outcome],
         items: Sequence[Item],
-        on_done: Heard[Item, Outcome] | None = None,
+        on_outcome: OnOutcome[Item, Outcome] | None = None,
+        on_done: OnDone | None = None,
     ) -> list[Outcome]:
         """Return what a function gives for each item, in the items' order.
 
@@ -39,8 +43,10 @@ class Pool(Protocol):
             Called once an item. For processes and clusters it has to be picklable.
         items : sequence
             What it is called with.
-        on_done : callable, optional
+        on_outcome : callable, optional
             Called with (item, outcome) after each item as it is done, in the calling thread.
+        on_done : callable, optional
+            Called after that with (items done, items in all).
         """
 
 
@@ -65,10 +71,13 @@ class Threads:
         self,
         function: Callable[[Item], Outcome],
         items: Sequence[Item],
-        on_done: Heard[Item, Outcome] | None = None,
+        on_outcome: OnOutcome[Item, Outcome] | None = None,
+        on_done: OnDone | None = None,
     ) -> list[Outcome]:
         """Return what a function gives for each item; see `Pool`."""
-        return _compute(ThreadPoolExecutor(self.workers), function, items, on_done)
+        return _compute(
+            ThreadPoolExecutor(self.workers), function, items, _Listener(items, on_outcome, on_done)
+        )
 
 
 @dataclass(frozen=True)
@@ -87,12 +96,13 @@ class Processes:
         self,
         function: Callable[[Item], Outcome],
         items: Sequence[Item],
-        on_done: Heard[Item, Outcome] | None = None,
+        on_outcome: OnOutcome[Item, Outcome] | None = None,
+        on_done: OnDone | None = None,
     ) -> list[Outcome]:
         """Return what a function gives for each item; see `Pool`."""
         # Forking a process that has threads (numba's, zarr's) can hang: start afresh.
         pool = ProcessPoolExecutor(self.workers, mp_context=get_context("spawn"))
-        return _compute(pool, function, items, on_done)
+        return _compute(pool, function, items, _Listener(items, on_outcome, on_done))
 
 
 @dataclass(frozen=True)
@@ -111,7 +121,8 @@ class Cluster:
         self,
         function: Callable[[Item], Outcome],
         items: Sequence[Item],
-        on_done: Heard[Item, Outcome] | None = None,
+        on_outcome: OnOutcome[Item, Outcome] | None = None,
+        on_done: OnDone | None = None,
     ) -> list[Outcome]:
         """Return what a function gives for each item; see `Pool`.
 
@@ -124,31 +135,54 @@ class Cluster:
             futures = client.map(function, items, pure=False, batch_size=1)
             place = {future.key: number for number, future in enumerate(futures)}
             outcomes: dict[int, Outcome] = {}
+            listener = _Listener(items, on_outcome, on_done)
             try:
                 for future, outcome in as_completed(futures, loop=client.loop, with_results=True):
                     number = place[future.key]
                     outcomes[number] = outcome
-                    if on_done:
-                        on_done(items[number], outcome)
+                    listener.hear(number, outcome)
             finally:
                 client.cancel(futures)
         return [outcomes[number] for number in range(len(items))]
+
+
+class _Listener(Generic[Item, Outcome]):
+    """Counts the items that are done and tells the caller of each."""
+
+    def __init__(
+        self,
+        items: Sequence[Item],
+        on_outcome: OnOutcome[Item, Outcome] | None,
+        on_done: OnDone | None,
+    ) -> None:
+        self._items, self._on_outcome, self._on_done = items, on_outcome, on_done
+        self._done = 0
+
+    def hear(self, number: int, outcome: Outcome) -> None:
+        """Tell of an item by its place."""
+        self._done += 1
+        if self._on_outcome:
+            self._on_outcome(self._items[number], outcome)
+        if self._on_done:
+            self._on_done(self._done, len(self._items))
 
 
 def _compute(
     pool: Executor,
     function: Callable[[Item], Outcome],
     items: Sequence[Item],
-    on_done: Heard[Item, Outcome] | None,
+    listener: _Listener[Item, Outcome],
 ) -> list[Outcome]:
-    names = [f"item-{number}" for number in range(len(items))]
-    item_of = dict(zip(names, items, strict=True))
+    place = {f"item-{number}": number for number in range(len(items))}
 
     def posttask(key: Any, outcome: Any, *_: Any) -> None:
-        if on_done and key in item_of:
-            on_done(item_of[key], outcome)
+        if key in place:
+            listener.hear(place[key], outcome)
 
-    tasks = [delayed(function, pure=False)(item_of[name], dask_key_name=name) for name in names]
+    tasks = [
+        delayed(function, pure=False)(items[number], dask_key_name=name)
+        for name, number in place.items()
+    ]
     scheduler = "threads" if isinstance(pool, ThreadPoolExecutor) else "processes"
     try:
         with Callback(posttask=posttask):

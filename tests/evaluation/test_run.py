@@ -20,6 +20,7 @@ from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.evaluation.loading import load_for, training_mean
+from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.baselines import Constant
 from dfdbench.methods.method import Method
@@ -115,14 +116,16 @@ def test_a_changed_method_starts_over_and_the_old_run_is_kept(
     assert run.set_aside == tmp_path / "out.previous"
     assert (tmp_path / "out.previous" / RESULT).read_text() == old
     fresh = Counting()
-    run_method(tiny_store, method(fresh, "1" * 64), "test", tmp_path / "out", fresh=True)
+    run_method(
+        tiny_store, method(fresh, "1" * 64), "test", tmp_path / "out", RunOptions(fresh=True)
+    )
     assert fresh.calls == 7
 
 
 def test_a_limited_run_is_incomplete_and_can_be_completed(
     tiny_store: Store, tmp_path: Path
 ) -> None:
-    run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out", limit=2)
+    run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
     assert [pair.status for pair in run.result.pairs] == ["ok"] * 2 + ["not-run"] * 5
     assert run.result.averages is None
     whole = run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
@@ -150,7 +153,7 @@ def test_pairs_that_the_store_lacks_are_missing(
 
 def test_without_predictions_nothing_but_scores_is_kept(tiny_store: Store, tmp_path: Path) -> None:
     run = run_method(
-        tiny_store, method(Counting()), "test", tmp_path / "out", keep_predictions=False
+        tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(keep_predictions=False)
     )
     assert run.result.complete
     assert not (tmp_path / "out/predictions.zarr").exists()
@@ -252,7 +255,9 @@ def test_a_seeded_method_repeats_itself(tiny_store: Store, tmp_path: Path) -> No
         return np.random.uniform(0, 255, infocus.shape[:2])
 
     first, again, other = (
-        run_method(tiny_store, method(drawing), "test", tmp_path / name, seed=seed).result
+        run_method(
+            tiny_store, method(drawing), "test", tmp_path / name, RunOptions(seed=seed)
+        ).result
         for name, seed in (("a", 1), ("b", 1), ("c", 2))
     )
     hashes = [[p.prediction_sha256 for p in result.pairs] for result in (first, again, other)]
@@ -282,9 +287,9 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
     pool: Pool = Processes(2)
     if where == "cluster":
         pool = Cluster(request.getfixturevalue("cluster"))
-    alone = run_method(tiny_store, loaded, "test", tmp_path / "alone", seed=3).result
+    alone = run_method(tiny_store, loaded, "test", tmp_path / "alone", RunOptions(seed=3)).result
     together = run_method(
-        tiny_store, loaded, "test", tmp_path / "together", seed=3, pool=pool
+        tiny_store, loaded, "test", tmp_path / "together", RunOptions(seed=3), pool=pool
     ).result
     assert [pair.scores for pair in together.pairs] == [pair.scores for pair in alone.pairs]
     assert together.averages == alone.averages
@@ -368,7 +373,7 @@ def test_what_a_method_does_to_the_process_ends_with_its_call(
 
 def test_the_energy_of_graph_cuts_is_kept(tiny_store: Store, tmp_path: Path) -> None:
     loaded = load_for(tiny_store, "graph-cuts", {"labels": 16})
-    result = run_method(tiny_store, loaded, "test", tmp_path / "out", limit=1).result
+    result = run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(limit=1)).result
     assert result.pairs[0].numbers["energy"] > 0
 
 

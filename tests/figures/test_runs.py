@@ -5,6 +5,7 @@ import numpy as np
 
 from dfdbench.datasets.store import Store
 from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.runs import draw_run, pixel_time_figure, score_figure
 from dfdbench.results.summary import summarise
@@ -13,7 +14,7 @@ from tests.made_results import make_result
 
 def test_a_run_is_drawn(demo_store: Store, tmp_path: Path) -> None:
     method = load_for(demo_store, "constant", {})
-    run = run_method(demo_store, method, "test", tmp_path, limit=4)
+    run = run_method(demo_store, method, "test", tmp_path, RunOptions(limit=4))
     paths = draw_run(demo_store, summarise(run.result, "thesis"), tmp_path)
     # All images of the demo set are of one size: there are no times to draw by pixels.
     assert [path.name for path in paths] == ["scores.png", "best.png", "worst.png", "depths.png"]

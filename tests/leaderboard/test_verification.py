@@ -10,6 +10,7 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, ResultError, UnknownNameError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
+from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.leaderboard.boards import boards, collect
 from dfdbench.leaderboard.submission import submit
@@ -237,7 +238,7 @@ def test_a_result_of_pairs_that_there_are_not_is_refused(run: Path, tiny_store: 
 def test_a_reproduced_result_says_so_on_the_board(demo_store: Store, tmp_path: Path) -> None:
     method = load_for(demo_store, "constant", {})
     result: Result = run_method(
-        demo_store, method, "test", tmp_path / "run", keep_predictions=False
+        demo_store, method, "test", tmp_path / "run", RunOptions(keep_predictions=False)
     ).result
     path = submit(result, tmp_path)[0]
     save_verification(verify_result(load_result(path), path, demo_store, count=2), 0, path)

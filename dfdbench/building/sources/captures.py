@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -13,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.building.sources.frames import Image, average_frames, decode, png_problems
 from dfdbench.datasets.manifest import Capture
-from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.errors import Problem, SourceError
 from dfdbench.rig.depth_map import depth_image, warp
 from dfdbench.rig.geometry import Rig
 from dfdbench.rig.lidar import Beams, average_scans
@@ -22,7 +22,6 @@ from dfdbench.rig.lidar_files import read_beams, read_ranges
 from dfdbench.rig.registration_file import NAME as REGISTRATION
 from dfdbench.rig.registration_file import read_registration
 
-Image = NDArray[np.uint8]
 Depth = tuple[NDArray[np.uint8], NDArray[np.bool_]]
 Read = TypeVar("Read")
 
@@ -53,7 +52,7 @@ class PublishedScene:
 
     def image(self, exposure_ms: int, step: int) -> Image:
         """Return one image, RGB."""
-        return _decode(self.images(exposure_ms, step)[0], cv2.IMREAD_COLOR_RGB)
+        return decode(self.images(exposure_ms, step)[0], cv2.IMREAD_COLOR_RGB)
 
     def frame(self, exposure_ms: int, step: int) -> Image:
         """Return all that is published of an image's frame: what was left of it by the crop."""
@@ -61,7 +60,7 @@ class PublishedScene:
 
     def depth(self) -> Depth:
         """Return depth levels in centimetres and where they are known."""
-        levels = _decode(self.depth_files()[0], cv2.IMREAD_GRAYSCALE)
+        levels = decode(self.depth_files()[0], cv2.IMREAD_GRAYSCALE)
         return levels, (levels > 0) & (levels < LAST_LEVEL)
 
     def depth_files(self) -> list[Path]:
@@ -71,7 +70,7 @@ class PublishedScene:
 
     def image_problems(self, exposure_ms: int, step: int) -> list[Problem]:
         """Return what is wrong with an image's file, found without decoding it."""
-        return _png_problems(self.images(exposure_ms, step), (self._capture.crop_size,) * 2)
+        return png_problems(self.images(exposure_ms, step), (self._capture.crop_size,) * 2)
 
     def depth_problems(self) -> list[Problem]:
         """Return what is wrong with the depth map's file."""
@@ -81,7 +80,7 @@ class PublishedScene:
             return [
                 Problem("scene has no LIDAR depth map", where=str(self.folder), expected=expected)
             ]
-        return _png_problems(files, (self._capture.crop_size,) * 2)
+        return png_problems(files, (self._capture.crop_size,) * 2)
 
 
 class RawScene:
@@ -119,7 +118,7 @@ class RawScene:
 
     def frame(self, exposure_ms: int, step: int) -> Image:
         """Return the average of an image's frames, not cropped."""
-        frames = [_decode(p, cv2.IMREAD_COLOR_RGB) for p in self.images(exposure_ms, step)]
+        frames = [decode(p, cv2.IMREAD_COLOR_RGB) for p in self.images(exposure_ms, step)]
         return average_frames(frames)
 
     def image(self, exposure_ms: int, step: int) -> Image:
@@ -166,7 +165,7 @@ class RawScene:
     def image_problems(self, exposure_ms: int, step: int) -> list[Problem]:
         """Return what is wrong with an image's frames, found without decoding them."""
         files = self.images(exposure_ms, step)
-        problems = _png_problems(files, tuple(self._capture.frame_size))
+        problems = png_problems(files, tuple(self._capture.frame_size))
         if len(files) != self._capture.frames:
             name = _image_name(exposure_ms, step)
             place = _exposure_folder(self.folder / "frames", exposure_ms) / f"{name}_*.png"
@@ -239,19 +238,6 @@ def find_scene(folder: Path, name: str, capture: Capture) -> PublishedScene | Ra
     return PublishedScene(place, capture) if place.is_dir() else None
 
 
-def average_frames(frames: list[Image]) -> Image:
-    """Return the mean of several frames, pixel by pixel, rounded half up (thesis, 3.2.3).
-
-    Examples
-    --------
-    >>> average_frames([np.array([[7, 0]], np.uint8), np.array([[8, 0]], np.uint8)]).tolist()
-    [[8, 0]]
-    """
-    total = np.sum([frame.astype(np.uint32) for frame in frames], axis=0)
-    count = len(frames)
-    return np.asarray((2 * total + count) // (2 * count), np.uint8)
-
-
 def _attempt(read: Callable[[], Read], problems: list[Problem]) -> Read | None:
     try:
         return read()
@@ -273,43 +259,3 @@ def _exposure_folder(folder: Path, exposure_ms: int) -> Path:
 
 def _image_name(exposure_ms: int, step: int) -> str:
     return f"image_{step}_{exposure_ms}.00"
-
-
-def _png_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
-    return [problem for path in files for problem in _png_problem(path, size)]
-
-
-def _png_problem(path: Path, size: tuple[int, ...]) -> Iterator[Problem]:
-    try:
-        with path.open("rb") as file:
-            head = file.read(24)
-            file.seek(0, 2)
-            length = file.tell()
-            file.seek(max(length - 16, 0))
-            tail = file.read()
-    except OSError as error:
-        yield Problem("cannot read the file", where=str(path), got=reason_of(error))
-        return
-    if not head.startswith(b"\x89PNG\r\n\x1a\n") or len(head) < 24:
-        yield Problem("not a PNG file", where=str(path), got=f"bytes {head[:8]!r}")
-        return
-    # A truncated PNG decodes to an image whose end is missing: the end mark tells.
-    if b"IEND" not in tail:
-        yield Problem("PNG file is damaged", where=str(path), got=f"{length} bytes, cut short")
-    width, height = struct.unpack(">II", head[16:24])
-    if (height, width) != size:
-        expected = " x ".join(map(str, size))
-        yield Problem(
-            "size differs",
-            where=str(path),
-            expected=f"{expected} (height x width)",
-            got=f"{height} x {width}",
-        )
-
-
-def _decode(path: Path, mode: int) -> Image:
-    content = np.frombuffer(path.read_bytes(), np.uint8)
-    image = cv2.imdecode(content, mode)
-    if image is None:
-        raise SourceError("PNG file is damaged", where=str(path), fix="fetch it again")
-    return np.asarray(image, np.uint8)

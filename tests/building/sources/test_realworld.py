@@ -9,7 +9,7 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
-from dfdbench.building.sources.captures import average_frames
+from dfdbench.building.sources.frames import average_frames
 from dfdbench.building.sources.realworld import RealworldFolder
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.store import Store

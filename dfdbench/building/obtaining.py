@@ -1,0 +1,115 @@
+"""A data set's files, from a folder or fetched from its site; the two do not mix."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from dfdbench.building.fetching.checksums import known_checksums
+from dfdbench.building.fetching.download import Progress
+from dfdbench.building.sources import Download, Source, download_middlebury, open_source
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.errors import InputError, Problem
+from dfdbench.system.cache import DOWNLOADS, cache_folder
+
+
+@dataclass(frozen=True)
+class Fetching:
+    """How files are to be fetched.
+
+    Parameters
+    ----------
+    mirrors : tuple of str
+        Addresses that are asked before the site.
+    offline : bool
+        Ask nobody: take what was fetched before.
+
+    Raises
+    ------
+    InputError
+        Where a mirror is no address.
+    """
+
+    mirrors: tuple[str, ...] = ()
+    offline: bool = False
+
+    def __post_init__(self) -> None:
+        problems = [
+            Problem(
+                "not an address",
+                where="--mirror or DFDBENCH_MIRROR",
+                expected="https://HOST/FOLDER",
+                got=mirror,
+            )
+            for mirror in self.mirrors
+            if not re.match(r"https?://[^/]+", mirror)
+        ]
+        if problems:
+            raise InputError.of(problems)
+
+
+def is_fetched(manifest: Manifest, folder: Path | None) -> bool:
+    """Return whether a data set's files are fetched: Middlebury's are, unless a folder is named."""
+    return folder is None and manifest.reader == "middlebury"
+
+
+def refuse_to_fetch(manifest: Manifest, folder: Path | None, asked: Sequence[str]) -> None:
+    """Refuse what was asked about fetching where nothing is fetched.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The data set.
+    folder : Path or None
+        The folder that its files are read from.
+    asked : sequence of str
+        The options given, such as ``--offline``.
+
+    Raises
+    ------
+    InputError
+        Where any was.
+    """
+    if asked and folder:
+        raise InputError(
+            "--source reads a copy on disk: nothing is fetched",
+            where=" and ".join(asked),
+            fix="leave it out, or leave out --source",
+        )
+    if asked:
+        raise InputError(
+            f"{manifest.short} is not fetched here", where=" and ".join(asked), fix="leave it out"
+        )
+
+
+def download_folder(manifest: Manifest, cache: Path | None = None) -> Path:
+    """Return where a data set's downloads lie."""
+    return cache_folder(cache) / DOWNLOADS / manifest.stem
+
+
+def fetch_source(
+    manifest: Manifest, folder: Path, fetching: Fetching, on_progress: Progress | None = None
+) -> tuple[Source, Download]:
+    """Fetch a data set's files into a folder; return them as a source, and what was done.
+
+    Raises
+    ------
+    SourceError
+        As `download_middlebury` does.
+    InputError
+        Where no file at all is there.
+    """
+    offline = fetching.offline
+    done = download_middlebury(manifest, folder, fetching.mirrors, offline, on_progress)
+    if not done.new and not done.kept:
+        raise InputError(
+            f"no file of {manifest.short} is there",
+            where=str(folder),
+            got="--offline asks nobody" if offline else "the site has none of them",
+            fix="build once without --offline, or name a copy: --source DIR"
+            if offline
+            else "name a --mirror URL, or a copy on disk: --source DIR",
+        )
+    return open_source(manifest, folder, known_checksums(manifest, folder)), done

@@ -1,0 +1,126 @@
+"""What a build is to make and where: another blur or other voltage steps are another data set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from upath import UPath
+
+from dfdbench.blur.recipe import BlurRecipe, find_recipe
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store_place import default_store
+from dfdbench.errors import InputError
+from dfdbench.system.location import Place, as_location
+
+
+@dataclass(frozen=True)
+class NamedRecipe:
+    """A blur recipe and the name that a store records of it.
+
+    Parameters
+    ----------
+    name : str
+        Of a released recipe.
+    blur : BlurRecipe
+        What it names.
+    """
+
+    name: str
+    blur: BlurRecipe
+
+    @classmethod
+    def find(cls, name: str) -> NamedRecipe:
+        """Return the released recipe of this name.
+
+        Raises
+        ------
+        UnknownNameError
+            Where there is none.
+        """
+        return cls(name, find_recipe(name))
+
+
+@dataclass(frozen=True)
+class BuildPlan:
+    """What `plan_build` found to be one data set.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        What belongs to it.
+    place : UPath
+        The store to write.
+    recipe : NamedRecipe or None
+        The blur recipe that was asked for; None for the manifest's.
+    steps : tuple of int, or None
+        The in-focus and the defocus voltage step that were asked for; None for the manifest's.
+    """
+
+    manifest: Manifest
+    place: UPath
+    recipe: NamedRecipe | None = None
+    steps: tuple[int, int] | None = None
+
+
+def plan_build(
+    manifest: Manifest,
+    store: Place | None = None,
+    recipe: str | None = None,
+    steps: tuple[int, int] | None = None,
+    cache: Path | None = None,
+) -> BuildPlan:
+    """Return a build's plan; what is not the manifest's own data set needs a place of its own.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The data set.
+    store : str, Path or UPath, optional
+        The store to write; by default the data set's place in the cache.
+    recipe : str, optional
+        A blur recipe's name, in place of the manifest's.
+    steps : tuple of int, optional
+        In-focus and defocus voltage step, in place of the manifest's.
+    cache : Path, optional
+        The cache folder; see `dfdbench.system.cache.cache_folder`.
+
+    Raises
+    ------
+    UnknownNameError
+        Where there is no such recipe.
+    InputError
+        Where the data set's default place would get another recipe or other steps.
+
+    Examples
+    --------
+    >>> from dfdbench.datasets.catalog import find_manifest
+    >>> plan_build(find_manifest("demo"), "my.zarr", "text").recipe.name
+    'text'
+    """
+    named = None if recipe is None else NamedRecipe.find(recipe)
+    if store is None:
+        _refuse_another_set(manifest, recipe, steps)
+    return BuildPlan(manifest, as_location(store or default_store(manifest, cache)), named, steps)
+
+
+def _refuse_another_set(
+    manifest: Manifest, recipe: str | None, steps: tuple[int, int] | None
+) -> None:
+    if recipe not in (None, manifest.recipe):
+        raise InputError(
+            "another blur recipe makes another data set",
+            where="--recipe",
+            expected=str(manifest.recipe),
+            got=str(recipe),
+            fix="name its place: --store PATH",
+        )
+    usual = manifest.capture and (manifest.capture.infocus_step, manifest.capture.defocus_step)
+    if steps is not None and usual not in (None, steps):
+        raise InputError(
+            "another pair of voltage steps makes another data set",
+            where="--pair",
+            expected=f"{usual}",
+            got=",".join(map(str, steps)),
+            fix="name its place: --store PATH",
+        )

@@ -1,0 +1,150 @@
+"""The verb that repeats the thesis's experiments: experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dfdbench.building.build import build_store
+from dfdbench.building.voltage_pairs import voltage_pair_sets
+from dfdbench.cli.options import Cache, pool_of, value_of, values_of
+from dfdbench.cli.screen import print_table, progress, save_figure, say
+from dfdbench.cli.training_options import (
+    Changes,
+    Configuration,
+    Device,
+    Network,
+    Threads,
+    seconds_of,
+    stepping,
+    use_threads,
+)
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store, open_store
+from dfdbench.errors import InputError
+from dfdbench.system.extras import needed
+from dfdbench.system.files import write_whole
+from dfdbench.tables.render import render
+from dfdbench.tables.table import Format, Table
+
+if TYPE_CHECKING:
+    from dfdbench.training.experiments import Experiment
+
+
+def experiment(
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="repeatability, cross-validation, patch-size, noise, sampling-size, expansion, "
+            "sharpest-step or voltage-pairs."
+        ),
+    ],
+    method: Annotated[Network, typer.Option(help="What is trained.")] = Network.dfd_net,
+    dataset: Annotated[
+        str | None,
+        typer.Option(
+            help="A data set's name or a store's path; default: middlebury, for voltage steps "
+            "realworld."
+        ),
+    ] = None,
+    source: Annotated[
+        Path | None, typer.Option(help="Folder of the captures, where the voltage steps vary.")
+    ] = None,
+    config: Configuration = "published",
+    changes: Changes = None,
+    values: Annotated[
+        str | None, typer.Option(metavar="A,B,...", help="In place of the thesis's values.")
+    ] = None,
+    repeats: Annotated[
+        int | None, typer.Option(min=1, help="Trainings of each value; default: the thesis's.")
+    ] = None,
+    max_time: Annotated[
+        str | None, typer.Option(metavar="30m", help="Of each training at most, as 90s, 30m.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; default: training/DATASET-experiments/NAME-METHOD.")
+    ] = None,
+    format: Annotated[Format, typer.Option(help="How the table is printed.")] = Format.table,
+    device: Device = "auto",
+    threads: Threads = None,
+    cache: Cache = None,
+) -> None:
+    """Train for each value and seed of an experiment of the thesis; a stopped one goes on."""
+    limit = seconds_of(max_time)
+    with needed():
+        from dfdbench.figures.training import experiment_figure
+        from dfdbench.training.experiments import (
+            experiment_table,
+            find_experiment,
+            run_trial,
+            trials,
+        )
+    use_threads(threads)
+    asked, chosen = find_experiment(name), _listed(values)
+    store, stem = _data_of(asked, name, dataset, chosen, source, cache)
+    folder = out or Path("training") / f"{stem}-experiments" / f"{name}-{method.value}"
+    planned = trials(
+        asked, method.value, store, config, values_of(changes, "--set"), folder, chosen, repeats
+    )
+    cards = []
+    for number, trial in enumerate(planned, 1):
+        label = f"{number} of {len(planned)}: {trial.folder.name}"
+        with progress(label) as bar:
+            card = run_trial(trial, limit, device, stepping(bar))
+        cards.append((trial.value, card))
+        table = experiment_table(asked, cards)
+        keep_table(folder, table)
+    save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
+    print_table(table) if format is Format.table else print(render([table], format), end="")
+    say(f"table        {folder / 'scores.md'}, scores.csv")
+
+
+def _data_of(
+    asked: Experiment,
+    name: str,
+    dataset: str | None,
+    chosen: list[Any] | None,
+    source: Path | None,
+    cache: Path | None,
+) -> tuple[Store | dict[str, Store], str]:
+    from dfdbench.training.experiments import PAIR
+
+    if asked.varies == PAIR:
+        manifest = find_manifest(dataset or "realworld")
+        return _built_pairs(manifest, chosen or asked.values, source, cache), manifest.stem
+    if source:
+        raise InputError(f"{name} reads a built data set", where="--source", expected="--dataset")
+    store = open_store(dataset or "middlebury", cache=cache)
+    return store, store.path.stem
+
+
+def _built_pairs(
+    manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None
+) -> dict[str, Store]:
+    sets = voltage_pair_sets(manifest, pairs, source, cache)
+    for pair, files in sets.to_build.items():
+        with progress(f"building {manifest.stem}, steps {pair}") as step:
+            report = build_store(manifest, files, sets.places[pair], None, pool_of(None), step)
+        say(f"built        {report.path}: {report.pairs} pairs, {len(report.missing)} missing")
+    return {pair: Store(place) for pair, place in sets.places.items()}
+
+
+def keep_table(folder: Path, table: Table) -> None:
+    """Write a table as Markdown and CSV."""
+    for format, suffix in ((Format.markdown, "md"), (Format.csv, "csv")):
+        write_whole(folder / f"scores.{suffix}", render([table], format))
+
+
+def _listed(text: str | None) -> list[Any] | None:
+    if text is None:
+        return None
+    values = [part.strip() for part in text.split(",")]
+    if not all(values):
+        raise InputError(
+            "not a list of values", where="--values", expected="as 0,1,2", got=repr(text)
+        )
+    return [value_of(value) for value in values]

@@ -1,0 +1,141 @@
+"""The verbs by name; a verb, and the libraries that it needs, is imported when it is called."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+from typer.main import get_command
+
+
+@dataclass(frozen=True)
+class Verb:
+    """One verb, before it is imported.
+
+    Parameters
+    ----------
+    module, attribute : str
+        Where its function, or the `typer.Typer` of its own verbs, stands in `dfdbench.cli`.
+    summary : str
+        The first line of its help, as the list of all verbs shows it.
+    """
+
+    module: str
+    attribute: str
+    summary: str
+
+    def load(self, name: str) -> Any:
+        """Import the verb and return it as a command of this name."""
+        found = getattr(import_module(f"dfdbench.cli.{self.module}"), self.attribute)
+        if not isinstance(found, typer.Typer):
+            function, found = found, typer.Typer(add_completion=False, rich_markup_mode=None)
+            found.command()(function)
+        command = get_command(found)
+        command.name = name
+        return command
+
+
+VERBS = {
+    "list": Verb("datasets", "list_datasets", "List the data sets and the registered methods."),
+    "info": Verb(
+        "datasets", "info", "Show what a data set consists of, or what a built one holds."
+    ),
+    "build": Verb(
+        "building", "build", "Build a data set; what is fetched or finished already is kept."
+    ),
+    "verify": Verb(
+        "datasets",
+        "verify",
+        "Recompute a store's fingerprint and compare it with the recorded one.",
+    ),
+    "export": Verb(
+        "building",
+        "export",
+        "Write the pairs as PNG files; Middlebury's are named as the thesis's.",
+    ),
+    "run": Verb(
+        "methods", "run", "Run a method on a data set and print its tables; a stopped run goes on."
+    ),
+    "check-method": Verb(
+        "methods",
+        "check_method_command",
+        "Try a method on awkward inputs and say what is wrong, before an hour is spent.",
+    ),
+    "train": Verb(
+        "training", "train", "Train a network; write its weights, a model card, a log and figures."
+    ),
+    "experiment": Verb(
+        "experiments",
+        "experiment",
+        "Train for each value and seed of an experiment of the thesis; a stopped one goes on.",
+    ),
+    "report": Verb(
+        "reports", "report", "Write a page about runs: tables, plots, and their pairs, worst first."
+    ),
+    "compare": Verb(
+        "reports",
+        "compare",
+        "Compare two runs pair by pair: differences, wins, losses, what changed most.",
+    ),
+    "register": Verb(
+        "registering",
+        "register_scenes",
+        "Lay the LIDAR's depth map on the camera's image: a small file and an overlay a scene.",
+    ),
+    "depths": Verb(
+        "depths",
+        "depths",
+        "Count how often each depth level occurs in a built data set, or in a part of it.",
+    ),
+    "coverage": Verb(
+        "coverage",
+        "coverage",
+        "Ask whether training covers the depths of the test; status 1 where it does not.",
+    ),
+    "split": Verb(
+        "splits",
+        "split",
+        "Propose splits or folds by scene whose training covers their tests' depths.",
+    ),
+    "difficulty": Verb(
+        "difficulty",
+        "difficulty",
+        "Say for which pixels the blur cannot tell neighbouring depth levels apart.",
+    ),
+    "cache": Verb(
+        "datasets",
+        "cache_app",
+        "List what lies in the cache: downloads and built data sets; `clear` removes it.",
+    ),
+    "leaderboard": Verb(
+        "leaderboard",
+        "app",
+        "Rank the results of the leaderboard, print the rankings and write its README.",
+    ),
+    "optics": Verb(
+        "optics", "app", "What a lens does to a point, and which voltage steps make a good pair."
+    ),
+    "simulate": Verb("simulation", "app", "Make captures as the thesis's rig would write them."),
+}
+
+
+class LazyGroup(TyperGroup):
+    """Knows the verbs by name, and imports the one that is called."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the verbs' names, as the help lists them."""
+        return list(VERBS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a verb; None where there is no such."""
+        if cmd_name in VERBS and cmd_name not in self.commands:
+            self.commands[cmd_name] = VERBS[cmd_name].load(cmd_name)
+        return self.commands.get(cmd_name)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the verbs and what each does, none of them imported."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, verb.summary) for name, verb in VERBS.items()])

@@ -1,0 +1,103 @@
+"""What a run is to evaluate, and by what it knows an earlier run as its own."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import dfdbench
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.store import Store
+from dfdbench.errors import StoreError
+from dfdbench.methods.method import Method
+from dfdbench.metrics.protocol import PROTOCOLS
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a run is made.
+
+    Parameters
+    ----------
+    limit : int, optional
+        Evaluate only that many pairs; the run is then incomplete and has no average.
+    keep_predictions : bool
+        Write the depth maps beside the result; figures need them.
+    fresh : bool
+        Evaluate all pairs anew.
+    seed : int
+        Set in `random` and `numpy.random` before each pair; kept in the result.
+    """
+
+    limit: int | None = None
+    keep_predictions: bool = True
+    fresh: bool = False
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """The pairs of a run.
+
+    Parameters
+    ----------
+    store : Store
+        The data set.
+    method : Method
+        What is evaluated.
+    split : str
+        Which pairs.
+    options : RunOptions
+        How.
+    expected, available, chosen : tuple of Pair
+        Pairs of the manifest's split; of those, the ones that the store holds; of those, the ones
+        to evaluate.
+    """
+
+    store: Store
+    method: Method
+    split: str
+    options: RunOptions
+    expected: tuple[Pair, ...]
+    available: tuple[Pair, ...]
+    chosen: tuple[Pair, ...]
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What must be the same for pairs of an earlier call to be taken over."""
+        identity = {
+            "dfdbench": dfdbench.__version__,
+            "fingerprint": self.store.fingerprint,
+            "split": self.split,
+            "entry": self.method.entry,
+            "source_sha256": self.method.source_sha256,
+            "parameters": self.method.parameters,
+            "weights_sha256": self.method.weights_sha256,
+            "files_sha256": self.method.files_sha256,
+            "protocols": [protocol.as_dict() for protocol in PROTOCOLS.values()],
+            "network_crop": self.store.manifest.network_crop,
+            "keep_predictions": self.options.keep_predictions,
+            "seed": self.options.seed,
+        }
+        return dict(json.loads(json.dumps(identity)))
+
+
+def plan_run(store: Store, method: Method, split: str, options: RunOptions) -> RunPlan:
+    """Return which pairs a run evaluates.
+
+    Raises
+    ------
+    StoreError
+        Where the store holds no pair of the split.
+    """
+    available = store.pairs(split)
+    if not available:
+        raise StoreError(
+            f"the store holds no pair of split {split}",
+            where=str(store.path),
+            fix=f"build {store.manifest.short} with the scenes of that split",
+        )
+    expected = store.manifest.pairs(split)
+    chosen = available[: options.limit]
+    return RunPlan(store, method, split, options, expected, available, chosen)

@@ -1,0 +1,123 @@
+"""The result of a run: what was run on what, the pairs' scores, their averages, warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from dfdbench.evaluation.pair import PRINTED, TURNED
+from dfdbench.evaluation.plan import RunPlan
+from dfdbench.metrics.protocol import PROTOCOLS
+from dfdbench.results.environment import describe_environment
+from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Result, average
+
+
+def result_of(plan: RunPlan, pairs: list[PairResult], warnings: Sequence[str] = ()) -> Result:
+    """Return a run's result.
+
+    Parameters
+    ----------
+    plan : RunPlan
+        What was run on what.
+    pairs : list of PairResult
+        A record for each pair of the split.
+    warnings : sequence of str
+        What is said after the warnings that follow from the records.
+    """
+    evaluated = [pair for pair in pairs if pair.status == "ok"]
+    return Result(
+        schema_version=1,
+        dataset=_dataset_record(plan, len(pairs), len(evaluated)),
+        protocols=[protocol.as_dict() for protocol in PROTOCOLS.values()],
+        method=_method_record(plan),
+        environment=describe_environment(),
+        seed=plan.options.seed,
+        pairs=pairs,
+        averages=average(evaluated, list(PROTOCOLS)) if len(evaluated) == len(pairs) else None,
+        warnings=[*_warnings(plan, pairs, evaluated), *plan.method.warnings, *warnings],
+    )
+
+
+def _dataset_record(plan: RunPlan, expected: int, evaluated: int) -> DatasetRecord:
+    store, manifest = plan.store, plan.store.manifest
+    return DatasetRecord(
+        name=manifest.stem,
+        short=manifest.short,
+        manifest_sha256=manifest.sha256,
+        fingerprint=store.fingerprint,
+        split=plan.split,
+        expected=expected,
+        evaluated=evaluated,
+        recipe=store.attributes["recipe"],
+        degradation=store.attributes["degradation"],
+        options=store.attributes["options"],
+        axes=list(manifest.axes),
+        blocks=manifest.table.blocks,
+        rows=manifest.table.rows,
+    )
+
+
+def _method_record(plan: RunPlan) -> MethodRecord:
+    method = plan.method
+    trained_on = method.trained_on
+    if trained_on is None and "training_mean" in method.uses:
+        trained_on = f"{plan.store.manifest.stem}, split train"
+    return MethodRecord(
+        name=method.name,
+        entry=without_folder(method.entry),
+        source_sha256=method.source_sha256,
+        parameters={name: _shared(value) for name, value in method.parameters.items()},
+        uses=list(method.uses),
+        trained_on=trained_on,
+        weights_sha256=method.weights_sha256,
+        files_sha256=method.files_sha256,
+        paper=method.paper,
+    )
+
+
+def _warnings(plan: RunPlan, pairs: list[PairResult], evaluated: list[PairResult]) -> list[str]:
+    manifest = plan.store.manifest
+    warnings = []
+    printed = _warned(pairs, PRINTED)
+    if printed:
+        warnings.append(f"the method printed to standard output on {printed} pairs")
+    turned = _warned(evaluated, TURNED)
+    # A flat board tells no direction: half the pairs of a set that has some are enough.
+    if turned and 2 * turned >= len(evaluated):
+        warnings.append(
+            f"{TURNED} on {turned} of {len(evaluated)} pairs: {manifest.stem} wants brighter for "
+            f"{manifest.depth.direction}"
+        )
+    together = sum(not pair.timed_alone for pair in evaluated)
+    if together:
+        warnings.append(f"{together} pairs were run several at once: times are not comparable")
+    return warnings
+
+
+def _warned(pairs: list[PairResult], begins: str) -> int:
+    return sum(any(text.startswith(begins) for text in pair.warnings) for pair in pairs)
+
+
+def _shared(value: Any) -> Any:
+    # As for entries: of a file, its name.
+    if isinstance(value, list):
+        return [_shared(part) for part in value]
+    if isinstance(value, dict):
+        return {name: _shared(part) for name, part in value.items()}
+    is_file = isinstance(value, str) and Path(value).is_absolute()
+    return Path(value).name if is_file else value
+
+
+def without_folder(entry: str) -> str:
+    """Return a method's entry as results show it: an absolute path's file name only.
+
+    Where a file lies on one machine is no business of those who read the result.
+
+    Examples
+    --------
+    >>> without_folder("/home/me/mine.py:predict"), without_folder("mine.py:predict")
+    ('mine.py:predict', 'mine.py:predict')
+    """
+    place, _, attribute = entry.rpartition(":")
+    return f"{Path(place).name}:{attribute}" if Path(place).is_absolute() else entry

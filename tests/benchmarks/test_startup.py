@@ -1,0 +1,41 @@
+"""The command line's start against `import numpy`, both in processor time of a fresh process."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROUNDS = 5
+MOST = 3.0
+
+
+def processor_seconds(command: list[str]) -> float:
+    """Return the user and system time of a command."""
+    before = os.times()
+    subprocess.run(command, check=True, capture_output=True)
+    after = os.times()
+    return sum(after[2:4]) - sum(before[2:4])
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--version"], ["--help"], ["list"], ["info", "middlebury", "--pairs", "all"]],
+    ids=" ".join,
+)
+def test_start(benchmark: Any, arguments: list[str]) -> None:
+    ours = [str(Path(sys.executable).with_name("dfdbench")), *arguments]
+    numpy = [sys.executable, "-c", "import numpy"]
+    benchmark.pedantic(processor_seconds, (ours,), rounds=1, warmup_rounds=1)
+    pairs = [(processor_seconds(ours), processor_seconds(numpy)) for _ in range(ROUNDS)]
+    own, theirs = (statistics.median(column) for column in zip(*pairs, strict=True))
+    print(
+        f"\ndfdbench {' '.join(arguments)}: {own:.2f} s of processor time, "
+        f"{own / theirs:.1f} times import numpy's {theirs:.2f} s"
+    )
+    assert own < MOST * theirs

@@ -1,0 +1,59 @@
+"""The command line starts quickly: what only looks imports none of the heavy libraries."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from dfdbench.cli.verbs import VERBS
+
+HEAVY = ("numba", "matplotlib", "xarray", "zarr", "dask", "torch", "skimage")
+
+PROGRAM = f"""
+import sys
+from dfdbench.cli import main
+sys.argv = ["dfdbench", *sys.argv[1:]]
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+print("imported:", *(name for name in {HEAVY!r} if name in sys.modules))
+"""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--version"],
+        ["--help"],
+        ["build", "--help"],
+        ["run", "--help"],
+        ["list"],
+        ["info", "demo"],
+        ["info", "demo", "--pairs", "test"],
+    ],
+    ids=" ".join,
+)
+def test_what_only_looks_imports_nothing_heavy(arguments: list[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, *arguments], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "imported:"
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_the_list_of_verbs_says_what_their_help_says(name: str) -> None:
+    command = VERBS[name].load(name)
+    assert command.name == name
+    assert (command.help or "").partition("\n")[0] == VERBS[name].summary
+
+
+def test_an_unknown_verb_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    from dfdbench.cli import app
+
+    with pytest.raises(SystemExit) as ended:
+        app(["no-such-verb"], prog_name="dfdbench")
+    assert ended.value.code == 2
+    assert "No such command 'no-such-verb'" in capsys.readouterr().err
