@@ -164,7 +164,7 @@ def entry_of(target: Callable[..., Any]) -> str:
     Examples
     --------
     >>> entry_of(load)
-    'dfdbench.methods:load'
+    'dfdbench.methods.registry:load'
     """
     place, name = getattr(target, "__module__", ""), getattr(target, "__qualname__", "")
     module = sys.modules.get(place)
