@@ -5,17 +5,19 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMPS := .make
+# The tests of a file stay together, and all that need a server run on one worker: tests/conftest.py.
+PYTEST = $(BIN)/python -m pytest --benchmark-skip --numprocesses 2 --dist loadgroup
 # A method a word, with commas for the blanks before its parameters.
 DEMO_METHODS := constant local graph-cuts u-net,--param,weights=demo dfd-net,--param,weights=demo
 BOARD_METHODS := constant local graph-cuts graph-cuts,--param,recipe=text \
   graph-cuts,--param,color_space=rgb graph-cuts-rounded \
   u-net,--param,weights=demo dfd-net,--param,weights=demo
 
-.PHONY: help demo test benchmark leaderboard clean
+.PHONY: help demo test test-slow test-all browser benchmark leaderboard clean
 .DEFAULT_GOAL := help
 
 help: ## Say what there is to make
-	@grep -E '^[a-z]+:.*##' Makefile | sed 's/:.*## /\t/'
+	@grep -E '^[a-z-]+:.*##' Makefile | sed 's/:.*## /\t/'
 
 demo: $(STAMPS)/installed ## Build the demo set, run the baselines, print tables, draw figures
 	@echo "== building the demo set"
@@ -27,7 +29,7 @@ demo: $(STAMPS)/installed ## Build the demo set, run the baselines, print tables
 	@echo; echo "All of it lies here:"
 	@find results/demo-1-test -name '*.png' -o -name result.json | sort | sed 's/^/  /'
 
-test: $(STAMPS)/tested-with ## ruff, mypy --strict, the leaderboard's check, pytest with doctests
+test: $(STAMPS)/tested-with ## ruff, mypy --strict, the leaderboard's check, pytest but for the slow tests
 	@echo "== ruff: style and imports"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
@@ -36,7 +38,17 @@ test: $(STAMPS)/tested-with ## ruff, mypy --strict, the leaderboard's check, pyt
 	@echo "== dfdbench leaderboard --check: results, hashes, README"
 	@$(BIN)/dfdbench leaderboard --check
 	@echo "== pytest: tests, doctests, the README's examples"
-	@$(BIN)/python -m pytest --benchmark-skip --numprocesses 2 --dist loadfile
+	@$(PYTEST) -m "not slow"
+
+test-slow: $(STAMPS)/tested-with ## The tests that take minutes: many kills, the wheel, whole photographs
+	@echo "== pytest: the slow tests"
+	@$(PYTEST) -m slow
+
+test-all: test test-slow ## Every test
+
+browser: ## Install Chromium, which the report page's tests need (Debian, as root)
+	@command -v chromedriver > /dev/null || { apt-get -qq update && \
+	  apt-get -qq install -y --no-install-recommends chromium chromium-driver; }
 
 leaderboard: $(STAMPS)/installed ## Run every row of the demo set's leaderboard, write its README
 	@$(BIN)/dfdbench build demo

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import shutil
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from distributed import LocalCluster
+from hypothesis import settings
 from moto.server import ThreadedMotoServer
 from numpy.typing import NDArray
 from upath import UPath
@@ -32,6 +34,25 @@ from dfdbench.simulation.captures import CaptureSettings, write_captures
 from dfdbench.system.location import as_location
 from dfdbench.system.parallel import Threads
 from tests.made_captures import STEPS, raw_scene
+from tests.once import made_once
+
+# A loaded machine is slow, and slowness is no defect of what is tested.
+settings.register_profile("dfdbench", deadline=None)
+settings.load_profile("dfdbench")
+
+#: On tests that ask for `cluster` or `object_store` by a parameter: servers take seconds to start
+#: and live in one process, so one worker of pytest-xdist runs all that need them.
+ON_SERVERS = pytest.mark.xdist_group("servers")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep the tests of a file on one worker, and all that need a server on one."""
+    for item in items:
+        if {"cluster", "object_store"} & {*getattr(item, "fixturenames", ())}:
+            item.add_marker(ON_SERVERS)
+        elif not item.get_closest_marker("xdist_group"):
+            item.add_marker(pytest.mark.xdist_group(item.nodeid.partition("::")[0]))
+
 
 TINY_TOML = """
 schema_version = 1
@@ -154,35 +175,47 @@ def write_png(path: Path, image: NDArray[np.uint8]) -> None:
     path.write_bytes(content.tobytes())
 
 
-@pytest.fixture
-def tiny_folder(tmp_path: Path) -> Path:
-    """The tiny set's files in the site's layout; scenes differ in width."""
-    folder = tmp_path / "site"
+def make_tiny_set(folder: Path) -> None:
+    """Write the tiny set's files in the site's layout, scenes differing in width; build it."""
     random = np.random.default_rng(3)
     for number, scene in enumerate(("One", "Two", "Three")):
         shape = (24, 30 + number)
         for view in (1, 5):
             depth = random.integers(0, 256, shape).astype(np.uint8)
-            write_png(folder / scene / f"disp{view}.png", depth)
+            write_png(folder / "site" / scene / f"disp{view}.png", depth)
             for exposure in (0, 1):
                 image = random.integers(0, 256, (*shape, 3)).astype(np.uint8)
-                write_png(folder / scene / f"Illum1/Exp{exposure}/view{view}.png", image)
-    return folder
+                write_png(folder / "site" / scene / f"Illum1/Exp{exposure}/view{view}.png", image)
+    manifest = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
+    build_store(manifest, open_source(manifest, folder / "site"), folder / "tiny.zarr")
+
+
+@pytest.fixture(scope="session")
+def tiny_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with `site` and `tiny.zarr`; never changed: tests get copies."""
+    return made_once(tmp_path_factory, "tiny", make_tiny_set)
 
 
 @pytest.fixture
-def tiny_store(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> Store:
-    path = tmp_path / "tiny.zarr"
-    build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), path)
-    return Store(path)
+def tiny_folder(tiny_set: Path, tmp_path: Path) -> Path:
+    """The tiny set's files in the site's layout; scenes differ in width."""
+    return Path(shutil.copytree(tiny_set / "site", tmp_path / "site"))
+
+
+@pytest.fixture
+def tiny_store(tiny_set: Path, tmp_path: Path) -> Store:
+    return Store(shutil.copytree(tiny_set / "tiny.zarr", tmp_path / "tiny.zarr"))
 
 
 @pytest.fixture(scope="session")
 def demo_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
-    manifest = find_manifest("demo")
-    path = tmp_path_factory.mktemp("demo") / "demo-1.zarr"
-    build_store(manifest, open_source(manifest), path, pool=Threads(2))
-    return Store(path)
+    """The demo set, built; never changed."""
+
+    def build(folder: Path) -> None:
+        manifest = find_manifest("demo")
+        build_store(manifest, open_source(manifest), folder / "demo-1.zarr", pool=Threads(2))
+
+    return Store(made_once(tmp_path_factory, "demo", build) / "demo-1.zarr")
 
 
 @pytest.fixture(scope="session")
@@ -214,7 +247,7 @@ def cluster(object_store: str) -> Iterator[str]:
         yield str(cluster.scheduler_address)
 
 
-@pytest.fixture(params=["disk", "memory", "s3"])
+@pytest.fixture(params=["disk", "memory", pytest.param("s3", marks=ON_SERVERS)])
 def place(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[str], UPath]:
     """Places by name: in a folder, in memory, in an object store."""
     if request.param == "s3":
@@ -257,7 +290,10 @@ def aloe(shared_data: Path) -> Callable[[int], Energy]:
 @pytest.fixture(scope="session")
 def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Simulated raw captures of k01 (oblique) and k03 (flat, near), registered; never changed."""
-    folder = tmp_path_factory.mktemp("captures")
+    return made_once(tmp_path_factory, "captures", make_captures)
+
+
+def make_captures(folder: Path) -> None:
     manifest = find_manifest("realworld")
     assert manifest.capture is not None
     write_captures(
@@ -272,4 +308,3 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, found in register(sightings, rig)[0].items():
         corners = sightings[name].rays.corners()
         write_registration(scenes[name].registration, found.matrix, corners, "by the tests")
-    return folder

@@ -40,21 +40,35 @@ def make_result(
     return Result(
         schema_version=1,
         dataset=DatasetRecord(
-            name="tiny-1", short="tiny", manifest_sha256="1" * 64, fingerprint="2" * 64,
-            split="test", expected=len(pairs), evaluated=len(pairs),
-            recipe={"name": "published", "parameters": {}}, degradation="clean", options={},
-            axes=["view", "illumination", "exposure"], blocks="exposure", rows="illumination",
+            name="tiny-1",
+            short="tiny",
+            manifest_sha256="1" * 64,
+            fingerprint="2" * 64,
+            split="test",
+            expected=len(pairs),
+            evaluated=len(pairs),
+            recipe={"name": "published", "parameters": {}},
+            degradation="clean",
+            options={},
+            axes=["view", "illumination", "exposure"],
+            blocks="exposure",
+            rows="illumination",
         ),
         protocols=[PROTOCOLS["thesis"].as_dict()],
         method=MethodRecord(
-            name=name, entry="mine:predict", source_sha256=None, parameters={}, uses=[],
-            trained_on=None, paper=None,
+            name=name,
+            entry="mine:predict",
+            source_sha256=None,
+            parameters={},
+            uses=[],
+            trained_on=None,
+            paper=None,
         ),
         environment=describe_environment(),
         seed=0,
         pairs=pairs,
         averages=average(pairs, ["thesis"]),
-    )  # fmt: skip
+    )
 
 
 def make_demo_result(
@@ -72,17 +86,26 @@ def make_demo_result(
         scores: dict[str, float | None] = {"nrmse": value, "nmae": value / 2, "ssim": 1 - value}
         pairs.append(
             PairResult(
-                id=pair.id, scene=pair.scene, coordinates=pair.at, status="ok", seconds=0.25,
-                prediction_sha256="0" * 64, scores=dict.fromkeys(protocols, scores),
+                id=pair.id,
+                scene=pair.scene,
+                coordinates=pair.at,
+                status="ok",
+                seconds=0.25,
+                prediction_sha256="0" * 64,
+                scores=dict.fromkeys(protocols, scores),
             )
-        )  # fmt: skip
+        )
     blank = make_result({("a", 1, 1, 0): 0.1}, name)
     return blank.model_copy(
         update={
             "dataset": blank.dataset.model_copy(
                 update={
-                    "name": manifest.stem, "short": "demo", "manifest_sha256": manifest.sha256,
-                    "fingerprint": fingerprint, "expected": len(pairs), "evaluated": len(pairs),
+                    "name": manifest.stem,
+                    "short": "demo",
+                    "manifest_sha256": manifest.sha256,
+                    "fingerprint": fingerprint,
+                    "expected": len(pairs),
+                    "evaluated": len(pairs),
                 }
             ),
             "method": blank.method.model_copy(update={"parameters": parameters or {}}),
@@ -90,7 +113,7 @@ def make_demo_result(
             "pairs": pairs,
             "averages": average(pairs, list(protocols)),
         }
-    )  # fmt: skip
+    )
 
 
 def limited(result: Result, count: int) -> Result:

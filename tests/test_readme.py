@@ -40,9 +40,14 @@ def dfdbench(place: Path, command: str) -> subprocess.CompletedProcess[str]:
     program, *arguments = command.split()
     assert program == "dfdbench"
     return subprocess.run(
-        [sys.executable, "-m", "dfdbench", *arguments], cwd=place, capture_output=True, text=True,
-        env={**os.environ, "DFDBENCH_CACHE": str(place / "cache")}, timeout=300, check=False,
-    )  # fmt: skip
+        [sys.executable, "-m", "dfdbench", *arguments],
+        cwd=place,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "DFDBENCH_CACHE": str(place / "cache")},
+        timeout=300,
+        check=False,
+    )
 
 
 def test_the_tutorial_runs(place: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import graphlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -63,6 +64,7 @@ def imported(path: Path) -> Iterator[str]:
                 yield whole if whole in MODULES else str(node.module)
 
 
+@functools.cache
 def arrows() -> dict[tuple[str, str], list[str]]:
     """Return the modules that lead from one room to another, by both rooms."""
     found: dict[tuple[str, str], list[str]] = {}

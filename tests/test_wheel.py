@@ -45,9 +45,13 @@ def python(*arguments: str | Path, cwd: Path) -> str:
     """Run Python's or the command's words outside the checkout; return what they print."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHONPATH", "GIT_"))}
     done = subprocess.run(
-        list(map(str, arguments)), cwd=cwd, env=environment, capture_output=True, text=True,
+        list(map(str, arguments)),
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
         check=False,
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -114,6 +118,7 @@ def test_the_wheel_holds_every_file_and_no_other(wheel: Path) -> None:
     assert held_by(wheel) == expected()
 
 
+@pytest.mark.slow
 def test_the_wheel_of_an_unpacked_sdist_is_the_same(clean_tree: Path, tmp_path: Path) -> None:
     build = "import sys, setuptools.build_meta as b; print(b.build_sdist(sys.argv[1]))"
     python(sys.executable, "-c", build, tmp_path, cwd=clean_tree)
@@ -124,6 +129,7 @@ def test_the_wheel_of_an_unpacked_sdist_is_the_same(clean_tree: Path, tmp_path: 
     assert held_by(wheel_of(unpacked, tmp_path / "wheel")) == expected()
 
 
+@pytest.mark.slow
 def test_the_installed_wheel_works_without_the_checkout(elsewhere: Path, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "leaderboard", tmp_path / "board")
     where = "import dfdbench, dfdbench.manifests as m; print(dfdbench.__file__, m.__file__)"

@@ -6,7 +6,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from dfdbench.audit.coverage import Coverage, Criterion, DensityBound, Verdict, uncovered
-from dfdbench.audit.depth_histogram import DepthHistogram, depth_histogram, expected_uses
+from dfdbench.audit.depth_histogram import DepthHistogram, depth_histogram
 from dfdbench.audit.level_ranges import as_ranges
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError
@@ -60,43 +60,7 @@ def test_a_set_that_trains_and_tests_is_covered() -> None:
     assert Coverage(side, side).share(Coverage(side, side).uncovered()) == 0
 
 
-def test_unknown_pixels_are_apart_and_pairs_weigh() -> None:
-    depth = np.array([[0, 0, 9, 9, 80]], np.uint8)
-    once, thrice = (depth_histogram(depth, depth > 0, pairs) for pairs in (1, 3))
-    assert (once.known, once.unknown) == (3, 2)
-    assert (thrice.counts == 3 * once.counts).all()
-    assert (thrice.unknown, thrice.pairs) == (6, 3)
-    assert once.counts[0] == 0
-
-
-def test_inverting_turns_every_level_round() -> None:
-    depth = np.array([[4, 8, 250]], np.uint8)
-    turned = depth_histogram(255 - depth, depth > 0)
-    inverted = depth_histogram(depth, depth > 0).inverted()
-    assert (inverted.counts == turned.counts).all()
-    assert inverted.expanded == pytest.approx(turned.expanded)
-
-
-def test_expected_uses_are_those_of_all_crops() -> None:
-    height, width, crop = 7, 9, 4
-    uses = np.zeros((height, width))
-    places = [(y, x) for y in range(height - crop + 1) for x in range(width - crop + 1)]
-    for y, x in places:
-        uses[y : y + crop, x : x + crop] += 1
-    assert expected_uses((height, width), crop) == pytest.approx(uses / len(places))
-
-
-def test_a_crop_shows_as_many_pixels_as_it_has_in_eight_orientations() -> None:
-    depth = np.full((60, 90), 77, np.uint8)
-    whole = depth_histogram(depth, np.ones(depth.shape, bool))
-    assert whole.expanded.sum() == pytest.approx(8 * 32 * 32)
-    small = depth_histogram(depth[:10], np.ones((10, 90), bool))
-    assert small.expanded.sum() == pytest.approx(8 * 10 * 32)
-
-
-def test_what_is_no_depth_map_or_no_bound_is_refused() -> None:
-    with pytest.raises(InputError, match="not a depth map"):
-        depth_histogram(np.zeros((3, 3), np.float32), np.ones((3, 3), bool))
+def test_what_is_no_bound_is_refused() -> None:
     with pytest.raises(InputError, match="density factor"):
         DensityBound(factor=0.5)
     with pytest.raises(InputError, match="density floor"):

@@ -5,13 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dfdbench.audit.depth_histogram import depth_histogram
 from dfdbench.audit.sides import scene_histograms, sides_of
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
-from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.folds import training_of
-from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
@@ -122,8 +118,9 @@ def test_levels_are_turned_round_between_sets_that_grow_the_other_way(
     # The same depth maps, declared as distances: Eq. 7.1 maps level 4 to 251.
     far = build(
         TINY_TOML.replace('"nearness"', '"distance"').replace('name = "tiny"', 'name = "far"'),
-        tiny_folder, tmp_path / "far.zarr",
-    )  # fmt: skip
+        tiny_folder,
+        tmp_path / "far.zarr",
+    )
     _, test = sides_of(tiny_store, other=far)
     assert test.inverted
     assert test.name == "all"
@@ -132,20 +129,3 @@ def test_levels_are_turned_round_between_sets_that_grow_the_other_way(
     # Within one data set nothing is turned, whichever way it grows.
     assert not any(side.inverted for side in sides_of(far))
     assert not sides_of(far, other=far)[1].inverted
-
-
-def test_training_is_all_other_scenes(tiny_manifest: Manifest) -> None:
-    assert training_of(tiny_manifest, "K2") == ("One", "Two")
-
-
-def test_the_crop_expansion_is_about_what_the_thesis_reports(shared_data: Path) -> None:
-    # 5.2.1: each image was drawn 8753.74 times, each level used "approximately 422 times more".
-    folder = shared_data / "middlebury"
-    source = open_source(find_manifest("middlebury-default"), folder)
-    scenes = dict.fromkeys(pair.scene for pair in source.available_pairs())
-    maps = [source.read(scene) for scene in list(scenes)[:6]]
-    histograms = [
-        depth_histogram(scene.depth[view], scene.valid[view]) for scene in maps for view in (0, 1)
-    ]
-    used = 8753.74 * sum(h.expanded.sum() for h in histograms)
-    assert 380 < used / sum(h.known for h in histograms) < 470

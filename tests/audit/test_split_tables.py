@@ -59,10 +59,15 @@ def test_a_ranking_keeps_what_it_depends_on(tiny_manifest: Manifest) -> None:
         ranking_as_json(tiny_manifest, ProposalSettings("f" * 64, chosen, 7), ranking, ())
     )
     assert {key: content[key] for key in list(content)[3:11]} == {
-        "fingerprint": "f" * 64, "criterion": "density", "allowed_share": 0.1,
-        "density_factor": 4.0, "density_floor": 0.01, "seed": 7, "absent_scenes": ["Three"],
+        "fingerprint": "f" * 64,
+        "criterion": "density",
+        "allowed_share": 0.1,
+        "density_factor": 4.0,
+        "density_floor": 0.01,
+        "seed": 7,
+        "absent_scenes": ["Three"],
         "kept_together": [["One", "Two"]],
-    }  # fmt: skip
+    }
 
 
 def test_fragments_complete_a_manifest() -> None:

@@ -168,8 +168,10 @@ def peak(folder: Path, store: Path) -> float:
     """Megabytes that a build has in memory at most."""
     done = subprocess.run(
         [sys.executable, "-c", _BUILD, str(folder), str(store)],
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     return int(done.stdout) / 1024
 
 

@@ -27,8 +27,10 @@ def store_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recipe = RECIPES["published"]
     about = {
         "recipe": {"name": "published", "parameters": recipe.as_dict()},
-        "degradation": "clean", "depth_unit": manifest.depth.unit, "options": {},
-    }  # fmt: skip
+        "degradation": "clean",
+        "depth_unit": manifest.depth.unit,
+        "options": {},
+    }
     extent = tuple(len(values) for values in manifest.axes.values())
     with StoreWriter(path, manifest, about) as writer:
         digests = {}

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from dfdbench.blur.recipe import RECIPES, BlurRecipe, find_recipe
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.errors import InputError, UnknownNameError
+from dfdbench.errors import InputError
 
 Image = NDArray[np.uint8]
 
@@ -116,20 +116,6 @@ def test_threads_at_work_at_once_change_nothing() -> None:
     assert all(np.array_equal(one, alone) for one in many)
 
 
-def test_levels_and_depths_are_inverse() -> None:
-    levels = np.arange(256)
-    for recipe in (*RECIPES.values(), BlurRecipe(1, 1, invert=False)):
-        assert np.array_equal(recipe.depth_of_level(recipe.level_of_depth(levels)), levels)
-
-
-def test_the_recipes_are_those_of_the_thesis_and_its_images() -> None:
-    published, text = RECIPES["published"], RECIPES["text"]
-    assert published.sigma_step == 2.88 / 256
-    assert text.sigma_step == 2.56 / 256
-    assert np.allclose(published.kernels().sum(axis=1), 1)
-    assert find_recipe(published.as_dict()) == published
-
-
 @pytest.mark.parametrize(
     ("image", "depth", "told"),
     [
@@ -150,14 +136,3 @@ def test_a_depth_without_a_level_is_named() -> None:
     image, depth = np.zeros((2, 2, 3), np.uint8), np.full((2, 2), 64, np.uint8)
     with pytest.raises(InputError, match="0 to 63"):
         synthesize(image, depth, BlurRecipe(0.3, 0.05, levels=64))
-
-
-def test_wrong_recipes_are_named() -> None:
-    with pytest.raises(InputError) as caught:
-        BlurRecipe(sigma_min=0, sigma_step=float("nan"), levels=1, kernel_size=4)
-    for part in ("sigma_min", "sigma_step", "levels", "kernel_size"):
-        assert part in str(caught.value)
-    with pytest.raises(UnknownNameError, match="did you mean published"):
-        find_recipe("publishd")
-    with pytest.raises(InputError, match="sigma_mni"):
-        find_recipe({"sigma_mni": 1})

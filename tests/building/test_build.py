@@ -22,7 +22,7 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError, UnknownNameError
 from dfdbench.leaderboard.folder import known_fingerprints
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
-from tests.conftest import TINY_TOML
+from tests.conftest import ON_SERVERS, TINY_TOML
 
 # Sets are versioned: another fingerprint would be another data set.
 DEMO_FINGERPRINT = "8adcbc62be740bade4be91d181afe2765235cc675d3d3b51aed9a5dc44484b1a"
@@ -38,7 +38,14 @@ def test_the_fingerprint_does_not_depend_on_the_workers(
     assert report.fingerprint == tiny_store.fingerprint
 
 
-@pytest.mark.parametrize("where", ["processes", "cluster", "cluster to s3"])
+@pytest.mark.parametrize(
+    "where",
+    [
+        "processes",
+        pytest.param("cluster", marks=ON_SERVERS),
+        pytest.param("cluster to s3", marks=ON_SERVERS),
+    ],
+)
 def test_the_fingerprint_does_not_depend_on_where_it_is_built(
     tiny_manifest: Manifest,
     tiny_folder: Path,
@@ -112,9 +119,10 @@ def test_missing_pairs_are_left_out_and_named(
     report = build_store(tiny_manifest, source, tmp_path / "s.zarr")
     missing = {pair.id for pair in report.missing}
     assert missing == {
-        "One/view5/illumination1/exposure0", "Two/view1/illumination1/exposure0",
+        "One/view5/illumination1/exposure0",
+        "Two/view1/illumination1/exposure0",
         "Two/view1/illumination1/exposure1",
-    }  # fmt: skip
+    }
     store = Store(report.path)
     assert set(store.attributes["missing_pairs"]) == missing
     assert len(store.pairs("all")) == report.pairs == 8
@@ -139,8 +147,16 @@ def test_damaged_files_are_all_named_and_nothing_is_put_into_place(
 def test_a_killed_build_goes_on(demo_store: Store, tmp_path: Path) -> None:
     path = tmp_path / "killed.zarr"
     command = [
-        sys.executable, "-m", "dfdbench", "build", "demo", "--store", str(path), "--workers", "1",
-    ]  # fmt: skip
+        sys.executable,
+        "-m",
+        "dfdbench",
+        "build",
+        "demo",
+        "--store",
+        str(path),
+        "--workers",
+        "1",
+    ]
     process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     partial = path.with_name("killed.zarr.partial")
     deadline = time.monotonic() + 60

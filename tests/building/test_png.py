@@ -24,9 +24,11 @@ def header(columns: int, rows: int, bits: int = 8, colour: int = 2) -> bytes:
     """A PNG file that only says what it is."""
     content = b"IHDR" + struct.pack(">IIBBBBB", columns, rows, bits, colour, 0, 0, 0)
     return (
-        b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + content
+        b"\x89PNG\r\n\x1a\n"
+        + struct.pack(">I", 13)
+        + content
         + struct.pack(">I", zlib.crc32(content))
-    )  # fmt: skip
+    )
 
 
 def test_colours_and_size() -> None:

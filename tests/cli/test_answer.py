@@ -87,9 +87,13 @@ def test_a_reader_that_has_enough_changes_neither_files_nor_status(
     tmp_path: Path, format: str
 ) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, format], cwd=tmp_path, text=True, env=os.environ.copy(),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        [sys.executable, "-c", SCRIPT, format],
+        cwd=tmp_path,
+        text=True,
+        env=os.environ.copy(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
     assert process.stdout is not None
     process.stdout.readline()
     process.stdout.close()

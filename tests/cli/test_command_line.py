@@ -4,59 +4,18 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
-from dfdbench.cli import main
 from dfdbench.datasets.store import Store
 from dfdbench.results.record_file import load_result
+from tests.cli.command import Command
 from tests.conftest import TINY_TOML
 from tests.site import Site, served
 
-
-class Outcome(NamedTuple):
-    status: int
-    out: str
-    err: str
-
-
-Command = Callable[..., Outcome]
 BELOW = "data/scenes/ThirdSize"
-
-MINE = """
-import numpy as np
-
-def predict(infocus, defocus):
-    print("predicting")
-    return np.full(infocus.shape[:2], 90)
-
-def nan(infocus, defocus):
-    return np.full(infocus.shape[:2], np.nan)
-"""
-
-
-@pytest.fixture
-def dfdbench(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Command:
-    (tmp_path / "work").mkdir(exist_ok=True)
-    (tmp_path / "work/mymodule.py").write_text(MINE)
-    monkeypatch.chdir(tmp_path / "work")
-
-    def command(*arguments: str) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["dfdbench", *arguments])
-        status = 0
-        try:
-            main()
-        except SystemExit as exit_:
-            status = int(exit_.code or 0)
-        captured = capsys.readouterr()
-        return Outcome(status, captured.out, captured.err)
-
-    return command
 
 
 @pytest.fixture
@@ -129,9 +88,16 @@ def test_the_whole_way(
     assert (folder / "figures/worst.png").exists()
     for form in ("markdown", "json", "csv"):
         shown = dfdbench(
-            "run", "--method", "mymodule:predict", "--dataset", store, "--format", form,
-            "--protocol", "valid",
-        )  # fmt: skip
+            "run",
+            "--method",
+            "mymodule:predict",
+            "--dataset",
+            store,
+            "--format",
+            form,
+            "--protocol",
+            "valid",
+        )
         assert shown.status == 0
         assert "7 pairs taken over" in shown.err
         if form == "json":
@@ -149,8 +115,13 @@ def test_missing_pairs_fail_the_build_unless_allowed(
         png.unlink()
     (tiny_folder / "Two/Illum1/Exp0/view5.png").unlink()
     arguments = (
-        "build", tiny_toml, "--source", str(tiny_folder), "--store", str(tmp_path / "s.zarr"),
-    )  # fmt: skip
+        "build",
+        tiny_toml,
+        "--source",
+        str(tiny_folder),
+        "--store",
+        str(tmp_path / "s.zarr"),
+    )
     outcome = dfdbench(*arguments)
     assert outcome.status == 2
     assert "missing: 5 of 11 pairs" in outcome.err
@@ -172,12 +143,14 @@ def test_check_method_passes_and_fails(dfdbench: Command) -> None:
 def test_ctrl_c_in_mid_build_loses_nothing(demo_store: Store, tmp_path: Path) -> None:
     store = tmp_path / "demo.zarr"
     command = [sys.executable, "-m", "dfdbench", "build", "demo", "--store", str(store)]
-    # With one worker most scenes are still to come when the first is seen.
-    command += ["--workers", "1"]
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        # With one worker most scenes are still to come when the first is seen.
+        [*command, "--workers", "1"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         env={**os.environ, "DFDBENCH_CACHE": str(tmp_path / "cache")},
-    )  # fmt: skip
+    )
     partial = tmp_path / "demo.zarr.partial"
     deadline = time.monotonic() + 60
     while not list(partial.glob("*/defocus")) and time.monotonic() < deadline:

@@ -2,11 +2,8 @@
 
 import json
 import shutil
-import sys
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import jsonschema
 import numpy as np
@@ -14,11 +11,11 @@ import pytest
 
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
-from dfdbench.cli import main
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.results.record_file import load_result
 from dfdbench.system.parallel import Threads
+from tests.cli.command import Command
 from tests.conftest import TINY_TOML, shared_data_folder, write_png
 
 LEARNED = """
@@ -45,34 +42,9 @@ class Silent(Learned):
 """
 
 
-class Outcome(NamedTuple):
-    status: int
-    out: str
-    err: str
-
-
-Command = Callable[..., Outcome]
-
-
-@pytest.fixture
-def dfdbench(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Command:
-    (tmp_path / "work").mkdir()
-    (tmp_path / "work/learned.py").write_text(LEARNED)
-    monkeypatch.chdir(tmp_path / "work")
-
-    def command(*arguments: str) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["dfdbench", *arguments])
-        status = 0
-        try:
-            main()
-        except SystemExit as exit_:
-            status = int(exit_.code or 0)
-        captured = capsys.readouterr()
-        return Outcome(status, captured.out, captured.err)
-
-    return command
+@pytest.fixture(autouse=True)
+def learned(dfdbench: Command) -> None:
+    Path("learned.py").write_text(LEARNED)
 
 
 def build(toml: str, folder: Path, path: Path) -> str:
@@ -239,7 +211,8 @@ def test_training_is_what_the_user_or_the_method_names(dfdbench: Command, uneven
 
 def test_only_a_method_that_names_its_training_is_warned_of(dfdbench: Command, uneven: str) -> None:
     def warnings(method: str, split: str = "test") -> list[str]:
-        dfdbench("run", "--method", method, "--dataset", uneven, "--split", split)
+        run = ("run", "--method", method, "--dataset", uneven, "--split", split)
+        dfdbench(*run, "--no-predictions")
         name = method.replace(":", "-")
         return load_result(Path(f"results/uneven-{split}/{name}/result.json")).warnings
 
@@ -299,9 +272,14 @@ def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: st
 
 
 @pytest.mark.parametrize(
-    "verb", [["coverage"], ["coverage", "--each", "scene"], ["split", "--folds", "2"],
-             ["difficulty", "--split", "all"]],
-)  # fmt: skip
+    "verb",
+    [
+        ["coverage"],
+        ["coverage", "--each", "scene"],
+        ["split", "--folds", "2"],
+        ["difficulty", "--split", "all"],
+    ],
+)
 def test_a_damaged_store_is_an_error_and_no_verdict(
     dfdbench: Command, uneven: str, verb: list[str]
 ) -> None:
@@ -373,9 +351,18 @@ def test_middlebury_shows_what_the_thesis_found(dfdbench: Command, middlebury: s
         name for name, record in each["records"].items() if record["shares"]["thesis"] > 0.01
     }
     assert uncovered == {
-        "Art", "Baby2", "Bowling1", "Bowling2", "Cloth2", "Lampshade1", "Laundry", "Midd1", "Midd2",
-        "Monopoly", "Reindeer",
-    }  # fmt: skip
+        "Art",
+        "Baby2",
+        "Bowling1",
+        "Bowling2",
+        "Cloth2",
+        "Lampshade1",
+        "Laundry",
+        "Midd1",
+        "Midd2",
+        "Monopoly",
+        "Reindeer",
+    }
     proposed = json.loads(
         dfdbench("split", middlebury, "--test-scenes", "3", "--format", "json").out
     )

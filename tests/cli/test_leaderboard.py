@@ -10,7 +10,7 @@ import cv2
 import pytest
 
 from dfdbench.datasets.store import Store
-from tests.cli.test_command_line import Command, dfdbench  # noqa: F401
+from tests.cli.command import Command
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def built(demo_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.usefixtures("built")
-def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:  # noqa: F811
+def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     run = ("run", "--dataset", "demo", "--method")
     assert dfdbench("leaderboard").status == 2
     Path("leaderboard/results").mkdir(parents=True)
@@ -46,7 +46,7 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:  # noqa: F811
 
 
 @pytest.mark.usefixtures("built")
-def test_runs_are_compared_and_reported(dfdbench: Command) -> None:  # noqa: F811
+def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     for window in (5, 9):
         name = f"window={window}"
         run = ("run", "--dataset", "demo", "--split", "Market", "--limit", "2")
@@ -85,7 +85,7 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:  # noqa: F81
 
 
 @pytest.mark.usefixtures("built")
-def test_mistakes_are_told(dfdbench: Command) -> None:  # noqa: F811
+def test_mistakes_are_told(dfdbench: Command) -> None:
     Path("leaderboard/results").mkdir(parents=True)
     dfdbench("run", "--dataset", "demo", "--method", "constant", "--submit", "--no-predictions")
     result = "leaderboard/results/demo-1-test/thesis/constant.json"
@@ -115,7 +115,7 @@ def predict(infocus, defocus):
 
 
 @pytest.mark.usefixtures("built")
-def test_a_run_with_failed_pairs_is_submitted_without_rank(dfdbench: Command) -> None:  # noqa: F811
+def test_a_run_with_failed_pairs_is_submitted_without_rank(dfdbench: Command) -> None:
     Path("leaderboard/results").mkdir(parents=True)
     Path("fails.py").write_text(FAILS_AT_TIMES)
     ran = dfdbench(
@@ -129,7 +129,7 @@ def test_a_run_with_failed_pairs_is_submitted_without_rank(dfdbench: Command) ->
 
 
 @pytest.mark.usefixtures("built")
-def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -> None:  # noqa: F811
+def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -> None:
     run = ("run", "--dataset", "demo", "--method", "constant", "--submit")
     for arguments, told in ((run, "no leaderboard here"), ((*run, "--limit", "2"), "--limit")):
         outcome = dfdbench(*arguments)
@@ -140,8 +140,7 @@ def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -
 
 @pytest.mark.usefixtures("built")
 def test_verify_runs_others_code_only_with_consent(
-    dfdbench: Command,  # noqa: F811
-    monkeypatch: pytest.MonkeyPatch,
+    dfdbench: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Path("leaderboard/results").mkdir(parents=True)
     # Another test's module of that name would be another file.

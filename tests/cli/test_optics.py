@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_command_line import Command
+from tests.cli.command import Command
 
 BLUR = ("optics", "blur", "--f-number", "3.7", "--focal-length", "9.6mm", "--focus", "0.5m")
 

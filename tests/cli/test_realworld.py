@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_command_line import Command
+from tests.cli.command import Command
 
 SIMULATE = ("simulate", "realworld", "--out", "raw", "--steps", "129,141", "--exposures", "40")
 
@@ -37,8 +37,15 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     other = dfdbench("build", "realworld", "--source", "raw", "--pair", "129,141")
     assert (other.status, "--store PATH" in other.err) == (2, True)
 
-    run = ["run", "--method", "mymodule:predict", "--dataset", "realworld", "--split",
-           "test-pruned"]  # fmt: skip
+    run = [
+        "run",
+        "--method",
+        "mymodule:predict",
+        "--dataset",
+        "realworld",
+        "--split",
+        "test-pruned",
+    ]
     ran = dfdbench(*run)
     assert ran.status == 0, ran.err
     parts = ("exposure_ms", "geometry", "texture")
@@ -58,8 +65,9 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     lines = csv.DictReader(io.StringIO(dfdbench(*run, "--format", "csv").out))
     parted = {line["geometry"]: line for line in lines if line["metric"] == "nrmse"}
     assert (parted["oblique-near-right"]["evaluated"], parted["flat-near"]["evaluated"]) == (
-        "1", "0",
-    )  # fmt: skip
+        "1",
+        "0",
+    )
     assert "by_geometry" in dfdbench(*run, "--format", "json").out
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_command_line import Command
+from tests.cli.command import Command
 
 SIMULATE = ["simulate", "realworld", "--steps", "129,141", "--exposures", "40"]
 

@@ -7,13 +7,27 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.datasets.store import Store
-from tests.cli.test_command_line import Command
+from tests.cli.command import Command
 from tests.conftest import write_png
 
 QUICK = [
-    "--set", "narrow=64", "--set", "crop=16", "--set", "crops_per_step=1", "--set", "steps=4",
-    "--set", "evaluate_every=2", "--set", "evaluate_pairs=1", "--device", "cpu", "--threads", "1",
-]  # fmt: skip
+    "--set",
+    "narrow=64",
+    "--set",
+    "crop=16",
+    "--set",
+    "crops_per_step=1",
+    "--set",
+    "steps=4",
+    "--set",
+    "evaluate_every=2",
+    "--set",
+    "evaluate_pairs=1",
+    "--device",
+    "cpu",
+    "--threads",
+    "1",
+]
 
 
 def test_train_then_run(dfdbench: Command, tiny_store: Store) -> None:
@@ -22,9 +36,17 @@ def test_train_then_run(dfdbench: Command, tiny_store: Store) -> None:
     assert done.status == 0, done.err
     folder = Path("training/tiny-train/dfd-net-published")
     assert {path.name for path in folder.iterdir()} == {
-        "checkpoint.pt", "depth_levels.csv", "depth_levels.png", "losses.csv", "scores.csv",
-        "patches.csv", "patches.png", "training.png", "weights.md", "weights.safetensors",
-    }  # fmt: skip
+        "checkpoint.pt",
+        "depth_levels.csv",
+        "depth_levels.png",
+        "losses.csv",
+        "scores.csv",
+        "patches.csv",
+        "patches.png",
+        "training.png",
+        "weights.md",
+        "weights.safetensors",
+    }
     assert "ended by its number of steps" in done.out
     assert "NMAE on test, 7 pairs" in done.out
     assert "4 patches drawn, by pair" in done.out

@@ -45,8 +45,9 @@ def test_chunks_and_compression_do_not_matter(
         }
         for variable in scene.variables.values():
             variable.encoding.clear()
-        scene.to_zarr(other, group=name, mode="w", zarr_format=3, encoding=encoding,
-                      consolidated=False)  # fmt: skip
+        scene.to_zarr(
+            other, group=name, mode="w", zarr_format=3, encoding=encoding, consolidated=False
+        )
     found = verify_store(Store(other))
     assert found.sound
     assert found.recomputed == tiny_store.fingerprint
@@ -66,8 +67,10 @@ def test_the_arrays_that_differ_are_named(tiny_store: Store) -> None:
     assert not found.sound
     assert found.recomputed == ""
     assert [(d.scene, d.array) for d in found.differences] == [
-        ("One", "defocus"), ("Two", "depth"), ("Three", "valid"),
-    ]  # fmt: skip
+        ("One", "defocus"),
+        ("Two", "depth"),
+        ("Three", "valid"),
+    ]
     assert "cannot be decoded" in found.differences[0].what
     assert found.differences[1:] == (
         StoreDifference("Two", "depth", "holds other values"),

@@ -101,8 +101,12 @@ def test_realworld_is_that_of_the_thesis() -> None:
     manifest = find_manifest("realworld")
     counts = {split.name: len(manifest.pairs(split.name)) for split in manifest.splits}
     assert counts == {
-        "train": 392, "test": 56, "train-pruned": 294, "test-pruned": 42, "all-pruned": 336,
-    }  # fmt: skip
+        "train": 392,
+        "test": 56,
+        "train-pruned": 294,
+        "test-pruned": 42,
+        "all-pruned": 336,
+    }
     pruned = manifest.scenes_of("train-pruned") + manifest.scenes_of("test-pruned")
     assert set(manifest.scenes_of("all-pruned")) == set(pruned)
     assert len(manifest.pairs()) == 448
@@ -143,7 +147,7 @@ def test_checksums_are_those_of_the_shared_files(shared_data: Path, name: str) -
         ('name = "Two"\nsource = "here"', 'name = "Two"\nsource = "hare"', ["scenes[1].source"]),
         ("exposure = 1 }", "exposure = 7 }", ["default_lighting.exposure"]),
     ],
-)  # fmt: skip
+)
 def test_a_broken_manifest_says_what_and_where(old: str, new: str, told: list[str]) -> None:
     assert old in TINY_TOML
     text = problems_of(TINY_TOML.replace(old, new, 1))
@@ -217,9 +221,23 @@ def test_pairs_are_the_grid_without_the_exclusions(views: list[int], exposures: 
 
 
 @pytest.mark.parametrize(
-    "axis", ["available", "channel", "defocus", "depth", "infocus", "valid", "x", "y",
-             "", ".", "..", "a/b", "zarr.json"],
-)  # fmt: skip
+    "axis",
+    [
+        "available",
+        "channel",
+        "defocus",
+        "depth",
+        "infocus",
+        "valid",
+        "x",
+        "y",
+        "",
+        ".",
+        "..",
+        "a/b",
+        "zarr.json",
+    ],
+)
 def test_an_axis_is_not_named_as_what_a_store_holds(axis: str) -> None:
     told = problems_of(TINY_TOML.replace("[axes]", f'[axes]\n"{axis}" = [1]'))
     assert "no name for an axis" in told

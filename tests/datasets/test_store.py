@@ -20,8 +20,9 @@ def test_a_store_says_what_it_is(tiny_store: Store, tiny_manifest: Manifest) -> 
     attributes = tiny_store.attributes
     assert attributes["manifest_sha256"] == tiny_manifest.sha256
     assert attributes["recipe"] == {
-        "name": "published", "parameters": RECIPES["published"].as_dict(),
-    }  # fmt: skip
+        "name": "published",
+        "parameters": RECIPES["published"].as_dict(),
+    }
     assert attributes["degradation"] == "clean"
     assert attributes["missing_pairs"] == []
     assert tiny_store.manifest == tiny_manifest

@@ -1,34 +1,27 @@
-import hashlib
 import json
 import os
-import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray
-import zarr
 
 from dfdbench.building.build import build_store
-from dfdbench.building.sources import open_source
 from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
-from dfdbench.errors import MethodError, ResultError, StoreError
-from dfdbench.evaluation.loading import load_for, training_mean
+from dfdbench.errors import ResultError, StoreError
+from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
-from dfdbench.methods.baselines import Constant
 from dfdbench.methods.method import Method
 from dfdbench.metrics.protocol import PROTOCOLS, score
-from dfdbench.results.folder import PREDICTIONS, keep_prediction, read_prediction, read_store_place
+from dfdbench.results.folder import PREDICTIONS, read_prediction, read_store_place
 from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.system.parallel import Cluster, Pool, Processes
-from tests.conftest import TINY_TOML
+from tests.conftest import ON_SERVERS
 
 
 class Counting:
@@ -195,41 +188,8 @@ def test_a_full_disk_says_that_it_goes_on(
         run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
 
 
-def test_the_training_mean_counts_each_depth_map_once(tiny_store: Store) -> None:
-    scene = tiny_store.scene("One")
-    depth, valid = scene["depth"].values, scene["valid"].values
-    assert training_mean(tiny_store) == pytest.approx(depth[valid].mean())
-    loaded = load_for(tiny_store, "constant", {})
-    assert loaded.uses == ("training_mean",)
-
-
-def test_a_set_without_a_training_split_says_what_to_do(tiny_folder: Path, tmp_path: Path) -> None:
-    text = TINY_TOML.replace('name = "train"', 'name = "learn"')
-    manifest = parse_manifest(text.encode(), "tiny-1.toml")
-    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
-    store = Store(tmp_path / "s.zarr")
-    with pytest.raises(StoreError, match=r"(?s)training split.*learn, test.*--param training_mean"):
-        load_for(store, "constant", {})
-    assert load_for(store, "constant", {"training_mean": 90}).uses == ()
-
-
 def grey(infocus: Any, defocus: Any) -> Any:
     return infocus[..., 0]
-
-
-def test_a_function_or_class_may_be_given_itself(tiny_store: Store, tmp_path: Path) -> None:
-    loaded = load_for(tiny_store, grey, {})
-    assert loaded.name == loaded.entry == "tests.evaluation.test_run:grey"
-    assert loaded.predict is grey
-    assert loaded.source_sha256 == hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-    assert run_method(tiny_store, loaded, "test", tmp_path / "out").result.complete
-    assert load_for(tiny_store, Constant, {}).uses == ("training_mean",)
-
-
-@pytest.mark.parametrize("given", [lambda infocus, defocus: infocus, Constant(90.0), 7])
-def test_what_has_no_name_of_its_own_is_refused(tiny_store: Store, given: Any) -> None:
-    with pytest.raises(MethodError, match=r"(?s)could be found again.*file\.py:name"):
-        load_for(tiny_store, given, {})
 
 
 def test_kept_depth_maps_are_found_by_their_coordinates(tiny_store: Store, tmp_path: Path) -> None:
@@ -274,7 +234,7 @@ def test_a_result_says_nothing_of_where_files_lay(tiny_store: Store, tmp_path: P
     assert str(tmp_path) not in json.dumps(content["method"]["entry"])
 
 
-@pytest.mark.parametrize("where", ["processes", "cluster"])
+@pytest.mark.parametrize("where", ["processes", pytest.param("cluster", marks=ON_SERVERS)])
 def test_pairs_at_once_give_the_same_scores_and_say_so(
     tiny_store: Store, tmp_path: Path, where: str, request: pytest.FixtureRequest
 ) -> None:
@@ -394,34 +354,3 @@ def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Store, tmp_path: Path
     assert told == (
         "depth falls where the truth rises on 7 of 7 pairs: tiny-1 wants brighter for nearer"
     )
-
-
-def other_dtype(place: Path) -> None:
-    zarr.open_group(place, mode="a").create_array("depth", shape=(2,), dtype="int8", overwrite=True)
-
-
-def no_array(place: Path) -> None:
-    shutil.rmtree(place / "depth")
-
-
-def other_axes(place: Path) -> None:
-    zarr.open_group(place, mode="a")["depth"].attrs["axes"] = {"colour": [1]}
-
-
-def no_metadata(place: Path) -> None:
-    (place / "depth/zarr.json").write_text("nonsense")
-
-
-@pytest.mark.parametrize("spoil", [other_dtype, no_array, other_axes, no_metadata])
-def test_depth_maps_that_are_something_else_are_told(
-    tiny_store: Store, tmp_path: Path, spoil: Callable[[Path], None]
-) -> None:
-    pair = tiny_store.pairs("test")[0]
-    shape = tiny_store.shape_of(pair.scene)
-    keep_prediction(tmp_path, tiny_store.manifest, pair, np.full(shape, 9, np.float32))
-    assert read_prediction(tmp_path, pair, shape) is not None
-    with pytest.raises(ResultError, match="no depth maps of a run"):
-        read_prediction(tmp_path, pair, (shape[0] + 1, shape[1]))
-    spoil(tmp_path / PREDICTIONS / pair.scene)
-    with pytest.raises(ResultError, match="no depth maps of a run"):
-        read_prediction(tmp_path, pair, shape)

@@ -5,16 +5,21 @@ from dfdbench.figures.groups import group_figures
 from tests.made_results import make_result
 
 VALUES = {
-    ("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2, ("k01", 1, 1, 0): 0.1,
-    ("k04", 1, 1, 0): 0.6, ("k05", 1, 1, 0): 0.3,
-}  # fmt: skip
+    ("k00", 1, 1, 0): 0.4,
+    ("k00", 1, 1, 1): 0.2,
+    ("k01", 1, 1, 0): 0.1,
+    ("k04", 1, 1, 0): 0.6,
+    ("k05", 1, 1, 0): 0.3,
+}
 SCENES = [
     Scene(name=name, source="here", geometry=geometry, texture=texture)
     for name, geometry, texture in (
-        ("k00", "flat-far", 0), ("k01", "oblique-near-left", 0),
-        ("k04", "flat-far", 1), ("k05", "oblique-near-left", 1),
+        ("k00", "flat-far", 0),
+        ("k01", "oblique-near-left", 0),
+        ("k04", "flat-far", 1),
+        ("k05", "oblique-near-left", 1),
     )
-]  # fmt: skip
+]
 
 
 def test_a_figure_for_each_table_with_the_tables_means() -> None:
@@ -22,13 +27,16 @@ def test_a_figure_for_each_table_with_the_tables_means() -> None:
     assert list(figures) == ["exposure", "geometry", "texture"]
     axis = figures["geometry"].axes[0]
     assert [label.get_text() for label in axis.get_yticklabels()] == [
-        "flat-far", "oblique-near-left",
-    ]  # fmt: skip
+        "flat-far",
+        "oblique-near-left",
+    ]
     means = [container[0].get_xdata()[0] for container in axis.containers]
     assert np.allclose(means, [0.4, 0.2])
     assert [axis.get_xlabel().split()[0] for axis in figures["texture"].axes] == [
-        "NRMSE", "NMAE", "SSIM",
-    ]  # fmt: skip
+        "NRMSE",
+        "NMAE",
+        "SSIM",
+    ]
 
 
 def test_several_runs_bear_one_name_each_in_the_legend() -> None:

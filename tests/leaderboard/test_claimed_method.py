@@ -23,9 +23,14 @@ if True:
 
 def record(entry: str, name: str | None = None, **changes: Any) -> MethodRecord:
     blank = MethodRecord(
-        name=name or entry, entry=entry, source_sha256=None, parameters={}, uses=[],
-        trained_on=None, paper=None,
-    )  # fmt: skip
+        name=name or entry,
+        entry=entry,
+        source_sha256=None,
+        parameters={},
+        uses=[],
+        trained_on=None,
+        paper=None,
+    )
     return blank.model_copy(update=changes)
 
 
@@ -72,15 +77,31 @@ def test_a_file_is_found_without_importing_it_or_its_parents(
 @pytest.mark.parametrize(
     "entry",
     [
-        "subprocess:Popen", "os:system", "builtins:eval", "json:Method", "__main__:x",
-        "posix:system", "numpy._core._multiarray_umath:array",
-        "dfdbench.building.export:export_png", "theirs:Popen", "theirs:Path", "theirs:absent",
+        "subprocess:Popen",
+        "os:system",
+        "builtins:eval",
+        "json:Method",
+        "__main__:x",
+        "posix:system",
+        "numpy._core._multiarray_umath:array",
+        "dfdbench.building.export:export_png",
+        "theirs:Popen",
+        "theirs:Path",
+        "theirs:absent",
         "theirs:subprocess.Popen",
-        "theirs:_hidden", "theirs:__class__", "theirs.absent:Method", "absent:Method",
-        "absent.py:predict", "/etc/passwd.py:predict", "theirs:", ":predict",
-        "theirs", "..theirs:Method", "theirs deep:Method",
+        "theirs:_hidden",
+        "theirs:__class__",
+        "theirs.absent:Method",
+        "absent:Method",
+        "absent.py:predict",
+        "/etc/passwd.py:predict",
+        "theirs:",
+        ":predict",
+        "theirs",
+        "..theirs:Method",
+        "theirs deep:Method",
     ],
-)  # fmt: skip
+)
 def test_what_is_no_method_is_refused(theirs: Path, entry: str) -> None:
     with pytest.raises(DfdbenchError):
         claimed_method(record(entry), RESULT)

@@ -10,7 +10,6 @@ import pytest
 
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard.published import load_published, mean_over
-from dfdbench.leaderboard.published_tables import published_summary, published_table
 from dfdbench.methods.registry import registered_methods
 
 FOLDER = Path(__file__).parents[2] / "leaderboard"
@@ -61,21 +60,6 @@ def test_every_number_is_the_transcribed_one(reference: Path) -> None:
         assert line["seconds_per_image"] in found
         compared += 1
     assert compared > 350
-
-
-def test_printed_digits_are_kept() -> None:
-    shown = published_table(TABLES["4.2"])
-    assert shown.rows[2][5] == "0.05600"
-    assert "Table 4.2 (section 4.2)" in shown.title
-
-
-def test_the_summary_is_in_order_and_bears_no_rank() -> None:
-    shown = published_summary(list(TABLES.values()), "middlebury-test")
-    assert [row[0] for row in shown.rows] == ["dfd-net-pso", "dfd-net", "graph-cuts", "u-net"]
-    assert "not ranked" in shown.title
-    # The thesis's text gives the mean of DfD-Net PSO: 0.0517, 0.0154, 0.9156.
-    assert shown.rows[0][1:4] == ("0.0517", "0.0154", "0.9156")
-    assert "10.029 (AMD Ryzen 7 1800X)" in shown.rows[1][7]
 
 
 def test_a_mean_needs_every_exposure() -> None:
@@ -138,13 +122,6 @@ def test_the_printed_gains_follow_from_d_3() -> None:
     # 6.2 calls the third Desktop 2: the note says so.
     assert gains("F-01-02")[2] == "23.62"
     assert "must read Desktop 1" in TABLES["D.3"].note
-
-
-def test_values_that_are_no_scores_are_shown_by_column() -> None:
-    shown = published_table(TABLES["D.1"])
-    assert shown.columns[:3] == ("statistic", "52", "48")
-    assert shown.rows[0][:3] == ("minimum", "33", "39")
-    assert shown.notes[0].startswith("Numbers: clusters found, by layer.")
 
 
 @pytest.mark.parametrize(

@@ -1,17 +1,45 @@
-"""PyTorch on one thread: threads that wait for each other cost more than such networks do."""
+"""A module of methods, as a user writes it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-torch = pytest.importorskip("torch", reason="needs the extra nets")
+from tests.one_torch_thread import one_torch_thread
+
+__all__ = ["one_torch_thread"]
+
+MODULE = """
+import numpy as np
+
+def predict(infocus, defocus):
+    return np.full(infocus.shape[:2], 7)
+
+def scaled(infocus, defocus, factor=1.0, *, offset=0.0):
+    return np.full(infocus.shape[:2], factor * 10 + offset)
+
+class Named:
+    trained_on = "nothing"
+    paper = "none"
+
+    def __init__(self, recipe, level=1):
+        self.recipe, self.level = recipe, level
+
+    def __call__(self, infocus, defocus):
+        return np.full(infocus.shape[:2], self.level)
+
+class Broken:
+    def __init__(self):
+        raise RuntimeError("no weights")
+
+number = 5
+"""
 
 
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    path = tmp_path / "mine.py"
+    path.write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    return path

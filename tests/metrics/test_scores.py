@@ -22,10 +22,14 @@ not_flat = levels.filter(lambda image: image.min() < image.max())
 def skimage_ssim(truth: NDArray[Any], test: NDArray[Any]) -> float:
     return float(
         structural_similarity(  # type: ignore[no-untyped-call]
-            truth.astype(np.float64), test.astype(np.float64), gaussian_weights=True, sigma=1.5,
-            use_sample_covariance=False, data_range=255,
+            truth.astype(np.float64),
+            test.astype(np.float64),
+            gaussian_weights=True,
+            sigma=1.5,
+            use_sample_covariance=False,
+            data_range=255,
         )
-    )  # fmt: skip
+    )
 
 
 @given(image=not_flat)

@@ -14,6 +14,7 @@ from dfdbench.evaluation.run import run_method
 from dfdbench.methods.method import Method
 from dfdbench.results.record_file import RESULT
 from dfdbench.results.saved_run import SavedRun, open_run
+from tests.once import made_once
 
 HOSTILE = """<img src=x onerror=alert(1)> "q" 'p' | </script> $x$ _ 🐟"""
 
@@ -24,20 +25,24 @@ def half(infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]) -> NDArray[np.f
 
 @pytest.fixture(scope="session")
 def saved_runs(demo_store: Store, tmp_path_factory: pytest.TempPathFactory) -> list[SavedRun]:
-    folder = tmp_path_factory.mktemp("runs")
     methods = {
         "constant": load_for(demo_store, "constant", {}),
         "hostile": Method(HOSTILE, "m:half", half),
     }
-    paths = []
-    for name, method in methods.items():
-        run_method(demo_store, method, "Kitchen", folder / name)
-        paths.append(folder / name / RESULT)
-    return [open_run(path, str(demo_store.path)) for path in paths]
+
+    def run(folder: Path) -> None:
+        for name, method in methods.items():
+            run_method(demo_store, method, "Kitchen", folder / name)
+
+    folder = made_once(tmp_path_factory, "runs", run)
+    return [open_run(folder / name / RESULT, str(demo_store.path)) for name in methods]
 
 
 @pytest.fixture(scope="session")
 def html_page(saved_runs: list[SavedRun], tmp_path_factory: pytest.TempPathFactory) -> Path:
     from dfdbench.report.html import write_html
 
-    return write_html(saved_runs, "thesis", tmp_path_factory.mktemp("page"))
+    def write(folder: Path) -> None:
+        write_html(saved_runs, "thesis", folder)
+
+    return made_once(tmp_path_factory, "page", write) / "report.html"

@@ -60,9 +60,11 @@ def test_each_pair_has_its_pictures_and_each_picture_stands_once(
     assert {a["data-picture"] for t, a in tags if "data-picture" in a} == pictures.keys()
 
 
-def test_the_same_runs_give_the_same_page(html_page: Path, saved_runs: list[SavedRun]) -> None:
+def test_the_same_runs_give_the_same_page(
+    html_page: Path, saved_runs: list[SavedRun], tmp_path: Path
+) -> None:
     before = html_page.read_bytes()
-    again = write_html(saved_runs, "thesis", html_page.parent / "again")
+    again = write_html(saved_runs, "thesis", tmp_path)
     assert again.read_bytes() == before
 
 

@@ -55,8 +55,11 @@ def test_what_is_drawn_is_of_different_scenes_and_views() -> None:
     after = make_result({p: 0.9 - 0.1 * "abc".index(p[0]) - 0.01 * p[1] for p in places})
     found = changes_to_show(before, after, "thesis", 4)
     assert [(c.first.scene, c.first.coordinates["view"]) for c in found] == [
-        ("a", 1), ("a", 5), ("b", 1), ("c", 1),
-    ]  # fmt: skip
+        ("a", 1),
+        ("a", 5),
+        ("b", 1),
+        ("c", 1),
+    ]
     assert len(changes_to_show(before, after, "thesis", 99)) == len(places)
     assert changes_to_show(before, before, "thesis", 4) == ()
 

@@ -11,9 +11,12 @@ from dfdbench.results.summary import scene_labels, summarise
 from tests.made_results import limited, make_result
 
 VALUES = {
-    ("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2, ("k01", 1, 1, 0): 0.1,
-    ("k04", 1, 1, 0): 0.6, ("k05", 1, 1, 0): 0.3,
-}  # fmt: skip
+    ("k00", 1, 1, 0): 0.4,
+    ("k00", 1, 1, 1): 0.2,
+    ("k01", 1, 1, 0): 0.1,
+    ("k04", 1, 1, 0): 0.6,
+    ("k05", 1, 1, 0): 0.3,
+}
 
 
 def scene(name: str, geometry: str | None, texture: int | None) -> Scene:
@@ -22,9 +25,11 @@ def scene(name: str, geometry: str | None, texture: int | None) -> Scene:
 
 def test_scores_are_parted_by_geometry_and_by_texture() -> None:
     scenes = [
-        scene("k00", "flat-far", 1), scene("k01", "oblique-near-left", 1),
-        scene("k04", "flat-far", 2), scene("k05", "oblique-near-left", 2),
-    ]  # fmt: skip
+        scene("k00", "flat-far", 1),
+        scene("k01", "oblique-near-left", 1),
+        scene("k04", "flat-far", 2),
+        scene("k05", "oblique-near-left", 2),
+    ]
     geometry, texture = scene_tables(summarise(make_result(VALUES), "thesis"), scenes)
     assert [row[:3] for row in geometry.rows] == [
         ("flat-far", "k00 k04", "0.4000"),
@@ -52,13 +57,19 @@ def test_the_spread_is_of_the_run_and_of_the_splits_within_it() -> None:
         summarise(result.model_copy(update={"dataset": dataset}), "thesis"), splits
     )
     assert [row[:2] for row in table.rows if row[0]] == [
-        ("split all", "5"), ("split train", "3"), ("split test", "2"),
-        ("split train-pruned", "1"), ("partition pruned", "2"), ("split test-pruned", "1"),
-    ]  # fmt: skip
+        ("split all", "5"),
+        ("split train", "3"),
+        ("split test", "2"),
+        ("split train-pruned", "1"),
+        ("partition pruned", "2"),
+        ("split test-pruned", "1"),
+    ]
     assert [row[2:4] for row in table.rows[:4]] == [
-        ("minimum", "0.1000"), ("mean", "0.3200"), ("maximum", "0.6000"),
+        ("minimum", "0.1000"),
+        ("mean", "0.3200"),
+        ("maximum", "0.6000"),
         ("std deviation", "0.1924"),
-    ]  # fmt: skip
+    ]
 
 
 def test_an_incomplete_run_has_no_spread() -> None:

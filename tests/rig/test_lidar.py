@@ -6,12 +6,10 @@ from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 
 from dfdbench.errors import InputError
-from dfdbench.rig.depth_map import depth_image, in_range, to_levels, upsample, warp
 from dfdbench.rig.lidar import (
     Beams,
     align_columns,
     average_scans,
-    crop_columns,
     fill_missing,
     median_cross,
     to_cartesian,
@@ -19,13 +17,6 @@ from dfdbench.rig.lidar import (
 from dfdbench.rig.lidar_files import read_beams
 
 images = hnp.arrays(np.float64, (20, 24), elements=st.integers(0, 255).map(float))
-
-
-def flat_wall(distance: float) -> np.ndarray:
-    """Ranges of a wall straight ahead, at X = distance in mm; nothing behind the LIDAR."""
-    beams = read_beams()
-    ahead, _, _ = to_cartesian(np.ones((64, 2048)), beams)
-    return np.where(ahead > 0.2, distance / np.maximum(ahead, 0.2), 0.0)
 
 
 def test_missing_returns_do_not_pull_an_average_down() -> None:
@@ -78,53 +69,8 @@ def test_the_median_keeps_a_straight_edge_and_drops_a_speck() -> None:
     assert (median_cross(image) == expected).all()
 
 
-def test_levels_are_centimetres_rounded_down() -> None:
-    distance = np.array([1499.999, 1500, 1509.99, 2549.9, 2550, 9000])
-    assert to_levels(distance).tolist() == [149, 150, 150, 254, 255, 255]
-    assert in_range(distance).tolist() == [True] * 4 + [False] * 2
-
-
-def test_six_steps_of_upsampling_keep_a_plane_within_a_level() -> None:
-    plane = np.floor(np.linspace(150, 220, 60))[np.newaxis, :].repeat(20, axis=0)
-    levels, valid = upsample(plane, np.ones(plane.shape, bool))
-    assert levels.shape == (360, 360)
-    assert valid.all()
-    expected = plane[0].repeat(6)
-    assert np.abs(levels - expected)[:, 12:-12].max() <= 1
-
-
-def test_a_missing_return_stays_missing_and_smears_nowhere() -> None:
-    ranges, beams = flat_wall(1500.0), read_beams()
-    hole = np.zeros((64, 2048), bool)
-    hole[30:34, 1020:1030] = True
-    levels, valid = depth_image(np.where(hole, 0, ranges), beams)
-    aligned = crop_columns(align_columns(hole.astype(float), beams)) > 0
-    assert (valid != aligned.repeat(18, axis=0).repeat(6, axis=1)).all()
-    assert np.isin(levels, [149, 150]).all()
-
-
-def test_what_lies_beyond_the_levels_is_not_valid() -> None:
-    _, valid = depth_image(flat_wall(2600.0), read_beams())
-    assert not valid.any()
-    _, valid = depth_image(flat_wall(2500.0), read_beams())
-    assert valid.all()
-
-
 def test_filling_takes_the_nearest_value_and_needs_one() -> None:
     values = np.array([[1.0, 0, 0, 0, 5.0]])
     assert fill_missing(values, values > 0).tolist() in ([[1, 1, 1, 5, 5]], [[1, 1, 5, 5, 5]])
     with pytest.raises(InputError, match="saw nothing"):
         fill_missing(values, np.zeros(values.shape, bool))
-
-
-def test_warping_moves_levels_and_validity_together() -> None:
-    levels = np.arange(100, 130, dtype=float).reshape(5, 6)
-    valid = np.ones((5, 6), bool)
-    valid[2, 3] = False
-    shift = np.array([[1.0, 0, 1], [0, 1, 2], [0, 0, 1]])
-    moved, seen = warp(levels, valid, shift, (5, 6))
-    assert (moved[2:, 1:] == np.where(valid, levels, 0)[:3, :5]).all()
-    assert not seen[:2].any()
-    assert not seen[:, 0].any()
-    assert not seen[4, 4]
-    assert (moved[~seen] == 0).all()

@@ -23,8 +23,9 @@ def test_what_is_in_it_and_removal(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     entries = cache_entries(tmp_path)
     assert [(e.kind, e.name, e.files, e.size) for e in entries] == [
-        ("downloads", "a", 2, 11), ("stores", "b.zarr", 1, 7),
-    ]  # fmt: skip
+        ("downloads", "a", 2, 11),
+        ("stores", "b.zarr", 1, 7),
+    ]
     remove_entries(entries[:1])
     assert [entry.name for entry in cache_entries(tmp_path)] == ["b.zarr"]
     assert (tmp_path / "mine").exists()

@@ -8,9 +8,12 @@ import pytest
 
 from dfdbench.errors import InputError
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
+from tests.conftest import ON_SERVERS
 
 
-@pytest.fixture(params=["one thread", "three threads", "processes", "cluster"])
+@pytest.fixture(
+    params=["one thread", "three threads", "processes", pytest.param("cluster", marks=ON_SERVERS)]
+)
 def pool(request: pytest.FixtureRequest) -> Pool:
     if request.param == "cluster":
         return Cluster(request.getfixturevalue("cluster"))
@@ -57,7 +60,7 @@ def test_threads_work_at_once() -> None:
     assert len(Threads(2).map(lambda _: barrier.wait(), range(2))) == 2
 
 
-@pytest.mark.parametrize("kind", ["processes", "cluster"])
+@pytest.mark.parametrize("kind", ["processes", pytest.param("cluster", marks=ON_SERVERS)])
 def test_processes_are_others(kind: str, request: pytest.FixtureRequest) -> None:
     others: Pool = (
         Processes(2) if kind == "processes" else Cluster(request.getfixturevalue("cluster"))

@@ -45,9 +45,13 @@ def test_a_label_is_a_word() -> None:
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="no pdflatex here")
 def test_latex_takes_any_name_and_no_table_is_too_wide(tmp_path: Path) -> None:
     table = Table(
-        "\\input{x} & co", ("name", "long"), tuple((name, "w " * 60) for name in NAMES), "lr",
-        ("a note, 50 %",), parts=((0,), (0, 1)),
-    )  # fmt: skip
+        "\\input{x} & co",
+        ("name", "long"),
+        tuple((name, "w " * 60) for name in NAMES),
+        "lr",
+        ("a note, 50 %",),
+        parts=((0,), (0, 1)),
+    )
     text = as_latex(table)
     packages = re.findall(r"% \\usepackage\{(.*)\}", text)[0]
     (tmp_path / "t.tex").write_text(

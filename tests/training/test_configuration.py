@@ -22,8 +22,10 @@ def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
     assert (published.weight_decay, published.patience, published.shrink) == (0.0005, 2500, 0.1)
     assert published.minimum_learning_rate == 1e-10
     assert published.architecture("dfd-net") == {
-        "filters": list(FILTERS["original"]), "sampling_size": 2, "first_activation": "prelu",
-    }  # fmt: skip
+        "filters": list(FILTERS["original"]),
+        "sampling_size": 2,
+        "first_activation": "prelu",
+    }
     assert published.architecture("u-net") == {"filters": [64, 128, 256, 512, 1024]}
 
 

@@ -26,9 +26,15 @@ QUICK: dict[str, Any] = {"filters": list(SMALL), "crop": 16, "crops_per_step": 1
 def test_the_thesis_experiments_are_there() -> None:
     known = experiments()
     assert set(known) == {
-        "repeatability", "cross-validation", "patch-size", "noise", "sampling-size", "expansion",
-        "sharpest-step", "voltage-pairs",
-    }  # fmt: skip
+        "repeatability",
+        "cross-validation",
+        "patch-size",
+        "noise",
+        "sampling-size",
+        "expansion",
+        "sharpest-step",
+        "voltage-pairs",
+    }
     assert known["repeatability"].repeats == 30
     steps = {int(pair.removeprefix("135-")) for pair in known["sharpest-step"].values}
     assert steps == set(range(127, 144)) - {135}
@@ -46,12 +52,23 @@ def test_folds_are_the_manifests_or_single_scenes(tiny_manifest: Manifest) -> No
 
 def test_each_value_and_seed_is_a_training(tiny_store: Store, tmp_path: Path) -> None:
     found = trials(
-        find_experiment("noise"), "dfd-net", tiny_store, "published", QUICK, tmp_path,
-        values=(0, 2), repeats=3,
-    )  # fmt: skip
+        find_experiment("noise"),
+        "dfd-net",
+        tiny_store,
+        "published",
+        QUICK,
+        tmp_path,
+        values=(0, 2),
+        repeats=3,
+    )
     assert [trial.folder.name for trial in found] == [
-        "0-seed0", "0-seed1", "0-seed2", "2-seed0", "2-seed1", "2-seed2",
-    ]  # fmt: skip
+        "0-seed0",
+        "0-seed1",
+        "0-seed2",
+        "2-seed0",
+        "2-seed1",
+        "2-seed2",
+    ]
     assert [trial.task.configuration.noise for trial in found] == [0, 0, 0, 2, 2, 2]
     folds = trials(
         find_experiment("cross-validation"), "dfd-net", tiny_store, "published", QUICK, tmp_path

@@ -27,9 +27,14 @@ from tests.conftest import write_png
 from tests.methods.networks.test_architectures import SMALL
 
 QUICK = {
-    "filters": list(SMALL), "crop": 16, "crops_per_step": 1, "steps": 12, "evaluate_every": 5,
-    "evaluate_pairs": 1, "learning_rate": 1e-3,
-}  # fmt: skip
+    "filters": list(SMALL),
+    "crop": 16,
+    "crops_per_step": 1,
+    "steps": 12,
+    "evaluate_every": 5,
+    "evaluate_pairs": 1,
+    "learning_rate": 1e-3,
+}
 
 
 def task(store: Store, seed: int = 0, **changes: Any) -> Task:
@@ -195,10 +200,17 @@ def test_a_tiny_dfd_net_learns_to_beat_constant_on_a_cpu(
     build_store(tiny_manifest, open_source(tiny_manifest, tmp_path / "site"), path)
     store = Store(path)
     choices = TrainingConfiguration(
-        narrow=8, crops_per_step=6, expansion="one", learning_rate=1e-3, weight_decay=0,
-        initial_filters="differences", label_width=5, schedule="cosine", steps=200,
+        narrow=8,
+        crops_per_step=6,
+        expansion="one",
+        learning_rate=1e-3,
+        weight_decay=0,
+        initial_filters="differences",
+        label_width=5,
+        schedule="cosine",
+        steps=200,
         evaluate_every=10_000,
-    )  # fmt: skip
+    )
     outcome = train(task_of("dfd-net", store, choices), tmp_path / "t", device="cpu")
     learned = load_for(store, "dfd-net", {"weights": str(outcome.weights), "device": "cpu"})
     constant = load_for(store, "constant", {})

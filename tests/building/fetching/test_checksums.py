@@ -34,8 +34,9 @@ def test_every_bad_line_is_named() -> None:
     with pytest.raises(SourceError) as caught:
         parse_checksums(text, "a.lock")
     assert [problem.where for problem in caught.value.problems] == [
-        "a.lock, line 2", "a.lock, line 3",
-    ]  # fmt: skip
+        "a.lock, line 2",
+        "a.lock, line 3",
+    ]
 
 
 def test_the_manifest_counts_more_than_a_lock_file(tiny_manifest: Manifest, tmp_path: Path) -> None:

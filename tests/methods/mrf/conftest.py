@@ -54,23 +54,18 @@ def random_energy(
 def brute_force(energy: Energy) -> int:
     """Find the least energy by trying all labelings; written apart from `evaluate`."""
     height, width = energy.shape
-    pixels = list(itertools.product(range(height), range(width)))
-    right, down = energy.edge_weights()
-    best = None
-    for choice in itertools.product(range(energy.labels), repeat=len(pixels)):
-        label = dict(zip(pixels, choice, strict=True))
-        total = energy.offset
-        for y, x in pixels:
-            total += int(energy.unary[y, x, label[y, x]])
-            if x + 1 < width:
-                step = abs(label[y, x] - label[y, x + 1])
-                total += int(right[y, x]) * int(energy.smoothness[step])
-            if y + 1 < height:
-                step = abs(label[y, x] - label[y + 1, x])
-                total += int(down[y, x]) * int(energy.smoothness[step])
-        best = total if best is None else min(best, total)
-    assert best is not None
-    return best
+    # Every labeling is a column, every pixel a row.
+    choices = np.indices((energy.labels,) * (height * width)).reshape(height, width, -1)
+    right, down = (weights.astype(np.int64) for weights in energy.edge_weights())
+    smoothness = energy.smoothness.astype(np.int64)
+    total = np.full(choices.shape[-1], energy.offset, np.int64)
+    for y, x in itertools.product(range(height), range(width)):
+        total += energy.unary[y, x].astype(np.int64)[choices[y, x]]
+        if x + 1 < width:
+            total += right[y, x] * smoothness[abs(choices[y, x] - choices[y, x + 1])]
+        if y + 1 < height:
+            total += down[y, x] * smoothness[abs(choices[y, x] - choices[y + 1, x])]
+    return int(total.min())
 
 
 @pytest.fixture

@@ -5,21 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.methods.mrf import (
-    Energy,
-    adaptive_potts_weights,
-    potts,
-    published,
-    truncated_absolute,
-    truncated_quadratic,
-)
+from dfdbench.methods.mrf import Energy, potts, published, truncated_absolute, truncated_quadratic
 from tests.methods.mrf.conftest import KINDS, random_energy
-
-
-def test_published_table_is_absolute_difference_but_for_its_last_step() -> None:
-    table = published(256)
-    assert table[:229].tolist() == list(range(229))
-    assert table[229:].tolist() == list(range(228, 255))
 
 
 @pytest.mark.parametrize(
@@ -61,12 +48,6 @@ def test_evaluate_does_not_overflow() -> None:
     unary = np.full((200, 200, 2), 2**26, np.int32)
     energy = Energy(unary, potts(2, cap=1), offset=2**40)
     assert energy.evaluate(np.zeros((200, 200), np.uint8)) == 200 * 200 * 2**26 + 2**40
-
-
-def test_adaptive_potts_weights_follow_the_threshold() -> None:
-    right, down = adaptive_potts_weights(np.array([[0, 5, 11], [6, 5, 5]]), threshold=5)
-    assert right.tolist() == [[2, 1], [2, 2]]
-    assert down.tolist() == [[1, 2, 1]]
 
 
 GOOD: dict[str, Any] = {
@@ -113,18 +94,3 @@ def test_bad_energies_are_refused(changes: dict[str, Any], message: str) -> None
 def test_bad_labels_are_refused(labels: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Energy(**GOOD).evaluate(labels)
-
-
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        (lambda: published(1), "labels: expected at least 2, got 1"),
-        (lambda: potts(4, cap=0), "scale: expected 1 to"),
-        (lambda: truncated_absolute(4, cap=-1), "cap: expected 1 to"),
-        (lambda: truncated_quadratic(60000, cap=2**26, scale=4), "smoothness: expected below"),
-        (lambda: adaptive_potts_weights(np.zeros((2, 2, 3)), 1), "image: expected a shape"),
-    ],
-)
-def test_bad_tables_are_refused(build: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        build()

@@ -8,9 +8,8 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.errors import InputError
-from dfdbench.methods.networks.architectures import PUBLISHED_MEANS, DfDNet, UNet
-from dfdbench.methods.networks.preparation import fold_batch_norm, start_from_differences
-from dfdbench.methods.networks.widths import FILTERS, LAYERS, narrowed
+from dfdbench.methods.networks.architectures import DfDNet, UNet
+from dfdbench.methods.networks.widths import FILTERS, LAYERS
 
 # Fig. 5.5, input to output: the thesis's layer number, channels in and out, filter size.
 PUBLISHED = [
@@ -56,15 +55,6 @@ def test_every_row_of_table_d2_is_a_network(name: str) -> None:
     assert tuple(module.out_channels for module in convolutions(network)) == FILTERS[name]
 
 
-def test_there_are_17_reductions_and_f_02_02_is_as_the_code_has_it() -> None:
-    # The thesis's network, its reductions, the swarm's.
-    assert len(FILTERS) == 1 + 17 + 1
-    expected = [96, 44, 96, 104, 150, 104, 190, 253, 190, 145, 112, 109, 112, 93, 71, 18, 71, 256]
-    assert list(FILTERS["F-02-02"]) == expected
-    high = [-(-number // 8) * 8 for number in expected[:-1]]
-    assert list(FILTERS["F-02-02H"][:-1]) == high
-
-
 @pytest.mark.parametrize("size", range(1, 7))
 def test_any_sampling_size_keeps_the_images_size(size: int) -> None:
     assert DfDNet(SMALL, sampling_size=size)(torch.zeros(1, 6, 12, 20)).shape == (1, 256, 12, 20)
@@ -108,50 +98,8 @@ def test_unet_is_ronnebergers_with_six_channels_and_256_classes() -> None:
         UNet(filters=(4, 8, 16, 32, 63))
 
 
-def test_means_are_taken_off_and_255_is_nearly_1() -> None:
-    network = DfDNet(SMALL)
-    means = torch.tensor(PUBLISHED_MEANS).reshape(1, 6, 1, 1).expand(1, 6, 4, 4)
-    assert torch.equal(network.pixels(means), torch.zeros(1, 6, 4, 4))
-    assert torch.allclose(network.pixels(means + 64), torch.full((1, 6, 4, 4), 0.25))
-
-
-def test_folding_changes_no_answer_and_leaves_one_normalization() -> None:
-    torch.manual_seed(0)
-    network = DfDNet(SMALL)
-    pixels = torch.rand(4, 6, 16, 16) * 255
-    for _ in range(5):  # running means that are not 0 and 1
-        network(pixels)
-    network.eval()
-    with torch.no_grad():
-        before = network(pixels)
-        fold_batch_norm(network)
-        assert torch.allclose(network(pixels), before, atol=1e-4)
-    kinds = [type(module).__name__ for module in network.modules()]
-    assert kinds.count("BatchNorm2d") == 1  # after a sum, before no convolution
-
-
-@pytest.mark.parametrize("kind", ["dfd-net", "u-net"])
-def test_filters_from_differences_do_not_see_brightness(kind: str) -> None:
-    torch.manual_seed(0)
-    network = DfDNet(SMALL) if kind == "dfd-net" else UNet((4, 8, 16, 32, 64))
-    sharp = torch.randint(0, 256, (2, 3, 32, 32)).float()
-    pixels = torch.cat([sharp, sharp + torch.randn(2, 3, 32, 32)], 1)
-    start_from_differences(network, pixels)
-    flat = torch.rand(1, 3, 1, 1).expand(1, 3, 9, 9)
-    answer = network.first(torch.cat([flat, flat], 1))[:, :, 1:-1, 1:-1]
-    assert answer.abs().max() < 1e-4
-    # What is small in the images is as large in the answers as all else.
-    deviations = network.first(network.pixels(pixels)).std((0, 2, 3))
-    assert torch.allclose(deviations, torch.ones_like(deviations), atol=1e-3)
-
-
 def test_u_net_keeps_its_signals_size() -> None:
     torch.manual_seed(0)
     with torch.no_grad():
         logits = UNet((16, 32, 64, 128, 256))(torch.rand(2, 6, 64, 64) * 255)
     assert 0.05 < float(logits.std()) < 5
-
-
-def test_widths_are_divided_but_for_the_levels() -> None:
-    assert narrowed((8, 20, 256), 8) == (1, 2, 256)
-    assert narrowed((3, 20, 256), 8)[0] == 1

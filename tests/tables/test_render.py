@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 import csv
 import io
 import json
@@ -75,3 +77,8 @@ def test_any_text_keeps_a_markdown_table_whole(text: str) -> None:
 @pytest.mark.parametrize("text", ["$x$", "~~x~~"])
 def test_github_takes_it_for_no_formula_and_strikes_nothing(text: str) -> None:
     assert text[0] not in as_markdown(Table("t", ("a",), ((text,),), "l"))
+
+
+def test_a_line_break_does_not_break_the_table() -> None:
+    lines = as_markdown(Table("t", ("a", "b"), (("x\ny", "1"),), "lr")).splitlines()
+    assert "| x y | 1 |" in lines

@@ -1,0 +1,52 @@
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.store import Store
+from dfdbench.errors import MethodError, StoreError
+from dfdbench.evaluation.loading import load_for, training_mean
+from dfdbench.evaluation.run import run_method
+from dfdbench.methods.baselines import Constant
+from tests.conftest import TINY_TOML
+
+
+def test_the_training_mean_counts_each_depth_map_once(tiny_store: Store) -> None:
+    scene = tiny_store.scene("One")
+    depth, valid = scene["depth"].values, scene["valid"].values
+    assert training_mean(tiny_store) == pytest.approx(depth[valid].mean())
+    loaded = load_for(tiny_store, "constant", {})
+    assert loaded.uses == ("training_mean",)
+
+
+def test_a_set_without_a_training_split_says_what_to_do(tiny_folder: Path, tmp_path: Path) -> None:
+    text = TINY_TOML.replace('name = "train"', 'name = "learn"')
+    manifest = parse_manifest(text.encode(), "tiny-1.toml")
+    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
+    store = Store(tmp_path / "s.zarr")
+    with pytest.raises(StoreError, match=r"(?s)training split.*learn, test.*--param training_mean"):
+        load_for(store, "constant", {})
+    assert load_for(store, "constant", {"training_mean": 90}).uses == ()
+
+
+def grey(infocus: Any, defocus: Any) -> Any:
+    return infocus[..., 0]
+
+
+def test_a_function_or_class_may_be_given_itself(tiny_store: Store, tmp_path: Path) -> None:
+    loaded = load_for(tiny_store, grey, {})
+    assert loaded.name == loaded.entry == "tests.evaluation.test_run:grey"
+    assert loaded.predict is grey
+    assert loaded.source_sha256 == hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    assert run_method(tiny_store, loaded, "test", tmp_path / "out").result.complete
+    assert load_for(tiny_store, Constant, {}).uses == ("training_mean",)
+
+
+@pytest.mark.parametrize("given", [lambda infocus, defocus: infocus, Constant(90.0), 7])
+def test_what_has_no_name_of_its_own_is_refused(tiny_store: Store, given: Any) -> None:
+    with pytest.raises(MethodError, match=r"(?s)could be found again.*file\.py:name"):
+        load_for(tiny_store, given, {})

@@ -1,0 +1,67 @@
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.errors import ResultError
+from dfdbench.leaderboard.data_set_problems import data_set_problems
+from dfdbench.leaderboard.folder import UNDEFINED
+from dfdbench.leaderboard.submission import submit
+from dfdbench.results.record import PairScores, Result, average
+from tests.made_results import make_demo_result
+
+WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+
+
+def with_undefined(result: Result, ids: set[str]) -> Result:
+    nothing = {"thesis": PairScores(nrmse=None, nmae=None, ssim=0.5)}
+    pairs = [
+        pair.model_copy(update={"scores": nothing}) if pair.id in ids else pair
+        for pair in result.pairs
+    ]
+    return result.model_copy(update={"pairs": pairs, "averages": average(pairs, ["thesis"])})
+
+
+def test_a_row_leaves_out_no_score_that_the_data_define(tmp_path: Path) -> None:
+    whole = make_demo_result(lambda pair: 0.1)
+    all_but_one = {pair.id for pair in whole.pairs[1:]}
+    with pytest.raises(ResultError, match="undefined elsewhere than the data"):
+        submit(with_undefined(whole, all_but_one), tmp_path, WHEN)
+    assert not list(tmp_path.rglob("*.json"))
+    # Where the ground truth leaves a pair undefined, it does so for every method.
+    flat = whole.pairs[0].id
+    record = {whole.dataset.fingerprint: {"thesis": {flat: ["nrmse", "nmae"]}}}
+    (tmp_path / UNDEFINED).write_text(json.dumps(record))
+    assert not data_set_problems(with_undefined(whole, {flat}), tmp_path, "here")
+    assert len(data_set_problems(whole, tmp_path, "here")) == 1
+    (tmp_path / UNDEFINED).write_text("[]")
+    with pytest.raises(ResultError, match="cannot read the list"):
+        data_set_problems(whole, tmp_path, "here")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("short", "middlebury"), ("axes", ["view"]), ("blocks", "view"), ("degradation", "noise")],
+)
+def test_a_row_says_of_its_data_what_the_manifest_says(
+    tmp_path: Path, field: str, value: Any
+) -> None:
+    result = make_demo_result(lambda pair: 0.1)
+    other = result.dataset.model_copy(update={field: value})
+    with pytest.raises(ResultError, match=rf"not what the manifest(.|\n)*{field}"):
+        submit(result.model_copy(update={"dataset": other}), tmp_path, WHEN)
+
+
+@pytest.mark.parametrize("name", ["demo", "mine.toml"])
+def test_a_row_is_of_a_released_set_by_its_full_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(find_manifest("demo").toml)
+    result = make_demo_result(lambda pair: 0.1)
+    other = result.dataset.model_copy(update={"name": name})
+    with pytest.raises(ResultError, match="unknown data set"):
+        submit(result.model_copy(update={"dataset": other}), tmp_path, WHEN)

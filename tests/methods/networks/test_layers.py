@@ -1,0 +1,17 @@
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("torch", reason="needs the extra nets")
+import torch
+
+from dfdbench.methods.networks.architectures import PUBLISHED_MEANS, DfDNet
+
+SMALL = (4, 3, 4, 6, 5, 6, 8, 7, 8, 6, 6, 5, 6, 4, 4, 3, 4, 256)
+
+
+def test_means_are_taken_off_and_255_is_nearly_1() -> None:
+    network = DfDNet(SMALL)
+    means = torch.tensor(PUBLISHED_MEANS).reshape(1, 6, 1, 1).expand(1, 6, 4, 4)
+    assert torch.equal(network.pixels(means), torch.zeros(1, 6, 4, 4))
+    assert torch.allclose(network.pixels(means + 64), torch.full((1, 6, 4, 4), 0.25))

@@ -1,0 +1,107 @@
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.methods.calling import call
+
+IMAGE = np.zeros((4, 6, 3), np.uint8)
+
+
+def raising(*_: object) -> None:
+    raise RuntimeError("boom")
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        (np.zeros((4, 6, 3)), "returned shape (4, 6, 3)"),
+        (np.zeros((6, 4)), "returned shape (6, 4)"),
+        (5, "returned shape ()"),
+        (None, "returned object values"),
+        ("depth", "expected real numbers"),
+        (np.full((4, 6), np.nan), "NaN or infinity in 24 of 24"),
+        (np.full((4, 6), np.inf), "NaN or infinity"),
+        (np.full((4, 6), -1.0), "levels from -1"),
+        (np.full((4, 6), 255.5), "expected 0 to 255"),
+        (np.zeros((4, 6), complex), "complex128"),
+        (np.zeros((4, 6), bool), "bool"),
+        ([[1, 2], [3]], "no array"),
+    ],
+)
+def test_a_bad_answer_is_said_not_scored(answer: object, told: str) -> None:
+    prediction = call(lambda *_: answer, IMAGE, IMAGE)
+    assert prediction.depth is None
+    assert told in prediction.error
+
+
+class Saying:
+    """Says of its second answer what it did not of its first."""
+
+    numbers: Any = None
+
+    def __call__(self, infocus: Any, defocus: Any) -> Any:
+        if infocus.max() > 9:
+            raise RuntimeError("too bright")
+        self.numbers = {"energy": 12, "gap": np.float32(0.5), "note": "x", "bad": float("nan")}
+        return np.zeros((4, 6))
+
+
+def test_numbers_of_the_last_call_are_kept_if_they_are_numbers() -> None:
+    method = Saying()
+    prediction = call(method, IMAGE, IMAGE)
+    assert prediction.error == ""
+    assert prediction.numbers == {"energy": 12.0, "gap": 0.5}
+    # A pair that failed has none, least of all those of the pair before.
+    assert call(method, IMAGE + np.uint8(20), IMAGE).numbers == {}
+    method.numbers = "many"
+    assert call(lambda *_: np.zeros((4, 6)), IMAGE, IMAGE).numbers == {}
+
+
+def test_numbers_beside_the_depth_are_refused_with_what_to_do() -> None:
+    prediction = call(lambda *_: (np.zeros((4, 6)), {"energy": 1.0}), IMAGE, IMAGE)
+    assert prediction.depth is None
+    assert "attribute `numbers`" in prediction.error
+    assert call(lambda *_: (np.zeros((4, 6)), 3), IMAGE, IMAGE).depth is None
+
+
+def leaving(*_: object) -> None:
+    raise SystemExit(0)
+
+
+def test_a_method_that_raises_or_leaves_is_caught() -> None:
+    assert call(raising, IMAGE, IMAGE).error == "raised RuntimeError: boom"
+    assert call(leaving, IMAGE, IMAGE).error == "raised SystemExit: 0"
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int64, np.float16, np.float32, np.float64])
+def test_every_real_type_will_do(dtype: type) -> None:
+    prediction = call(lambda *_: np.full((4, 6), 200, dtype), IMAGE, IMAGE)
+    assert prediction.depth is not None
+    assert prediction.depth.dtype == np.float32
+    assert prediction.depth.tolist() == [[200.0] * 6] * 4
+
+
+def test_rounding_past_the_range_is_clipped() -> None:
+    prediction = call(lambda *_: np.full((4, 6), 255.00001), IMAGE, IMAGE)
+    assert prediction.depth is not None
+    assert prediction.depth.max() == 255
+
+
+def test_what_a_method_prints_is_kept_apart(capsys: pytest.CaptureFixture[str]) -> None:
+    def talking(infocus: Any, defocus: Any) -> Any:
+        print("layer 1")
+        return infocus[..., 0]
+
+    assert call(talking, IMAGE, IMAGE).printed == "layer 1\n"
+    assert capsys.readouterr().out == ""
+
+
+def test_a_method_cannot_spoil_the_images() -> None:
+    def writing(infocus: Any, defocus: Any) -> Any:
+        infocus[:] = 9
+        return defocus[..., 0]
+
+    image = IMAGE.copy()
+    call(writing, image, image)
+    assert image.max() == 0

@@ -1,0 +1,36 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dfdbench.errors import MethodError
+from dfdbench.methods.registry import load_method
+
+IMAGE = np.zeros((4, 6, 3), np.uint8)
+
+
+def test_a_file_and_a_module_give_the_same_method(module: Path) -> None:
+    for name in (f"{module}:predict", "mine.py:predict", "mine:predict"):
+        method = load_method(name, {}, {})
+        assert method.predict(IMAGE, IMAGE).tolist() == [[7] * 6] * 4
+        assert method.source_sha256 is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("nosuch:thing", "no module named nosuch"),
+        ("nosuch.py:thing", "no such file"),
+        ("mine.py:predikt", "did you mean predict"),
+        ("mine.py:number", "not a method"),
+        ("mine.py:", "module:attribute"),
+        ("broken.py:predict", "SyntaxError"),
+        ("needs.py:predict", "No module named 'nosuchpackage'"),
+    ],
+)
+def test_what_cannot_be_imported_says_why(module: Path, name: str, told: str) -> None:
+    module.with_name("broken.py").write_text("def predict(:\n")
+    module.with_name("needs.py").write_text("import nosuchpackage\n")
+    with pytest.raises(MethodError) as caught:
+        load_method(name, {}, {})
+    assert told in str(caught.value)

@@ -1,0 +1,56 @@
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.errors import MethodError
+from dfdbench.methods.registry import load, load_method
+
+IMAGE = np.zeros((4, 6, 3), np.uint8)
+
+
+FIELDS = {"sigma_min": 0.2, "sigma_step": 0.006}
+
+
+@pytest.mark.parametrize("form", ["mapping", "file", "path", "recipe"])
+def test_a_recipe_may_be_given_in_many_forms(tmp_path: Path, form: str) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("sigma_min = 0.2\nsigma_step = 0.006\n")
+    expected = BlurRecipe(**FIELDS)  # type: ignore[arg-type]
+    given: dict[str, Any] = {"mapping": FIELDS, "file": str(file), "path": file, "recipe": expected}
+    method = load_method("local", {"recipe": given[form]}, {})
+    assert method.predict._recipe == expected  # type: ignore[attr-defined]
+    assert method.predict(IMAGE, IMAGE).shape == (4, 6)
+    recorded = expected.as_dict() if form == "recipe" else FIELDS
+    assert method.parameters == {"recipe": recorded}
+
+
+@pytest.mark.parametrize(
+    ("fields", "told"),
+    [
+        ({"sigma_min": 0.2}, "sigma_step"),
+        (FIELDS | {"sigma_mni": 1}, "sigma_mni"),
+        (FIELDS | {"sigma_min": "0.2"}, "parameter recipe: sigma_min"),
+        (FIELDS | {"sigma_min": True}, "parameter recipe: sigma_min"),
+        (FIELDS | {"sigma_min": float("nan")}, "parameter recipe: sigma_min"),
+        (FIELDS | {"sigma_step": float("inf")}, "parameter recipe: sigma_step"),
+        (FIELDS | {"sigma_step": 10**400}, "parameter recipe: sigma_step"),
+        (FIELDS | {"sigma_step": -0.1}, "parameter recipe: sigma_step"),
+        (FIELDS | {"levels": 128.5}, "parameter recipe: levels"),
+        (FIELDS | {"kernel_size": 27.0}, "parameter recipe: kernel_size"),
+        (FIELDS | {"invert": "no"}, "parameter recipe: invert"),
+        ("nowhere.toml", "No such file"),
+        ("broken.toml", "cannot read the blur recipe"),
+        ("negative.toml", "negative.toml: sigma_min"),
+        (5, "not a blur recipe"),
+        (None, "not a blur recipe"),
+    ],
+)
+def test_a_recipe_that_is_none_is_refused_by_name(module: Path, fields: Any, told: str) -> None:
+    module.with_name("broken.toml").write_text("sigma_min =")
+    module.with_name("negative.toml").write_text("sigma_min = -1\nsigma_step = 1\n")
+    with pytest.raises(MethodError, match=re.escape(told)):
+        load("local", recipe=fields)
