@@ -41,9 +41,9 @@ def main(dataset: str, folder: Path, *ranges: str) -> None:
         steps.append(found.step[images.valid])
         errors.append(error)
         depths.append(images.depth[images.valid])
-    for step, values in ((1, shares), (32, coarse)):
+    for bound, values in ((1, shares), (32, coarse)):
         rank = spearmanr(values, means).statistic
-        print(f"share above step {step} against mean error, {len(means)} pairs: rank {rank:.2f}")
+        print(f"share above step {bound} against mean error, {len(means)} pairs: rank {rank:.2f}")
     step, error = np.concatenate(steps), np.concatenate(errors)
     for value in (*STEPS, UNSEEN):
         chosen = step == value
