@@ -32,6 +32,13 @@ def test_difficulty_check_prints_every_step_that_was_found(
     assert second.startswith("share above step 32 ")
     shares = [float(line.split()[1]) for line in steps]
     assert sum(shares) == pytest.approx(100, abs=0.5)
+    main(str(tiny_store.path), run.folder, "1-99", "100")
+    lines = capsys.readouterr().out.splitlines()[-3:]
+    assert [line.split()[:2] for line in lines] == [
+        ["levels", "1-99"],
+        ["levels", "100"],
+        ["levels", "others"],
+    ]
 
 
 def test_coverage_from_python_is_as_shown(
