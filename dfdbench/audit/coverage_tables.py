@@ -1,4 +1,4 @@
-"""Tables out of comparisons, of splits and of difficulties."""
+"""Tables out of comparisons of a test with its training."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of a training: loss, learning rate and scores by step; levels and patches trained on."""
+"""Figures of trainings: their course, the levels and patches trained on, an experiment's scores."""
 
 from __future__ import annotations
 

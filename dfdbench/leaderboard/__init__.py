@@ -1,1 +1,1 @@
-"""Sealed results: collected, ranked, verified, told."""
+"""Sealed results: collected, ranked, reproduced, told."""

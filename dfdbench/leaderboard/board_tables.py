@@ -1,4 +1,4 @@
-"""The leaderboard's tables: ranking, scores by exposure, how each was run, published numbers."""
+"""A board's tables: ranking, scores by exposure, how each was run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The leaderboard: collect sealed results, compare like with like, rank, and tell it."""
+"""The leaderboard: collect sealed results, compare like with like, and rank."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How sure a mean is: intervals over scenes."""
+"""How sure a mean is: intervals bootstrapped over scenes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The three scores of a depth map: NRMSE, NMAE and SSIM; and whether it goes the wrong way."""
+"""The scores of a depth map, NRMSE, NMAE and SSIM, and whether it goes the wrong way."""
 
 from __future__ import annotations
 

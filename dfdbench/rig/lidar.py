@@ -1,4 +1,4 @@
-"""From LIDAR ranges to a depth map (thesis, 3.2.5): one pure function a step.
+"""A LIDAR's ranges, averaged, turned and cleaned (thesis, 3.2.5): one pure function a step.
 
 Ranges are in millimetres, shape (beam, column); 0 means that nothing came back. A column is a
 measurement ID, 0 to 2047 in a turn, 1024 straight ahead. Arrays of values travel with an array

@@ -1,4 +1,4 @@
-"""A table, and every form it can be shown in: terminal, Markdown, LaTeX, CSV, JSON."""
+"""A table: columns, rows, notes; and the names of the forms it can be shown in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The three metrics of a network on some pairs, as training logs them."""
+"""The metrics of a network on some pairs, as training logs them."""
 
 from __future__ import annotations
 

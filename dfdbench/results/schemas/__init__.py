@@ -1,1 +1,1 @@
-"""The published JSON schema of a result."""
+"""The published JSON schemas of a result and of a comparison of depths."""
