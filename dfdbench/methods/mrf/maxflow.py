@@ -27,7 +27,8 @@ RIGHT, LEFT, DOWN, UP = 0, 1, 2, 3
 # What `parent` holds besides a direction.
 TERMINAL, ORPHAN = 4, 5
 
-# What `tree` holds. Arrays with a first axis for the trees have SOURCE's part at 0, SINK's at 1.
+# What `tree` holds, FREE for nodes that are not active. Arrays with a first axis for the trees have
+# SOURCE's part at 0, SINK's at 1.
 FREE, SOURCE, SINK = 0, 1, 2
 
 Array = NDArray[Any]
@@ -53,6 +54,10 @@ class GridGraph:
     capacity : (4 * node,) int32
         Non-negative; ``capacity[4 * node + direction]`` is paid when the node is on the source
         side and its neighbour in that direction is on the sink side.
+    active : (n,) int32
+        Nodes that take part in a cut, all at first; the others may have no links.
+    nodes : (height * width,) int32
+        Memory for a shorter `active`.
 
     Raises
     ------
@@ -81,6 +86,9 @@ class GridGraph:
         self.terminal: NDArray[np.int32] = np.zeros(nodes, np.int32)
         self.capacity: NDArray[np.int32] = np.zeros(4 * nodes, np.int32)
         self.tree: NDArray[np.uint8] = np.zeros(nodes, np.uint8)
+        rows = self.pitch * np.arange(1, height + 1)[:, np.newaxis]
+        self.active: NDArray[np.int32] = (rows + np.arange(1, width + 1)).ravel().astype(np.int32)
+        self.nodes = self.active.copy()
         self._parent = np.zeros(nodes, np.uint8)
         self._distance = np.zeros(nodes, np.int32)
         self._orphans = np.zeros(nodes, np.int32)
@@ -89,11 +97,16 @@ class GridGraph:
         self._counts = np.zeros((2, 2), np.int64)
         self._listed = np.zeros((2, nodes), np.int32)
 
+    def clear(self) -> None:
+        """Take away the links of the active nodes, which then belong to no side."""
+        _clear(self.active, self.terminal, self.capacity, self.tree)
+
     def cut(self) -> int:
         """Find a minimum cut and give its value (equal to the maximum flow)."""
-        flow = _push_to_neighbours(self.pitch, self.terminal, self.capacity)
+        flow = _push_to_neighbours(self.pitch, self.active, self.terminal, self.capacity)
         flow += _grow_and_augment(
             self.pitch,
+            self.active,
             self.terminal,
             self.capacity,
             self.tree,
@@ -117,10 +130,18 @@ class GridGraph:
 
 
 @numba.njit(cache=True, nogil=True)
-def _push_to_neighbours(pitch: int, terminal: Array, capacity: Array) -> int:
+def _clear(active: Array, terminal: Array, capacity: Array, tree: Array) -> None:
+    for node in active:
+        terminal[node] = 0
+        capacity[4 * node : 4 * node + 4] = 0
+        tree[node] = FREE
+
+
+@numba.njit(cache=True, nogil=True)
+def _push_to_neighbours(pitch: int, active: Array, terminal: Array, capacity: Array) -> int:
     # Flow between neighbours of opposite terminals needs no search, and is half of all flow.
     flow = 0
-    for node in range(pitch + 1, terminal.size - pitch - 1):
+    for node in active:
         if terminal[node] == 0:
             continue
         for direction in (RIGHT, DOWN):
@@ -146,6 +167,7 @@ def _push_to_neighbours(pitch: int, terminal: Array, capacity: Array) -> int:
 @numba.njit(cache=True, nogil=True)
 def _grow_and_augment(
     pitch: int,
+    active: Array,
     terminal: Array,
     capacity: Array,
     tree: Array,
@@ -158,11 +180,12 @@ def _grow_and_augment(
 ) -> int:
     step = (1, -1, pitch, -pitch)
     counts[:] = 0
-    listed[:] = 0
-    distance[:] = 1
-    parent[:] = TERMINAL
     ends = np.zeros(2, np.int64)
-    for node in range(terminal.size):
+    for node in active:
+        listed[0, node] = 0
+        listed[1, node] = 0
+        distance[node] = 1
+        parent[node] = TERMINAL
         if terminal[node] == 0:
             tree[node] = FREE
             continue

@@ -32,7 +32,7 @@ def test_moves_are_the_best_ones(
             energy.evaluate(np.where(np.reshape(taken, (2, 4)), offer[labels], labels))
             for taken in itertools.product([False, True], repeat=8)
         )
-        change = Mover(energy).move(labels, offer)
+        change = Mover(energy, labels).move(offer)
         assert before + change == energy.evaluate(labels) == best
 
 
@@ -40,11 +40,11 @@ def test_moves_are_the_best_ones(
 def test_no_move_raises_the_energy(rng: np.random.Generator, kind: str) -> None:
     energy = random_energy(rng, 9, 11, 8, kind, weighted=True)
     labels = rng.integers(0, 8, (9, 11)).astype(np.int32)
-    mover = Mover(energy)
+    mover = Mover(energy, labels)
     for _ in range(60):
         before, value = labels.copy(), energy.evaluate(labels)
         # Any offer at all, however far from submodular.
-        change = mover.move(labels, rng.integers(0, 8, 8).astype(np.int32))
+        change = mover.move(rng.integers(0, 8, 8).astype(np.int32))
         assert energy.evaluate(labels) - value <= change <= 0
         assert change < 0 or np.array_equal(before, labels)
 
