@@ -7,7 +7,8 @@ in vision", PAMI 2004), but breadth first, every node knowing its distance from 
 (Goldberg et al., "Maximum flows by incremental breadth-first search", ESA 2011): on these grids
 slightly faster, and polynomial. Neighbours are found by adding a constant to the node's number, so
 that no adjacency lists are stored, and a border of nodes without edges spares every test for the
-image's edge.
+image's edge. The parts share ten arrays and are one algorithm, hence one long module; the search is
+one long function because its state would travel through every call of a shorter one.
 """
 
 from __future__ import annotations
@@ -172,6 +173,8 @@ def _push_along(
         other = node + step
         forth, back = 4 * node + direction, 4 * other + (direction ^ 1)
         push = max(min(terminal[node], capacity[forth]), -capacity[back])
+        if push == 0:
+            continue
         carried[node] = push
         terminal[node] -= push
         terminal[other] += push
@@ -183,15 +186,16 @@ def _push_along(
         before = node - step
         forth, back = 4 * before + direction, 4 * node + (direction ^ 1)
         push = carried[before]
-        if push > 0:
-            push = min(push, max(terminal[node] - max(given[node], 0), 0))
-        else:
-            push = max(push, min(terminal[node] - min(given[node], 0), 0))
-        carried[before] = 0
-        terminal[node] -= push
-        terminal[before] += push
-        capacity[forth] += push
-        capacity[back] -= push
+        if push != 0:
+            carried[before] = 0
+            if push > 0:
+                push = min(push, max(terminal[node] - max(given[node], 0), 0))
+            else:
+                push = max(push, min(terminal[node] - min(given[node], 0), 0))
+            terminal[node] -= push
+            terminal[before] += push
+            capacity[forth] += push
+            capacity[back] -= push
         flow -= max(terminal[node], 0)
     return flow
 
