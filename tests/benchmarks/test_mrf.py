@@ -91,7 +91,8 @@ def scene(request: pytest.FixtureRequest, shared_data: Path) -> Any:
     depth = cv2.imread(str(folder / "disp1.png"), cv2.IMREAD_GRAYSCALE)
     if image is None or depth is None:
         pytest.skip(f"no {request.param} here")
-    infocus = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    infocus = cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8)
+    depth = depth.astype(np.uint8)
     return infocus, synthesize(infocus, depth, RECIPES["published"]), depth
 
 
