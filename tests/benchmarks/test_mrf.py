@@ -92,8 +92,8 @@ def scene(request: pytest.FixtureRequest, shared_data: Path) -> Any:
     if image is None or depth is None:
         pytest.skip(f"no {request.param} here")
     infocus = cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8)
-    depth = depth.astype(np.uint8)
-    return infocus, synthesize(infocus, depth, RECIPES["published"]), depth
+    levels = depth.astype(np.uint8)
+    return infocus, synthesize(infocus, levels, RECIPES["published"]), levels
 
 
 @pytest.mark.parametrize(
