@@ -9,16 +9,22 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any, get_args
 
+import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import correlate1d
 
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.store import Store
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.mrf import Energy, Quality, expansion, message_passing, published, split
+from dfdbench.methods.rounded_graph_cuts import RoundedGraphCuts
+from tests.benchmarks.test_blur import stack
 
 LABELS = 256
 SIGMAS = 0.32 + 0.01 * np.arange(LABELS)
@@ -61,7 +67,6 @@ def energy(pair: Pair) -> Energy:
 def test_data_cost(benchmark: Any, pair: Pair) -> None:
     data_cost(pair[0][:4], pair[1][:4], SIGMAS)
     benchmark.pedantic(data_cost, (*pair, SIGMAS), rounds=3)
-    cv2 = pytest.importorskip("cv2", reason="the peer OpenCV is not installed")
     cv2.setNumThreads(1)
 
     def by_definition() -> None:
@@ -76,6 +81,36 @@ def test_data_cost(benchmark: Any, pair: Pair) -> None:
 
     own, peer = cpu(lambda: data_cost(*pair, SIGMAS)), 16 * cpu(by_definition)
     print(f"\ndata_cost: {own:.2f} s CPU, {peer / own:.0f} x OpenCV's filter2D for every label")
+
+
+@pytest.fixture(params=["Aloe", "Art", "Reindeer"])
+def scene(request: pytest.FixtureRequest, shared_data: Path) -> Any:
+    """Give view 1 of a scene at default lighting, its depth and its blur; ThirdSize."""
+    folder = shared_data / "middlebury/ThirdSize" / request.param
+    image = cv2.imread(str(folder / "view1.png"))
+    depth = cv2.imread(str(folder / "disp1.png"), cv2.IMREAD_GRAYSCALE)
+    if image is None or depth is None:
+        pytest.skip(f"no {request.param} here")
+    infocus = cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8)
+    levels = depth.astype(np.uint8)
+    return infocus, synthesize(infocus, levels, RECIPES["published"]), levels
+
+
+@pytest.mark.parametrize(
+    "method", [GraphCuts(), RoundedGraphCuts()], ids=lambda m: type(m).__name__
+)
+def test_method_against_blurring_whole(benchmark: Any, scene: Any, method: Any) -> None:
+    """Compare with what the blur alone takes where the whole image is filtered at every level."""
+    infocus, defocus, depth = scene
+    cv2.setNumThreads(1)
+    method.warm_up(infocus, defocus)
+    ratios = []
+    for _ in range(3):
+        own = cpu(lambda: method(infocus, defocus))
+        ratios.append(own / cpu(lambda: stack(infocus, depth, RECIPES["published"])))
+    benchmark.extra_info["of the blur"] = sorted(ratios)[1]
+    benchmark.pedantic(method, (infocus, defocus), rounds=1)
+    print(f"\n{type(method).__name__}: {sorted(ratios)[1]:.2f} of 256 filterings of the image")
 
 
 @pytest.mark.parametrize("quality", ["fast", "default", "high"])

@@ -45,6 +45,7 @@ class Energy:
     Examples
     --------
     >>> import numpy as np
+    >>> from dfdbench.methods.mrf.smoothness import truncated_absolute
     >>> unary = np.array([[[0, 4, 9], [7, 0, 3]]], np.uint16)
     >>> energy = Energy(unary, truncated_absolute(3, cap=255))
     >>> energy.evaluate([[0, 1]])

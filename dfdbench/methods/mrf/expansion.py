@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from numpy.typing import ArrayLike
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.methods.mrf.energy import Energy, Solution, label_dtype, starting_labels
 from dfdbench.methods.mrf.moves import Mover, expansion_offer
 
 __all__ = ["expansion"]
+
+# Costs are turned from pixels of labels to labels of pixels for so many labels at a time: in one
+# label's plane, neighbours are neighbours in memory, and this many come in one line of the cache.
+BLOCK = 32
+
+Array = NDArray[Any]
 
 
 def expansion(
@@ -50,14 +60,28 @@ def expansion(
     ([[1, 1, 1]], 5, (27, 5, 5))
     """
     labels = starting_labels(energy, start)
-    mover = Mover(energy)
+    mover = Mover(energy, labels)
     history = [energy.evaluate(labels)]
     idle = 0
     while idle < energy.labels and (max_sweeps is None or len(history) <= max_sweeps):
         for label in range(energy.labels):
-            idle = 0 if mover.move(labels, expansion_offer(energy.labels, label)) else idle + 1
+            if label % BLOCK == 0:
+                planes = _planes(energy.unary[:, :, label : label + BLOCK])
+            offer = expansion_offer(energy.labels, label)
+            idle = 0 if mover.move(offer, planes[label % BLOCK]) else idle + 1
             # As many labels in a row as there are: none can lower the energy any more.
             if idle == energy.labels:
                 break
         history.append(energy.evaluate(labels))
     return Solution(labels.astype(label_dtype(energy.labels)), history[-1], tuple(history))
+
+
+@numba.njit(cache=True, nogil=True)
+def _planes(costs: Array) -> Array:
+    height, width, labels = costs.shape
+    planes = np.empty((labels, height, width), costs.dtype)
+    for y in range(height):
+        for x in range(width):
+            for label in range(labels):
+                planes[label, y, x] = costs[y, x, label]
+    return planes

@@ -1,12 +1,14 @@
 """Minimum cuts on a 4-connected grid, the one primitive that every move-making solver needs.
 
-Two search trees grow from the terminals and are repaired after each augmenting path, as in Boykov
+First rows and columns are solved by themselves, in linear time. For the rest of the flow two search
+trees grow from the terminals and are repaired after each augmenting path, as in Boykov
 and Kolmogorov ("An experimental comparison of min-cut/max-flow algorithms for energy minimization
 in vision", PAMI 2004), but breadth first, every node knowing its distance from the terminal
 (Goldberg et al., "Maximum flows by incremental breadth-first search", ESA 2011): on these grids
 slightly faster, and polynomial. Neighbours are found by adding a constant to the node's number, so
 that no adjacency lists are stored, and a border of nodes without edges spares every test for the
-image's edge.
+image's edge. The parts share ten arrays and are one algorithm, hence one long module; the search is
+one long function because its state would travel through every call of a shorter one.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ RIGHT, LEFT, DOWN, UP = 0, 1, 2, 3
 # What `parent` holds besides a direction.
 TERMINAL, ORPHAN = 4, 5
 
-# What `tree` holds. Arrays with a first axis for the trees have SOURCE's part at 0, SINK's at 1.
+# What `tree` holds, FREE for nodes that are not active. Arrays with a first axis for the trees have
+# SOURCE's part at 0, SINK's at 1.
 FREE, SOURCE, SINK = 0, 1, 2
 
 Array = NDArray[Any]
@@ -53,6 +56,10 @@ class GridGraph:
     capacity : (4 * node,) int32
         Non-negative; ``capacity[4 * node + direction]`` is paid when the node is on the source
         side and its neighbour in that direction is on the sink side.
+    active : (n,) int32
+        Nodes that take part in a cut, ascending, all at first; the others may have no links.
+    nodes : (height * width,) int32
+        Memory for a shorter `active`.
 
     Raises
     ------
@@ -81,19 +88,40 @@ class GridGraph:
         self.terminal: NDArray[np.int32] = np.zeros(nodes, np.int32)
         self.capacity: NDArray[np.int32] = np.zeros(4 * nodes, np.int32)
         self.tree: NDArray[np.uint8] = np.zeros(nodes, np.uint8)
+        rows = self.pitch * np.arange(1, height + 1)[:, np.newaxis]
+        self.active: NDArray[np.int32] = (rows + np.arange(1, width + 1)).ravel().astype(np.int32)
+        self.nodes = self.active.copy()
         self._parent = np.zeros(nodes, np.uint8)
         self._distance = np.zeros(nodes, np.int32)
+        self._given = np.zeros(nodes, np.int32)
+        self._carried = np.zeros(nodes, np.int32)
         self._orphans = np.zeros(nodes, np.int32)
         # Nodes to grow from: for both trees, at an even and an odd distance.
         self._fronts = np.zeros((2, 2, nodes), np.int32)
         self._counts = np.zeros((2, 2), np.int64)
         self._listed = np.zeros((2, nodes), np.int32)
 
+    def clear(self) -> None:
+        """Take away the links of the active nodes, which then belong to no side."""
+        _clear(self.active, self.terminal, self.capacity, self.tree)
+
     def cut(self) -> int:
         """Find a minimum cut and give its value (equal to the maximum flow)."""
-        flow = _push_to_neighbours(self.pitch, self.terminal, self.capacity)
+        # Most of the flow needs no turn: nine tenths on the energies here.
+        flow = 0
+        for direction in (RIGHT, DOWN):
+            flow += _push_along(
+                self.pitch,
+                direction,
+                self.active,
+                self.terminal,
+                self.capacity,
+                self._given,
+                self._carried,
+            )
         flow += _grow_and_augment(
             self.pitch,
+            self.active,
             self.terminal,
             self.capacity,
             self.tree,
@@ -117,35 +145,65 @@ class GridGraph:
 
 
 @numba.njit(cache=True, nogil=True)
-def _push_to_neighbours(pitch: int, terminal: Array, capacity: Array) -> int:
-    # Flow between neighbours of opposite terminals needs no search, and is half of all flow.
+def _clear(active: Array, terminal: Array, capacity: Array, tree: Array) -> None:
+    for node in active:
+        terminal[node] = 0
+        capacity[4 * node : 4 * node + 4] = 0
+        tree[node] = FREE
+
+
+@numba.njit(cache=True, nogil=True)
+def _push_along(
+    pitch: int,
+    direction: int,
+    active: Array,
+    terminal: Array,
+    capacity: Array,
+    given: Array,
+    carried: Array,
+) -> int:
+    # The maximum flow within each row (RIGHT) or column (DOWN), in two scans without a search.
+    step = 1 if direction == RIGHT else pitch
     flow = 0
-    for node in range(pitch + 1, terminal.size - pitch - 1):
-        if terminal[node] == 0:
+    for node in active:
+        given[node] = terminal[node]
+        flow += max(terminal[node], 0)
+    # Each node passes on what its link lets through, wanted or not.
+    for node in active:
+        other = node + step
+        forth, back = 4 * node + direction, 4 * other + (direction ^ 1)
+        push = max(min(terminal[node], capacity[forth]), -capacity[back])
+        if push == 0:
             continue
-        for direction in (RIGHT, DOWN):
-            other = node + (1 if direction == RIGHT else pitch)
-            if terminal[node] > 0 and terminal[other] < 0:
-                edge, back = 4 * node + direction, 4 * other + (direction ^ 1)
-                push = min(terminal[node], -terminal[other], capacity[edge])
-                terminal[node] -= push
-                terminal[other] += push
-            elif terminal[node] < 0 and terminal[other] > 0:
-                edge, back = 4 * other + (direction ^ 1), 4 * node + direction
-                push = min(-terminal[node], terminal[other], capacity[edge])
-                terminal[node] += push
-                terminal[other] -= push
+        carried[node] = push
+        terminal[node] -= push
+        terminal[other] += push
+        capacity[forth] -= push
+        capacity[back] += push
+    # What no node had use for goes back to where it came from.
+    for at in range(active.size - 1, -1, -1):
+        node = active[at]
+        before = node - step
+        forth, back = 4 * before + direction, 4 * node + (direction ^ 1)
+        push = carried[before]
+        if push != 0:
+            carried[before] = 0
+            if push > 0:
+                push = min(push, max(terminal[node] - max(given[node], 0), 0))
             else:
-                continue
-            capacity[edge] -= push
-            capacity[back] += push
-            flow += push
+                push = max(push, min(terminal[node] - min(given[node], 0), 0))
+            terminal[node] -= push
+            terminal[before] += push
+            capacity[forth] += push
+            capacity[back] -= push
+        flow -= max(terminal[node], 0)
     return flow
 
 
 @numba.njit(cache=True, nogil=True)
 def _grow_and_augment(
     pitch: int,
+    active: Array,
     terminal: Array,
     capacity: Array,
     tree: Array,
@@ -158,11 +216,12 @@ def _grow_and_augment(
 ) -> int:
     step = (1, -1, pitch, -pitch)
     counts[:] = 0
-    listed[:] = 0
-    distance[:] = 1
-    parent[:] = TERMINAL
     ends = np.zeros(2, np.int64)
-    for node in range(terminal.size):
+    for node in active:
+        listed[0, node] = 0
+        listed[1, node] = 0
+        distance[node] = 1
+        parent[node] = TERMINAL
         if terminal[node] == 0:
             tree[node] = FREE
             continue

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.methods.mrf.energy import Energy
-from dfdbench.methods.mrf.maxflow import DOWN, RIGHT, SINK, GridGraph
+from dfdbench.methods.mrf.maxflow import DOWN, FREE, RIGHT, SINK, SOURCE, GridGraph
 
 __all__ = ["Mover", "expansion_offer", "jump_offer", "snap_offer"]
 
@@ -60,31 +60,42 @@ def snap_offer(labels: int, period: int, phase: int) -> NDArray[np.int32]:
 
 
 class Mover:
-    """Applies moves to labelings of one energy, with the cut's memory reserved once.
+    """Applies moves to a labeling of one energy, with the cut's memory reserved once.
 
     Parameters
     ----------
     energy : Energy
         What to lower.
+    labels : (y, x) int32
+        Where to begin; every move changes it in place, and nothing else may.
     graph : GridGraph, optional
         Memory of the same height and width to use again.
     """
 
-    def __init__(self, energy: Energy, graph: GridGraph | None = None) -> None:
+    def __init__(
+        self, energy: Energy, labels: NDArray[np.int32], graph: GridGraph | None = None
+    ) -> None:
         self.graph = GridGraph(*energy.shape) if graph is None else graph
         self._unary = energy.unary
         self._table = energy.smoothness
+        self._gains = _largest_gains(energy.smoothness)
         self._right, self._down = energy.edge_weights()
+        self._weights = self._right + self._down
+        self._weights[:, 1:] += self._right[:, :-1]
+        self._weights[1:] += self._down[:-1]
+        self._labels = labels
+        self._costs = np.take_along_axis(energy.unary, labels[..., np.newaxis], 2)[..., 0]
+        self._offered = np.empty_like(self._costs)
 
-    def move(self, labels: NDArray[np.int32], offer: NDArray[np.int32]) -> int:
+    def move(self, offer: NDArray[np.int32], costs: NDArray[Any] | None = None) -> int:
         """Let the best set of pixels go from their label l to ``offer[l]``.
 
         Parameters
         ----------
-        labels : (y, x) int32
-            Changed in place.
         offer : (label,) int32
             What each label is offered; itself where it is to stay.
+        costs : (y, x) of the energy's type, optional
+            What its offered label costs each pixel, where the caller has it at hand.
 
         Returns
         -------
@@ -93,81 +104,160 @@ class Mover:
             true change is this or lower.
         """
         graph = self.graph
+        if costs is None:
+            costs = _costs_of(self._unary, self._labels, offer, self._offered)
+        graph.clear()
+        graph.active = _choose(
+            self._labels,
+            self._costs,
+            offer,
+            costs,
+            self._gains,
+            self._weights,
+            graph.nodes,
+            graph.tree,
+        )
         change = int(
             _propose(
-                self._unary,
                 self._table,
                 self._right,
                 self._down,
-                labels,
+                self._labels,
+                self._costs,
                 offer,
+                costs,
+                graph.active,
                 graph.terminal,
                 graph.capacity,
+                graph.tree,
             )
         )
         change += graph.cut()
         if change < 0:
-            _apply(labels, offer, graph.tree)
+            _apply(self._labels, self._costs, offer, costs, graph.active, graph.tree)
         return change
 
 
 @numba.njit(cache=True, nogil=True)
-def _apply(labels: Array, offer: Array, tree: Array) -> None:
+def _largest_gains(table: Array) -> Array:
+    # The most that an edge can save where one of its ends changes its label by 0, 1, ...
+    gains = np.zeros_like(table)
+    for change in range(1, table.size):
+        for before in range(change - table.size + 1, table.size):
+            gain = table[abs(before)] - table[abs(before - change)]
+            gains[change] = max(gains[change], gain)
+    return gains
+
+
+@numba.njit(cache=True, nogil=True)
+def _costs_of(unary: Array, labels: Array, offer: Array, costs: Array) -> Array:
     height, width = labels.shape
     for y in range(height):
         for x in range(width):
-            if tree[(y + 1) * (width + 1) + 1 + x] == SINK:
-                labels[y, x] = offer[labels[y, x]]
+            costs[y, x] = unary[y, x, offer[labels[y, x]]]
+    return costs
+
+
+@numba.njit(cache=True, nogil=True)
+def _choose(
+    labels: Array,
+    costs: Array,
+    offer: Array,
+    offered: Array,
+    gains: Array,
+    weights: Array,
+    nodes: Array,
+    tree: Array,
+) -> Array:
+    # A pixel that loses more by its own cost than all its edges together can save moves in no best
+    # set: it has no part in the cut. Those that have are listed, and marked in `tree`.
+    height, width = labels.shape
+    count = 0
+    for y in range(height):
+        for x in range(width):
+            label = labels[y, x]
+            gain = weights[y, x] * gains[abs(offer[label] - label)]
+            if np.int32(offered[y, x]) - np.int32(costs[y, x]) < gain:
+                node = (y + 1) * (width + 1) + 1 + x
+                nodes[count] = node
+                tree[node] = SOURCE
+                count += 1
+    return nodes[:count]
+
+
+@numba.njit(cache=True, nogil=True)
+def _apply(
+    labels: Array, costs: Array, offer: Array, offered: Array, active: Array, tree: Array
+) -> None:
+    pitch = labels.shape[1] + 1
+    for node in active:
+        if tree[node] == SINK:
+            y, x = node // pitch - 1, node % pitch - 1
+            labels[y, x] = offer[labels[y, x]]
+            costs[y, x] = offered[y, x]
 
 
 @numba.njit(cache=True, nogil=True)
 def _propose(
-    unary: Array,
     table: Array,
     right: Array,
     down: Array,
     labels: Array,
+    costs: Array,
     offer: Array,
+    offered: Array,
+    active: Array,
     terminal: Array,
     capacity: Array,
+    tree: Array,
 ) -> int:
-    height, width, _ = unary.shape
+    height, width = labels.shape
     pitch = width + 1
-    terminal[:] = 0
-    for y in range(height):
-        for x in range(width):
-            node = (y + 1) * pitch + 1 + x
-            label = labels[y, x]
-            new = offer[label]
-            if new != label:
-                terminal[node] += np.int32(unary[y, x, new]) - np.int32(unary[y, x, label])
-            for direction in (RIGHT, DOWN):
-                if direction == RIGHT:
-                    if x + 1 == width:
-                        continue
-                    weight, other, beside = right[y, x], node + 1, labels[y, x + 1]
-                else:
-                    if y + 1 == height:
-                        continue
-                    weight, other, beside = down[y, x], node + pitch, labels[y + 1, x]
-                beyond = offer[beside]
-                # Costs of the edge, less its cost if neither pixel moves.
-                same = table[abs(label - beside)]
-                both = weight * (table[abs(new - beyond)] - same)
-                first = weight * (table[abs(new - beside)] - same) - both
-                second = weight * (table[abs(label - beyond)] - same)
-                # `both` is paid by this pixel's own link. What is left of the edge must not be
-                # negative in sum, which raising one side ensures, nor in either direction, for
-                # which one pixel's link lends to the other's.
-                second = max(second, -first)
-                lent = min(second, 0) - min(first, 0)
-                terminal[node] += both - lent
-                terminal[other] += lent
-                capacity[4 * node + direction] = second - lent
-                capacity[4 * other + (direction ^ 1)] = first + lent
+    for node in active:
+        y, x = node // pitch - 1, node % pitch - 1
+        label = labels[y, x]
+        new = offer[label]
+        terminal[node] += np.int32(offered[y, x]) - np.int32(costs[y, x])
+        # Of the edges to the left and up, only those to pixels that stay are left to do.
+        if x > 0 and tree[node - 1] == FREE:
+            beside = labels[y, x - 1]
+            gain = table[abs(label - beside)] - table[abs(new - beside)]
+            terminal[node] -= right[y, x - 1] * gain
+        if y > 0 and tree[node - pitch] == FREE:
+            beside = labels[y - 1, x]
+            gain = table[abs(label - beside)] - table[abs(new - beside)]
+            terminal[node] -= down[y - 1, x] * gain
+        for direction in (RIGHT, DOWN):
+            if direction == RIGHT:
+                if x + 1 == width:
+                    continue
+                weight, other, beside = right[y, x], node + 1, labels[y, x + 1]
+            else:
+                if y + 1 == height:
+                    continue
+                weight, other, beside = down[y, x], node + pitch, labels[y + 1, x]
+            # Costs of the edge, less its cost if neither pixel moves.
+            same = table[abs(label - beside)]
+            alone = weight * (table[abs(new - beside)] - same)
+            if tree[other] == FREE:
+                terminal[node] += alone
+                continue
+            beyond = offer[beside]
+            both = weight * (table[abs(new - beyond)] - same)
+            first = alone - both
+            second = weight * (table[abs(label - beyond)] - same)
+            # `both` is paid by this pixel's own link. What is left of the edge must not be
+            # negative in sum, which raising one side ensures, nor in either direction, for
+            # which one pixel's link lends to the other's.
+            second = max(second, -first)
+            lent = min(second, 0) - min(first, 0)
+            terminal[node] += both - lent
+            terminal[other] += lent
+            capacity[4 * node + direction] = second - lent
+            capacity[4 * other + (direction ^ 1)] = first + lent
     # The change of a cut is its value less the value of the cut where nothing moves.
     stay = 0
-    for node in range(terminal.size):
+    for node in active:
         if terminal[node] < 0:
             stay += terminal[node]
     return stay

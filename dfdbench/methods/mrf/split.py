@@ -82,11 +82,11 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
         return expansion(energy)
     graph = GridGraph(*energy.shape)
     labels = _halve(energy, graph)
-    mover = Mover(energy, graph)
+    mover = Mover(energy, labels, graph)
     history = [energy.evaluate(labels)]
     for repairs in REPAIRS[quality]:
         for offer in _offers(repairs, energy.labels):
-            mover.move(labels, offer)
+            mover.move(offer)
         history.append(energy.evaluate(labels))
     return Solution(labels.astype(label_dtype(energy.labels)), history[-1], tuple(history))
 
@@ -138,7 +138,7 @@ def _halve(energy: Energy, graph: GridGraph) -> NDArray[np.int32]:
         )
         upper_half = np.minimum(np.arange(count, dtype=np.int32) | 1, count - 1)
         labels *= 2
-        Mover(ranges, graph).move(labels, upper_half)
+        Mover(ranges, labels, graph).move(upper_half)
     return labels
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def test_moves_are_the_best_ones(
             energy.evaluate(np.where(np.reshape(taken, (2, 4)), offer[labels], labels))
             for taken in itertools.product([False, True], repeat=8)
         )
-        change = Mover(energy).move(labels, offer)
+        change = Mover(energy, labels).move(offer)
         assert before + change == energy.evaluate(labels) == best
 
 
@@ -40,11 +41,11 @@ def test_moves_are_the_best_ones(
 def test_no_move_raises_the_energy(rng: np.random.Generator, kind: str) -> None:
     energy = random_energy(rng, 9, 11, 8, kind, weighted=True)
     labels = rng.integers(0, 8, (9, 11)).astype(np.int32)
-    mover = Mover(energy)
+    mover = Mover(energy, labels)
     for _ in range(60):
         before, value = labels.copy(), energy.evaluate(labels)
         # Any offer at all, however far from submodular.
-        change = mover.move(labels, rng.integers(0, 8, 8).astype(np.int32))
+        change = mover.move(rng.integers(0, 8, 8).astype(np.int32))
         assert energy.evaluate(labels) - value <= change <= 0
         assert change < 0 or np.array_equal(before, labels)
 
@@ -59,3 +60,19 @@ def test_offers_keep_the_order_of_labels(labels: int) -> None:
         assert offer.min() >= 0
         assert offer.max() < labels
         assert np.all(np.diff(offer) >= 0)
+
+
+@pytest.mark.parametrize("kind", ["absolute", "potts", "truncated-absolute"])
+def test_leaving_pixels_out_changes_no_expansion(rng: np.random.Generator, kind: str) -> None:
+    for spread in (1, 8, 60):
+        energy = random_energy(rng, 12, 17, 6, kind, weighted=True)
+        energy = replace(energy, unary=energy.unary * spread)
+        labels = rng.integers(0, 6, (12, 17)).astype(np.int32)
+        some, every = Mover(energy, labels.copy()), Mover(energy, labels.copy())
+        # Gains that no cost can reach: every pixel takes part.
+        every._gains = np.full_like(every._gains, 2**20)
+        for target in (*range(6), *range(6)):
+            offer = expansion_offer(6, target)
+            assert some.move(offer) == every.move(offer)
+            assert np.array_equal(some._labels, every._labels)
+        assert len(some.graph.active) < len(every.graph.active)

@@ -90,7 +90,7 @@ def test_expansion_ends_where_no_label_lowers_the_energy(
     energy = random_energy(rng, 10, 12, 8, kind, weighted=True)
     labels = expansion(energy).labels.astype(np.int32)
     for label in range(8):
-        assert Mover(energy).move(labels, expansion_offer(8, label)) == 0
+        assert Mover(energy, labels).move(expansion_offer(8, label)) == 0
 
 
 def test_expansion_is_within_twice_the_least_energy_for_potts(rng: np.random.Generator) -> None:
