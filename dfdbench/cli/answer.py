@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 
 from dfdbench.cli.screen import print_table, say
 from dfdbench.errors import InputError, ResultError, reason_of
-from dfdbench.figures.style import write_figure
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown
 from dfdbench.tables.table import Table
@@ -120,6 +119,8 @@ def _show(answer: Answer, format: AnswerFormat) -> None:
 
 
 def _write(folder: Path, files: Mapping[str, str | Figure]) -> bool:
+    from dfdbench.figures.style import write_figure
+
     replaced = False
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)

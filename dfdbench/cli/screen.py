@@ -26,7 +26,6 @@ from rich.progress import (
 from rich.text import Text
 
 from dfdbench.errors import InputError, reason_of
-from dfdbench.figures.style import write_figure
 from dfdbench.tables.render import as_rich
 from dfdbench.tables.table import Table, least_width
 
@@ -88,6 +87,8 @@ def save_figure(figure: Figure, path: Path) -> None:
     InputError
         Where the file is to be no PNG, or cannot be written.
     """
+    from dfdbench.figures.style import write_figure
+
     if path.suffix.lower() != ".png":
         raise InputError(
             "figures are PNG files", where=str(path), expected="a name that ends in .png"

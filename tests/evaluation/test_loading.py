@@ -39,7 +39,7 @@ def grey(infocus: Any, defocus: Any) -> Any:
 
 def test_a_function_or_class_may_be_given_itself(tiny_store: Store, tmp_path: Path) -> None:
     loaded = load_for(tiny_store, grey, {})
-    assert loaded.name == loaded.entry == "tests.evaluation.test_run:grey"
+    assert loaded.name == loaded.entry == "tests.evaluation.test_loading:grey"
     assert loaded.predict is grey
     assert loaded.source_sha256 == hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
     assert run_method(tiny_store, loaded, "test", tmp_path / "out").result.complete

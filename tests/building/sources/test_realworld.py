@@ -198,7 +198,7 @@ def test_all_that_is_wrong_is_told_and_the_other_scenes_build(
     with (spoiled / "k35/lidar/lidar_rng_00002.bin").open("ab") as file:
         file.write(b"more")
     rows = (
-        (Path(__file__).parents[2] / "manifests/realworld-1/os1_beams.csv").read_text().splitlines()
+        (Path(__file__).parents[3] / "manifests/realworld-1/os1_beams.csv").read_text().splitlines()
     )
     (spoiled / "k44/beams.csv").write_text("\n".join(rows[:-1]))
     frame = np.zeros((20, 30, 3), np.uint8)

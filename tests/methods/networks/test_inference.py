@@ -8,7 +8,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.errors import MethodError
-from dfdbench.methods import networks
+from dfdbench.methods.networks import architectures
 from dfdbench.methods.networks.architectures import DfDNet, UNet
 from dfdbench.methods.networks.inference import Predictor, find_device
 from tests.methods.networks.test_architectures import SMALL
@@ -52,7 +52,7 @@ def test_the_margin_is_as_far_as_a_pixel_sees(monkeypatch: pytest.MonkeyPatch) -
                 parameter.abs_()
         made.pixels = torch.nn.Identity()
         pixels = torch.rand(1, 6, 256, 256, dtype=torch.float64, requires_grad=True)
-        monkeypatch.setattr(networks, "_in_float32", lambda layers, given: layers(given))
+        monkeypatch.setattr(architectures, "in_float32", lambda layers, given: layers(given))
         made(pixels)[0, :, 128, 128].sum().backward()
         assert pixels.grad is not None
         seen = torch.nonzero(pixels.grad[0].abs().sum(0))
