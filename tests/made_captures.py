@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dfdbench.building.sources.captures import PublishedScene, RawScene, find_scene
+from dfdbench.building.sources.captures import PublishedScene, RawScene, find_captured_scene
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -25,7 +25,7 @@ def manifest_with_few_steps(name: str) -> Manifest:
 def raw_scene(folder: Path, name: str) -> RawScene:
     capture = find_manifest("realworld").capture
     assert capture is not None
-    scene = find_scene(folder, name, capture)
+    scene = find_captured_scene(folder, name, capture)
     assert isinstance(scene, RawScene)
     return scene
 
@@ -33,6 +33,6 @@ def raw_scene(folder: Path, name: str) -> RawScene:
 def published_scene(folder: Path, name: str) -> PublishedScene:
     capture = find_manifest("realworld").capture
     assert capture is not None
-    scene = find_scene(folder, name, capture)
+    scene = find_captured_scene(folder, name, capture)
     assert isinstance(scene, PublishedScene)
     return scene

@@ -12,7 +12,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from dfdbench.building.sources.captures import PublishedScene, RawScene, find_scene
+from dfdbench.building.sources.captures import PublishedScene, RawScene, find_captured_scene
 from dfdbench.cli.captures import capture_of, chosen_scenes
 from dfdbench.cli.lengths import LARGEST_PIXEL, parse_length
 from dfdbench.cli.screen import print_table, progress, save_figure
@@ -94,7 +94,7 @@ def _scenes_there(
     everywhere = scene == "all"
     span = f"{manifest.scene_names[0]}-{manifest.scene_names[-1]}"
     names = chosen_scenes(span if everywhere else scene, manifest)
-    there = {name: find_scene(source, name, capture_of(manifest)) for name in names}
+    there = {name: find_captured_scene(source, name, capture_of(manifest)) for name in names}
     return {name: files for name, files in there.items() if files or not everywhere}
 
 

@@ -30,7 +30,7 @@ from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError
 
 
-def split(
+def split_command(
     dataset: Annotated[str, typer.Argument(help="A data set's name or a store's path.")],
     test_scenes: Annotated[
         int | None, typer.Option(min=1, help="Propose tests of this many scenes.")

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from dfdbench.training.trainer import TrainingOutcome
 
 
-def train(
+def train_command(
     method: Annotated[Network, typer.Argument(help="What is trained.")],
     dataset: Annotated[
         str, typer.Option(help="A data set's name or a store's path.")
@@ -75,7 +75,7 @@ def train(
         from dfdbench.training.checkpoint import TrainingFolder
         from dfdbench.training.configuration import read_configuration
         from dfdbench.training.task import task_of
-        from dfdbench.training.trainer import train as train_task
+        from dfdbench.training.trainer import train
     use_threads(threads)
     store = open_store(dataset, cache=cache)
     configuration = read_configuration(config, values_of(changes, "--set"))
@@ -91,7 +91,7 @@ def train(
     folder = TrainingFolder(out or Path("training") / f"{store.path.stem}-{trained}" / name)
     _prepare(folder, resume, fresh, start)
     with progress(f"training {method.value}", RESUMED) as bar:
-        outcome = train_task(task, folder.path, limit, device, stepping(bar), fresh)
+        outcome = train(task, folder.path, limit, device, stepping(bar), fresh)
     drawn = _keep_figures(folder, task, outcome, f"{method.value}, {task.trained_on}, seed {seed}")
     print_table(card_table(outcome.card))
     print_table(patches_table(drawn))

@@ -65,7 +65,9 @@ VERBS = {
         "Try a method on awkward inputs and say what is wrong, before an hour is spent.",
     ),
     "train": Verb(
-        "training", "train", "Train a network; write its weights, a model card, a log and figures."
+        "training",
+        "train_command",
+        "Train a network; write its weights, a model card, a log and figures.",
     ),
     "experiment": Verb(
         "experiments",
@@ -97,7 +99,7 @@ VERBS = {
     ),
     "split": Verb(
         "splits",
-        "split",
+        "split_command",
         "Propose splits or folds by scene whose training covers their tests' depths.",
     ),
     "difficulty": Verb(

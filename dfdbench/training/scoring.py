@@ -14,7 +14,7 @@ from torch import nn
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.methods.networks.inference import Predictor
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.metric import METRICS, mean_of
 from dfdbench.metrics.protocol import PROTOCOLS, score
 
 #: Under which training scores are taken.
@@ -83,4 +83,5 @@ def mean_scores(
                 values[metric].append(value)
         if on_pair:
             on_pair(done, len(pairs))
-    return {metric: float(np.mean(found)) for metric, found in values.items() if found}
+    means = {metric: mean_of(found) for metric, found in values.items()}
+    return {metric: mean for metric, mean in means.items() if mean is not None}

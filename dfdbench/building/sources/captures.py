@@ -230,7 +230,9 @@ class RawScene:
         return problems
 
 
-def find_scene(folder: Path, name: str, capture: Capture) -> PublishedScene | RawScene | None:
+def find_captured_scene(
+    folder: Path, name: str, capture: Capture
+) -> PublishedScene | RawScene | None:
     """Return a scene's files in the layout that they are in; None where there is no such folder."""
     place = folder / name
     if (place / "frames").is_dir():

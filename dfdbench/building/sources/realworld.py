@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.building.sources.captures import PublishedScene, RawScene, find_scene
+from dfdbench.building.sources.captures import PublishedScene, RawScene, find_captured_scene
 from dfdbench.building.sources.interface import SceneImages
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import DfdbenchError, Problem, SourceError
@@ -49,7 +49,9 @@ class RealworldFolder:
         self._capture = manifest.capture
         self._synthetic = manifest.recipe is not None
         self._steps = self._wanted_steps(pair)
-        found = {name: find_scene(folder, name, self._capture) for name in manifest.scene_names}
+        found = {
+            name: find_captured_scene(folder, name, self._capture) for name in manifest.scene_names
+        }
         self._scenes = {name: files for name, files in found.items() if files}
         if not self._scenes:
             there = "a file" if folder.exists() else "no such folder"
