@@ -185,6 +185,8 @@ def _planes(sigmas: Array, radius: int) -> NDArray[np.float64]:
     return planes
 
 
+# Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
+# dozen, for every pixel.
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
 def _fill(
     padded: Array,

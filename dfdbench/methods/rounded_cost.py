@@ -161,6 +161,8 @@ def _mixture(kernels: Array) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     return np.array(chosen), np.ascontiguousarray(factors)
 
 
+# Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
+# dozen, for every pixel.
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
 def _misfits(
     padded: Array, defocus: Array, kernels: Array, lengths: Array, mixture: Array, out: Array

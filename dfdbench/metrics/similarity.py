@@ -7,6 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 
+# Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
+# dozen, for every pixel.
 @njit(cache=True, nogil=True)
 def mean_similarity(
     truth: NDArray[np.float64],

@@ -197,6 +197,8 @@ def _apply(
             costs[y, x] = offered[y, x]
 
 
+# Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
+# dozen, for every pixel.
 @numba.njit(cache=True, nogil=True)
 def _propose(
     table: Array,
