@@ -117,6 +117,8 @@ def _print_tables(summary: RunSummary, manifest: Manifest, format: Format) -> No
         spread_table(summary, manifest.splits),
         *scene_tables(summary, manifest.scenes),
     ]
+    # Of a limited run there may be no whole split to tell the spread of.
+    tables = [table for table in tables if table.rows]
     if format is Format.table:
         for table in tables:
             print_table(table)

@@ -59,8 +59,16 @@ class PairSequence(Sequence[PairImages]):
         Raises
         ------
         InputError
-            Where the region reaches beyond the image, or holds no pixel.
+            Where the region is not two slices, reaches beyond the image, or holds no pixel.
         """
+        parts = region if isinstance(region, tuple) else ()
+        if [type(part) for part in parts] != [slice, slice]:
+            raise InputError(
+                "not a region",
+                where="region",
+                expected="two slices: rows, columns",
+                got=repr(region),
+            )
         _check_region(region, self.store.shape_of(self.pairs[index].scene))
         return self.store.read(self.pairs[index], region)
 

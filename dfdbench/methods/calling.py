@@ -62,7 +62,12 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
         seconds = time.perf_counter() - begin
     else:
         depth, error = check_depth(returned, infocus.shape[:2])
-    return Prediction(depth, seconds, error, printed.getvalue(), numbers)
+    return Prediction(depth, seconds, _writable(error), _writable(printed.getvalue()), numbers)
+
+
+def _writable(text: str) -> str:
+    # A lone surrogate, which no file can hold, must not cost the run its other pairs.
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float32] | None, str]:

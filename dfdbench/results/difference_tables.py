@@ -69,7 +69,8 @@ def difference_table(first: Result, second: Result, protocol: str) -> Table:
             rows.append((head, where, str(difference), *map(str, counts)))
             records.append({"metric": name, "pairs": where, **_as_record(difference)})
         rules.add(len(rows) - 1)
-    scenes = len({pair.scene for pair in first.pairs})
+    compared = changes(first, second, protocol, RANKED_BY)
+    scenes = len({change.first.scene for change in compared})
     interval = f"B less A, {interval_name(scenes)}"
     names = [method_label(result.method) for result in (first, second)]
     return Table(

@@ -62,6 +62,13 @@ def test_a_crop_beyond_the_image_is_refused(
     assert data.crop(0, (slice(16, 24), slice(-8, None))).depth.shape == (8, 8)
 
 
+@pytest.mark.parametrize("region", [(0, 0), (slice(0, 3),), slice(0, 3)])
+def test_a_region_is_two_slices(tiny_store: Store, region: object) -> None:
+    data = dfdbench.open("tiny", "One", store=tiny_store.path)
+    with pytest.raises(InputError, match="two slices"):
+        data.crop(0, region)  # type: ignore[arg-type]
+
+
 def test_scenes_are_arrays_with_names(tiny_store: Store) -> None:
     scene = dfdbench.open("tiny", store=tiny_store.path).scene("Two")
     image = scene["infocus"].sel(view=5, illumination=1, exposure=0)

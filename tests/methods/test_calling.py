@@ -105,3 +105,13 @@ def test_a_method_cannot_spoil_the_images() -> None:
     image = IMAGE.copy()
     call(writing, image, image)
     assert image.max() == 0
+
+
+def test_what_a_method_says_can_be_written_to_a_file() -> None:
+    def odd(infocus: Any, defocus: Any) -> Any:
+        print("level \udc80")
+        raise ValueError("depth \ud800")
+
+    prediction = call(odd, IMAGE, IMAGE)
+    assert prediction.error == "raised ValueError: depth \\ud800"
+    assert prediction.printed == "level \\udc80\n"

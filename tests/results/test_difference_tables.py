@@ -38,6 +38,8 @@ def test_nothing_in_common_is_refused_and_a_part_is_said() -> None:
         change_tables(limited(result("a", 0), 0), result("b", 0), "thesis")
     part = change_tables(limited(result("a", 0), 3), result("b", 0), "thesis")[0]
     assert "3 of 8 pairs were scored in both runs" in part.notes
+    # All three are of one scene: of scenes that lean one way there is nothing to say.
+    assert not any("scenes" in note for note in part.notes)
 
 
 def test_runs_with_the_same_depth_maps_list_no_pair() -> None:
