@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.optics.lens_table import read_lens_table
+from dfdbench.rig.board_pose import Sighting
 from dfdbench.rig.depth_map import depth_image, warp
 from dfdbench.rig.geometry import Pose, Rig
 from dfdbench.rig.lidar import average_scans
 from dfdbench.rig.lidar_files import read_beams
-from dfdbench.rig.registration import Sighting, register, sight
+from dfdbench.rig.registration import register, sight
 from dfdbench.simulation.board_scene import MOUNTED, SimulatedScene, defocus
 
 SEED = 2019
