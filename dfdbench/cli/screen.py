@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _INTERRUPTED = 130
+#: Where no bar can be drawn, a line this often says how far the work is.
+_LINE_SECONDS = 60.0
 
 
 def spell_out_what_cannot_be_shown() -> None:
@@ -111,10 +114,11 @@ def progress(
 
     Ctrl-C ends the command with status 130 and says how it goes on.
     """
-    with _bar(what, resumed=resumed) as (bar, task):
+    with _bar(what, resumed=resumed) as (bar, task, lines):
 
         def step(done: int, total: int | None) -> None:
             bar.update(task, completed=done, total=total)
+            lines.step(done, total)
 
         yield step
 
@@ -122,18 +126,57 @@ def progress(
 @contextmanager
 def download_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
     """Show files and bytes while the block runs; it calls with (files, files in all, bytes)."""
-    with _bar(what, TextColumn("files, {task.fields[received]}")) as (bar, task):
+    with _bar(what, TextColumn("files, {task.fields[received]}")) as (bar, task, lines):
 
         def step(done: int, total: int, received: int) -> None:
             bar.update(task, completed=done, total=total, received=decimal(received))
+            lines.step(done, total, f" files, {decimal(received)}")
 
         yield step
+
+
+class Lines:
+    """A line every minute where there is no terminal: a log shows that work goes on, and how far.
+
+    Parameters
+    ----------
+    what : str
+        The work.
+    quiet : bool
+        Say nothing: a bar is drawn.
+    """
+
+    def __init__(self, what: str, quiet: bool) -> None:
+        self._what, self._quiet = what, quiet
+        self._begun = self._said = time.monotonic()
+        self._first: int | None = None
+
+    def step(self, done: int, total: int | None, unit: str = "") -> None:
+        """Take note of what is done; say it where the last line is a minute old."""
+        now = time.monotonic()
+        if self._first is None:
+            # Work taken over from an earlier call tells nothing of the speed.
+            self._first, self._begun = done, now
+        if self._quiet or now - self._said < _LINE_SECONDS:
+            return
+        self._said = now
+        passed, fresh = now - self._begun, done - self._first
+        text = f"{self._what}: {done:,}" + ("" if total is None else f" of {total:,}") + unit
+        text += f", {_minutes(passed)} so far"
+        if total is not None and fresh > 0:
+            text += f", about {_minutes(passed / fresh * (total - done))} left"
+        print(text, file=sys.stderr, flush=True)
+
+
+def _minutes(seconds: float) -> str:
+    whole = round(seconds / 60)
+    return f"{whole} min" if whole < 60 else f"{whole // 60} h {whole % 60:02} min"
 
 
 @contextmanager
 def _bar(
     what: str, *between: ProgressColumn, resumed: str = "the same command goes on from here"
-) -> Iterator[tuple[Progress, TaskID]]:
+) -> Iterator[tuple[Progress, TaskID, Lines]]:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -148,7 +191,8 @@ def _bar(
         *columns, console=console, transient=True, disable=not console.is_terminal
     ) as bar:
         try:
-            yield bar, bar.add_task(Text(what).plain, total=None, received="0 bytes")
+            task = bar.add_task(Text(what).plain, total=None, received="0 bytes")
+            yield bar, task, Lines(Text(what).plain, quiet=console.is_terminal)
         except KeyboardInterrupt:
             bar.stop()
             say(f"stopped; {resumed}")

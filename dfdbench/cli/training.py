@@ -71,9 +71,11 @@ def train_command(
     """Train a network; write its weights, a model card, a log and figures."""
     limit = seconds_of(max_time)
     with needed():
+        from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.checkpoint import TrainingFolder
         from dfdbench.training.configuration import read_configuration
+        from dfdbench.training.precision import precision_for
         from dfdbench.training.task import task_of
         from dfdbench.training.trainer import train
     use_threads(threads)
@@ -90,6 +92,8 @@ def train_command(
     trained = f"all-but-{fold}" if fold else split
     folder = TrainingFolder(out or Path("training") / f"{store.path.stem}-{trained}" / name)
     _prepare(folder, resume, fresh, start)
+    if configuration.precision == "auto":
+        say("precision    {}: {}".format(*precision_for(find_device(device))))
     with progress(f"training {method.value}", RESUMED) as bar:
         outcome = train(task, folder.path, limit, device, stepping(bar), fresh)
     drawn = _keep_figures(folder, task, outcome, f"{method.value}, {task.trained_on}, seed {seed}")

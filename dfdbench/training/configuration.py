@@ -71,8 +71,9 @@ class TrainingConfiguration(Record):
         Where training ends at the latest; ``cosine`` needs it.
     warm_up : int
         Of ``cosine``: steps over which the learning rate rises.
-    precision : {"float32", "bf16"}
+    precision : {"float32", "bf16", "auto"}
         Of all convolutions but the first, which tells apart what differs by less than bf16 can.
+        ``auto``: bf16 where the processor has it, see `dfdbench.training.precision`.
     evaluate_every, evaluate_pairs : int
         How often, and on how many pairs of training and test each, the metrics are logged.
     """
@@ -103,7 +104,7 @@ class TrainingConfiguration(Record):
     minimum_learning_rate: Positive = 1e-10
     steps: Count | None = None
     warm_up: Annotated[int, Field(ge=0)] = 0
-    precision: Literal["float32", "bf16"] = "float32"
+    precision: Literal["float32", "bf16", "auto"] = "float32"
     evaluate_every: Count = 2500
     evaluate_pairs: Count = 6
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from dfdbench.training.checkpoint import WEIGHTS, Log, TrainingFolder
 from dfdbench.training.crops import Cropper
 from dfdbench.training.ending import EndedBy
 from dfdbench.training.learner import Learner
+from dfdbench.training.precision import settled
 from dfdbench.training.scoring import evenly_spaced, mean_scores, same_threads
 from dfdbench.training.task import Task
 
@@ -86,7 +87,10 @@ def train(
     On a CPU, with the same number of threads, a training that was stopped and gone on with has
     the same losses, bit for bit, as one that was not.
     """
-    session = _Session(task, TrainingFolder(folder), find_device(device), fresh)
+    found = find_device(device)
+    # The precision settled on goes into checkpoint and card: elsewhere `auto` may be another.
+    task = replace(task, configuration=settled(task.configuration, found))
+    session = _Session(task, TrainingFolder(folder), found, fresh)
     try:
         return session.run(max_seconds, on_step)
     except OSError as error:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.cli import screen
 from tests.cli.test_optics import BLUR
 
 
@@ -48,3 +49,56 @@ def test_a_name_too_long_for_the_file_system_is_a_mistake(
     )
     assert done.returncode == 2, done.stderr
     assert done.stderr.startswith("error: "), done.stderr
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def monotonic(self) -> float:
+        return self.seconds
+
+
+def test_without_a_terminal_long_work_says_every_minute_how_far_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = _Clock()
+    monkeypatch.setattr(screen, "time", clock)
+    with screen.progress("training dfd-net") as step:
+        # Half of it was done by an earlier call, in no time: that says nothing of the speed.
+        for done in range(5_000, 10_001, 100):
+            step(done, 10_000)
+            clock.seconds += 10.0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 8
+    assert lines[0] == "training dfd-net: 5,600 of 10,000, 1 min so far, about 7 min left"
+    assert lines[-1] == "training dfd-net: 9,800 of 10,000, 8 min so far, about 0 min left"
+
+
+def test_short_work_says_nothing_without_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(screen, "time", _Clock())
+    with screen.progress("building scenes") as step:
+        for done in range(9):
+            step(done, 9)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_download_says_its_bytes_and_work_of_unknown_length_what_is_done(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = _Clock()
+    monkeypatch.setattr(screen, "time", clock)
+    with screen.download_progress("fetching demo") as fetched:
+        fetched(0, 4, 0)
+        clock.seconds = 61.0
+        fetched(1, 4, 2_000_000)
+    with screen.progress("training u-net") as step:
+        step(0, None)
+        clock.seconds += 7200.0
+        step(1200, None)
+    assert capsys.readouterr().err.splitlines() == [
+        "fetching demo: 1 of 4 files, 2.0 MB, 1 min so far, about 3 min left",
+        "training u-net: 1,200, 2 h 00 min so far",
+    ]

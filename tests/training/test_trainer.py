@@ -70,6 +70,20 @@ def test_a_training_leaves_weights_card_and_log(tiny_store: Store, tmp_path: Pat
     assert sum(int(row["present"]) for row in levels) == 4 * 24 * 30
 
 
+def test_the_card_keeps_the_precision_that_auto_came_to(
+    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", dict)
+    outcome = train(task(tiny_store, precision="auto", steps=2), tmp_path / "t", device="cpu")
+    assert outcome.card.configuration["precision"] == "float32"
+    train(task(tiny_store, precision="float32", steps=2), tmp_path / "n", device="cpu")
+    assert losses(tmp_path / "t") == losses(tmp_path / "n")
+    # Gone on with where `auto` is something else, the losses would be others: it is refused.
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": True})
+    with pytest.raises(InputError, match="precision"):
+        train(task(tiny_store, precision="auto", steps=2), tmp_path / "t", device="cpu")
+
+
 @pytest.mark.parametrize("schedule", ["progress", "cosine"])
 def test_stopped_and_resumed_it_has_the_same_losses_bit_for_bit(
     tiny_store: Store, tmp_path: Path, schedule: str
