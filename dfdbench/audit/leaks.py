@@ -129,20 +129,30 @@ def textures(manifest: Manifest) -> dict[str, int]:
 def manifest_leaks(
     train: Manifest, train_scenes: tuple[str, ...], test: Manifest, test_scenes: tuple[str, ...]
 ) -> list[Leak]:
-    """Return the scenes and textures that both sides have; none for different data sets.
+    """Return the scenes and textures that both sides have.
 
-    The views of a scene go with it: a split has a scene whole or not at all.
+    The views of a scene go with it: a split has a scene whole or not at all. Data sets made
+    from the same files share scenes, whatever their names: a scene is one where its name and
+    the address that it comes from are.
     """
-    if train.name != test.name:
-        return []
-    shared = [scene for scene in train_scenes if scene in test_scenes]
-    leaks = [Leak(LeakKind.scene, scene, scene, "the scene and all its views") for scene in shared]
+    origin_of_train, origin_of_test = _origins(train), _origins(test)
     of_train, of_test = textures(train), textures(test)
+    leaks = [
+        Leak(LeakKind.scene, scene, scene, "the scene and all its views")
+        for scene in train_scenes
+        if scene in test_scenes and origin_of_train[scene] == origin_of_test.get(scene)
+    ]
     for scene in train_scenes:
         for other in test_scenes:
-            if scene != other and scene in of_train and of_train[scene] == of_test.get(other):
+            alike = scene in of_train and of_train[scene] == of_test.get(other)
+            if scene != other and alike and origin_of_train[scene] == origin_of_test.get(other):
                 leaks.append(Leak(LeakKind.texture, scene, other, f"texture {of_train[scene]}"))
     return leaks
+
+
+def _origins(manifest: Manifest) -> dict[str, str]:
+    url_of = {origin.name: origin.url for origin in manifest.sources}
+    return {scene.name: url_of[scene.source] for scene in manifest.scenes}
 
 
 def image_leaks(train: Mapping[str, Hashes], test: Mapping[str, Hashes]) -> list[Leak]:

@@ -10,7 +10,9 @@ from dfdbench.audit.coverage import Coverage
 from dfdbench.audit.leaks import manifest_leaks
 from dfdbench.audit.level_ranges import as_ranges
 from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.folds import training_of
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.tables.wording import percent
@@ -110,6 +112,33 @@ def _usual_training(store: Store, split: str) -> tuple[str, tuple[str, ...]]:
             fix="run the method on one split, or name its training in trained_on",
         )
     return f"all but {split}", others
+
+
+def training_scenes(trained_on: str) -> tuple[Manifest, tuple[str, ...]] | None:
+    """Return the manifest and the scenes that a method was trained on; None where none are named.
+
+    Parameters
+    ----------
+    trained_on : str
+        In the form of `FORM`; what follows a further comma is left to the author.
+
+    Raises
+    ------
+    DfdbenchError
+        Where it names a data set or a split that is not there.
+
+    Examples
+    --------
+    >>> training_scenes("demo-1, all but Attic")[1][:2]
+    ('Barn', 'Cabin')
+    """
+    said = _PATTERN.fullmatch(trained_on.strip())
+    if not said:
+        return None
+    manifest = find_manifest(said["manifest"])
+    if said["how"] == "all but":
+        return manifest, training_of(manifest, said["name"])
+    return manifest, manifest.scenes_of(said["name"])
 
 
 def training_side(trained_on: str, store: Store) -> Side | None:

@@ -17,6 +17,7 @@ from dfdbench.tables.table import Format, Table
 if TYPE_CHECKING:
     from dfdbench.datasets.manifest import Manifest
     from dfdbench.evaluation.run import Run
+    from dfdbench.methods.method import Method
     from dfdbench.results.record import Result
     from dfdbench.results.summary import RunSummary
 
@@ -74,6 +75,8 @@ def run(
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
     loaded = load_for(data, method, values_of(param, "--param"), seed)
+    if submit:
+        _refuse_what_was_trained_on(loaded, data.manifest, split)
     folder = out or Path("results") / f"{data.path.stem}-{split}" / _folder_name(method, param)
     options = RunOptions(limit, not no_predictions, fresh, seed)
     pool = pool_of_processes(workers, scheduler)
@@ -180,6 +183,15 @@ def _refuse_what_cannot_be_submitted(limit: int | None) -> None:
             fix="leave out --limit; pairs that were run already are taken over",
         )
     require_leaderboard(LEADERBOARD)
+
+
+def _refuse_what_was_trained_on(method: Method, manifest: Manifest, split: str) -> None:
+    from dfdbench.leaderboard.training_problems import training_problems
+
+    trained_on, weights = method.trained_on, method.weights_sha256
+    problems = training_problems(trained_on, weights, manifest.stem, split, f"--split {split}")
+    if problems:
+        raise InputError.of(problems)
 
 
 def _submit(result: Result) -> None:

@@ -6,18 +6,21 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from dfdbench.datasets.catalog import released_manifests
 from dfdbench.leaderboard.boards import Entry, ScoreBoard, Standing
+from dfdbench.leaderboard.by_scene import folds_table, scenes_table
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.metric import METRICS, RANKED_BY, mean_of
 from dfdbench.metrics.protocol import RELEASED, title_of
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT
+from dfdbench.results.told import TOLD_NOTE, told
 from dfdbench.results.wording import NOTHING, machine_of, parameters_of, score_text, seconds_text
 from dfdbench.tables.table import Link, Table
 
 
 def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
-    """Return a board's tables: the ranking, the scores by lighting, how each was run.
+    """Return a board's tables: the ranking, scores by lighting, scene and fold, how each was run.
 
     Parameters
     ----------
@@ -26,7 +29,14 @@ def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
     folder : Path
         The leaderboard's folder, from which links go out.
     """
-    return [standings_table(board, folder), lighting_table(board), runs_table(board, folder)]
+    tables = [
+        standings_table(board, folder),
+        lighting_table(board),
+        scenes_table(board),
+        folds_table(board),
+        runs_table(board, folder),
+    ]
+    return [table for table in tables if table.rows]
 
 
 def standings_table(board: ScoreBoard, folder: Path) -> Table:
@@ -35,6 +45,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
     columns = (
         "",
         "method",
+        "told",
         METRICS[RANKED_BY].heading,
         interval_name(board.scenes),
         *(metric.heading for metric in metrics),
@@ -46,6 +57,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
         (
             NOTHING if standing.rank is None else str(standing.rank),
             standing.entry.label,
+            told(standing.entry.result),
             score_text(standing.entry.score(board.protocol, RANKED_BY)),
             _interval(standing.interval),
             *(score_text(standing.entry.score(board.protocol, each.name)) for each in metrics),
@@ -60,7 +72,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
         f"{board.dataset}, split {board.split}, protocol {title_of(board.protocol)}",
         columns,
         rows,
-        "rlrl" + "r" * len(metrics) + "lrl",
+        "rllrl" + "r" * len(metrics) + "lrl",
         tuple(_ranking_notes(board)),
         records=tuple(_record(board, standing, folder) for standing in board.standings),
         parts=(tuple(range(scores)), (0, 1, *range(scores, len(columns)))),
@@ -70,12 +82,35 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
 def _ranking_notes(board: ScoreBoard) -> list[str]:
     return [
         _interval_note(board.scenes),
+        TOLD_NOTE,
+        *_training_notes(board),
+        *_floor_notes(board),
         *_incomplete_notes(board),
         *(
             f"{old.label}: {_file(old, new)} gives way to the newer {_file(new, old)}"
             for old, new in board.superseded
         ),
     ]
+
+
+def _training_notes(board: ScoreBoard) -> list[str]:
+    """Say what the other data sets are that methods were trained on."""
+    trained_on = [standing.entry.result.method.trained_on or "" for standing in board.standings]
+    others = {text.partition(",")[0] for text in trained_on} - {board.dataset}
+    return [f"{m.stem}: {m.title}." for m in released_manifests() if m.stem in others]
+
+
+def _floor_notes(board: ScoreBoard) -> list[str]:
+    # A constant depth map is alike in structure wherever the true depth is flat.
+    floors = [
+        standing.entry.score(board.protocol, "ssim")
+        for standing in board.standings
+        if standing.entry.result.method.name == "constant"
+    ]
+    if not floors or floors[0] is None:
+        return []
+    name = METRICS["ssim"].title
+    return [f"{name} is to be read from its floor: a constant has {floors[0]:.2f} here."]
 
 
 def lighting_table(board: ScoreBoard) -> Table:
@@ -161,6 +196,7 @@ def _record(board: ScoreBoard, standing: Standing, folder: Path) -> dict[str, ob
         "rank": standing.rank,
         "method": entry.result.method.name,
         "parameters": parameters_of(entry.result),
+        "told": told(entry.result),
         "trained_on": entry.result.method.trained_on,
         **{metric: entry.score(protocol, metric) for metric in METRICS},
         f"{RANKED_BY}_low": low,

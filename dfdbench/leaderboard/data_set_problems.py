@@ -9,6 +9,7 @@ from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import DfdbenchError, Problem, unknown_name
 from dfdbench.leaderboard.folder import UNDEFINED, known_fingerprints, known_undefined
+from dfdbench.leaderboard.training_problems import training_problems
 from dfdbench.metrics.protocol import RELEASED, label_of
 from dfdbench.results.record import Result
 
@@ -36,6 +37,13 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
         *_other_pairs(result, expected, where),
         *_other_protocols(result, where),
         *_left_out(result, folder, where),
+        *training_problems(
+            result.method.trained_on,
+            result.method.weights_sha256,
+            dataset.name,
+            dataset.split,
+            where,
+        ),
     ]
 
 

@@ -85,6 +85,7 @@ def _board_context(board: ScoreBoard, folder: Path) -> dict[str, object]:
     return {
         "heading": escape_markdown(ranking.title),
         "fingerprint": board.fingerprint,
+        "headline": board.headline,
         "tables": [as_markdown(table) for table in (replace(ranking, title="ranking"), *others)],
     }
 

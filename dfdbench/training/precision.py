@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 import torch
@@ -39,7 +40,7 @@ def precision_for(device: torch.device) -> tuple[Literal["float32", "bf16"], str
         return "float32", "this graphics processor has no bf16"
     if device.type == "cpu":
         # PyTorch before 2.6 cannot be asked; float32 is right everywhere.
-        told = getattr(torch.cpu, "get_capabilities", dict)()
+        told: Mapping[str, object] = getattr(torch.cpu, "get_capabilities", dict)()
         there = [name for name in _BF16_INSTRUCTIONS if told.get(name)]
         if there:
             return "bf16", f"this processor has {there[0]}"

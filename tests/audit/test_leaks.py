@@ -61,6 +61,18 @@ def test_scenes_and_textures_in_both_splits_are_leaks() -> None:
     assert not manifest_leaks(realworld, ("k00",), find_manifest("demo"), ("k00",))
 
 
+def test_data_sets_made_from_the_same_files_share_their_scenes() -> None:
+    whole, default = find_manifest("middlebury"), find_manifest("middlebury-default")
+    found = manifest_leaks(whole, ("Art", "Aloe"), default, ("Art", "Books"))
+    assert [(leak.kind, leak.test) for leak in found] == [(LeakKind.scene, "Art")]
+    # Scenes of one name that come from elsewhere are others.
+    elsewhere = [
+        source.model_copy(update={"url": "https://example.org"}) for source in whole.sources
+    ]
+    other = whole.model_copy(update={"sources": elsewhere})
+    assert not manifest_leaks(other, ("Art",), default, ("Art",))
+
+
 def test_the_demo_set_leaks_nothing(demo_store: Store) -> None:
     manifest = demo_store.manifest
     train, test = (scene_hashes(demo_store, manifest.scenes_of(s)) for s in ("train", "test"))

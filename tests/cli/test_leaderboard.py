@@ -168,3 +168,20 @@ def test_verify_runs_others_code_only_with_consent(
         assert outcome.status == status
         assert "its SHA-256" in outcome.err
         assert "mymodule.py" in outcome.err
+
+
+@pytest.mark.usefixtures("built")
+def test_weights_trained_on_the_test_are_refused_before_the_run(dfdbench: Command) -> None:
+    Path("leaderboard/results").mkdir(parents=True)
+    Path("learned.py").write_text(
+        "def predict(infocus, defocus):\n    raise RuntimeError('called')\n"
+        f"predict.trained_on = 'demo-1, split train'\npredict.weights_sha256 = '{'5' * 64}'\n"
+    )
+    run = ("run", "--method", "learned.py:predict", "--dataset", "demo", "--split")
+    refused = dfdbench(*run, "all", "--submit")
+    assert refused.status == 2
+    assert "trained on scenes of the test" in refused.err
+    assert "Garage" in refused.err
+    assert not Path("results").exists()
+    # Without --submit it is one's own affair: a warning in the result.
+    assert "leak" in dfdbench(*run, "Attic").out

@@ -17,10 +17,10 @@ def test_few_scenes_are_no_95_per_cent(tmp_path: Path, scenes: str) -> None:
     (board,) = boards([Entry(make_result(values), tmp_path / "r.json", None)])
     table = standings_table(board, tmp_path)
     name = "95 %" if len(scenes) > 5 else "range of scene means"
-    assert table.columns[3] == name
+    assert table.columns[4] == name
     assert table.records[0]["interval"] == name
     assert ("too few for a 95 % interval" in table.notes[0]) == (len(scenes) < 6)
-    assert (table.rows[0][3] == "0.1000 to 0.3000") == (len(scenes) < 6)
+    assert (table.rows[0][4] == "0.1000 to 0.3000") == (len(scenes) < 6)
 
 
 def test_runs_that_give_way_are_named_by_their_folders(tmp_path: Path) -> None:
@@ -80,3 +80,18 @@ def test_records_hold_numbers_in_full_and_links_lead_to_the_file(tmp_path: Path)
     assert (tmp_path / str(record["result"])).exists()
     table = runs_table(board, tmp_path)
     assert table.rows[0][:3] == ("mine", "window=9, recipe=text", "nothing")
+
+
+def test_notes_say_the_floor_of_ssim_and_what_other_data_sets_trained(tmp_path: Path) -> None:
+    constant = make_demo_result(lambda pair: 0.2, "constant")
+    method = make_demo_result(lambda pair: 0.1, "net").method
+    trained = method.model_copy(update={"trained_on": "middlebury-default-1, split train"})
+    net = make_demo_result(lambda pair: 0.1).model_copy(update={"method": trained})
+    (tmp_path / "r.json").touch()
+    (board,) = boards([Entry(result, tmp_path / "r.json", None) for result in (constant, net)])
+    table = standings_table(board, tmp_path)
+    assert "SSIM is to be read from its floor: a constant has 0.80 here." in table.notes
+    assert any(note.startswith("middlebury-default-1: ") for note in table.notes)
+    assert [row[2] for row in table.rows] == ["trained on middlebury-default-1", "nothing"]
+    (alone,) = boards([Entry(net, tmp_path / "r.json", None)])
+    assert not any("floor" in note for note in standings_table(alone, tmp_path).notes)

@@ -6,7 +6,7 @@ import pytest
 
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard.board_tables import lighting_table, standings_table
-from dfdbench.leaderboard.boards import boards, collect
+from dfdbench.leaderboard.boards import Entry, boards, collect
 from dfdbench.leaderboard.folder import file_stems
 from dfdbench.leaderboard.submission import submit
 from tests.leaderboard.made_boards import WHEN, add, only_board
@@ -61,7 +61,7 @@ def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
     board = only_board(tmp_path)
     assert [(s.rank, s.entry.label) for s in board.standings] == [(1, "whole"), (None, "stopped")]
     table = standings_table(board, tmp_path)
-    assert table.rows[1][:3] == ("–", "stopped", "–")
+    assert table.rows[1][:4] == ("–", "stopped", "nothing", "–")
     assert "7 of 54 pairs evaluated" in " ".join(table.notes)
     lighting_table(board)
 
@@ -110,3 +110,21 @@ def test_a_methods_name_and_entry_are_one(tmp_path: Path) -> None:
 def test_no_folder_is_told() -> None:
     with pytest.raises(ResultError, match="--folder"):
         collect(Path("/no/such/folder"))
+
+
+def test_new_sets_are_headed_by_known_pixels_and_the_thesis_s_by_its_protocol() -> None:
+    def headed(short: str, name: str) -> list[str]:
+        result = make_demo_result(lambda pair: 0.1, protocols=("thesis", "valid"))
+        dataset = result.dataset.model_copy(update={"short": short, "name": name})
+        entry = Entry(result.model_copy(update={"dataset": dataset}), Path(__file__), None)
+        return [board.protocol for board in boards([entry]) if board.headline]
+
+    assert headed("demo", "demo-1") == ["thesis"]
+    assert headed("middlebury-default", "middlebury-default-1") == ["valid"]
+
+
+def test_the_headline_comes_first() -> None:
+    result = make_demo_result(lambda pair: 0.1, protocols=("thesis", "valid"))
+    dataset = result.dataset.model_copy(update={"short": "middlebury-default"})
+    entry = Entry(result.model_copy(update={"dataset": dataset}), Path(__file__), None)
+    assert [board.protocol for board in boards([entry])] == ["valid", "thesis"]

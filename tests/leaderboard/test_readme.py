@@ -26,7 +26,7 @@ def test_a_name_is_text_whatever_it_holds(tmp_path: Path) -> None:
     assert "🐟" in text
     rows = [line for line in text.splitlines() if re.match(r"\| 1 \|", line)]
     assert len(rows) == len(NAMES)
-    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {10}
+    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {11}
     for target in re.findall(r"\[result\]\((.*?)\)", text):
         assert (tmp_path / target).exists()
 

@@ -1,0 +1,37 @@
+"""What a method was told of a data set's blur before it was run."""
+
+from __future__ import annotations
+
+from dfdbench.results.record import Result
+
+TOLD_NOTE = (
+    "Told, beside the two images: the recipe that made the blur, another recipe, weights and the "
+    "data they were trained on, the training scenes' mean depth, or nothing."
+)
+
+
+def told(result: Result) -> str:
+    """Return what a run's method was told, in a few words.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+
+    Notes
+    -----
+    It goes by what the method's constructor asked for and by what the method says of itself: a
+    function that has the blur written into it is told nothing as far as this can know.
+    """
+    method, dataset = result.method, result.dataset
+    parts = []
+    if "recipe" in method.parameters:
+        same = method.parameters["recipe"] == dataset.recipe["name"]
+        parts.append("blur told" if same else "another blur told")
+    elif "recipe" in method.uses:
+        parts.append("blur told")
+    if "training_mean" in method.uses:
+        parts.append("mean depth")
+    elif method.trained_on:
+        parts.append(f"trained on {method.trained_on.partition(',')[0]}")
+    return ", ".join(parts) or "nothing"

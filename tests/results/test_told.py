@@ -1,0 +1,31 @@
+from typing import Any
+
+import pytest
+
+from dfdbench.results.told import told
+from tests.made_results import make_demo_result
+
+
+@pytest.mark.parametrize(
+    ("method", "said"),
+    [
+        ({}, "nothing"),
+        ({"uses": ["recipe"]}, "blur told"),
+        ({"parameters": {"recipe": "published"}}, "blur told"),
+        ({"parameters": {"recipe": "text"}}, "another blur told"),
+        ({"parameters": {"recipe": {"sigma_min": 1, "sigma_step": 1}}}, "another blur told"),
+        ({"uses": ["training_mean"], "trained_on": "demo-1, split train"}, "mean depth"),
+        ({"trained_on": "demo-1, split train"}, "trained on demo-1"),
+        ({"trained_on": "middlebury-default-1, all but K03"}, "trained on middlebury-default-1"),
+        # The recipe's name alone, which networks ask for to warn, is not the recipe.
+        (
+            {"uses": ["recipe_name"], "trained_on": "my own photographs"},
+            "trained on my own photographs",
+        ),
+        ({"uses": ["recipe"], "trained_on": "demo-1, split train"}, "blur told, trained on demo-1"),
+    ],
+)
+def test_a_row_says_what_its_method_was_told(method: dict[str, Any], said: str) -> None:
+    result = make_demo_result(lambda pair: 0.1)
+    changed = result.method.model_copy(update=method)
+    assert told(result.model_copy(update={"method": changed})) == said
