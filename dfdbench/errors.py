@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
 from typing import Self
+
+# As long as any message of ours, and short enough for a screen.
+_SHOWN = 1000
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,10 @@ class Problem:
         What was wanted and what was found; empty where that says nothing.
     fix : str
         What the user can do about it.
+
+    Notes
+    -----
+    As text, what a user handed in is cut in its middle where it is longer than a screen holds.
 
     Examples
     --------
@@ -44,12 +52,13 @@ class Problem:
     fix: str = ""
 
     def __str__(self) -> str:
-        lines = [self.what]
+        lines = [_cut(self.what)]
         for label, text in (
-            ("where", self.where),
+            ("where", _cut(self.where)),
+            # All the names there are, say: ours, and of use to the last.
             ("expected", self.expected),
-            ("got", self.got),
-            ("fix", self.fix),
+            ("got", _cut(self.got)),
+            ("fix", _cut(self.fix)),
         ):
             if text:
                 lines.append(f"  {label:<9} {text}")
@@ -179,3 +188,31 @@ def reason_of(error: BaseException) -> str:
     "a library's own text"
     """
     return getattr(error, "strerror", None) or str(error)
+
+
+def room_or(elsewhere: str, error: BaseException) -> str:
+    """Return what to do where a file could not be written: make room only where there is none.
+
+    Parameters
+    ----------
+    elsewhere : str
+        How another place is named.
+    error : BaseException
+        Why it could not.
+
+    Examples
+    --------
+    >>> room_or("choose another place", OSError(errno.ENOSPC, "No space left on device"))
+    'make room, or choose another place'
+    >>> room_or("choose another place", OSError(errno.ENAMETOOLONG, "File name too long"))
+    'choose another place'
+    """
+    full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return f"make room, or {elsewhere}" if full else elsewhere
+
+
+def _cut(text: str) -> str:
+    if len(text) <= _SHOWN:
+        return text
+    half = _SHOWN // 2
+    return f"{text[:half]} … {text[-half:]} ({len(text):,} characters)"

@@ -135,7 +135,7 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
     def _region(self, index: int) -> Region:
         if self._crop is None:
             return WHOLE
-        rows, columns = self._pairs.store.shape_of(self._pairs.pairs[index].scene)
+        rows, columns = self._pairs.store.shape_of(self._pairs.pair_at(index).scene)
         random = np.random.default_rng((self._seed, int(self._epoch), index % len(self)))
         top = int(random.integers(0, rows - self._crop + 1))
         left = int(random.integers(0, columns - self._crop + 1))

@@ -23,3 +23,13 @@ def test_errors_travel_between_processes() -> None:
     error = pickle.loads(pickle.dumps(ManifestError.of([Problem("a", where="b"), Problem("c")])))
     assert isinstance(error, ManifestError)
     assert error.problems == (Problem("a", where="b"), Problem("c"))
+
+
+def test_what_a_user_handed_in_does_not_fill_the_screen() -> None:
+    name = "begin" + "x" * 10_000 + "end"
+    error = unknown_name("scene", name, ["Art"], fix=f"or build {name}")
+    text = str(error)
+    assert len(text) < 3000
+    assert text.count("begin") == text.count("xend (10,0") == 2
+    assert error.problems[0].got == name
+    assert "y" * 5000 in str(Problem("a", expected="y" * 5000)), "our own names are all told"

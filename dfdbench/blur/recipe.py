@@ -46,7 +46,9 @@ class BlurRecipe:
     levels : int
         Number of blur levels, 2 to 256.
     kernel_size : int
-        Side of the square kernel in pixels, odd.
+        Side of the square kernel in pixels, odd; no level's sigma may be larger. Of such a
+        Gaussian the kernel would hold the flat middle alone: its edge weighs exp(-1/8), 0.88, of
+        its centre, and the levels hardly differ any more.
     invert : bool
         True: blur level = levels - 1 - depth (a brighter, nearer pixel is blurred less).
         False: blur level = depth.
@@ -88,6 +90,15 @@ class BlurRecipe:
         ]
         if problems:
             raise InputError.of(problems)
+        largest = self.sigma_min + (self.levels - 1) * self.sigma_step
+        if largest > size:
+            raise InputError(
+                "wrong blur recipe",
+                where=f"sigma_min + {self.levels - 1} * sigma_step",
+                expected=f"at most the kernel_size, {size} pixels",
+                got=f"{largest:g}",
+                fix="a smaller sigma, or a larger kernel_size",
+            )
 
     @property
     def sigmas(self) -> NDArray[np.float64]:

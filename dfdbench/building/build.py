@@ -13,12 +13,12 @@ from upath import UPath
 
 from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.building.plan import NamedRecipe
+from dfdbench.building.plan import NamedRecipe, refuse_another_set
 from dfdbench.building.sources.interface import SceneImages, Source
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
 from dfdbench.errors import Problem, SourceError
-from dfdbench.system.location import Place
+from dfdbench.system.location import Place, as_location
 from dfdbench.system.parallel import Pool, Threads
 
 
@@ -84,8 +84,17 @@ def build_store(
         source's defocus is captured and a recipe named, or neither.
     StoreError
         Where the store cannot be written, or another build is writing it.
+    InputError
+        Where the data set's default place would get another recipe or other voltage steps.
     """
     made_by = _recipe_of(manifest, source, recipe)
+    steps = source.options.get("pair")
+    refuse_another_set(
+        manifest,
+        as_location(place),
+        made_by and made_by.name,
+        tuple(steps) if isinstance(steps, list) else None,
+    )
     available = set(source.available_pairs())
     missing = tuple(pair for pair in manifest.pairs() if pair not in available)
     scenes = [name for name in manifest.scene_names if any(p.scene == name for p in available)]

@@ -11,7 +11,7 @@ from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import InputError
-from dfdbench.system.location import Place, as_location
+from dfdbench.system.location import Place, as_location, is_local
 
 
 @dataclass(frozen=True)
@@ -99,14 +99,32 @@ def plan_build(
     'text'
     """
     named = None if recipe is None else NamedRecipe.find(recipe)
-    if store is None:
-        _refuse_another_set(manifest, recipe, steps)
-    return BuildPlan(manifest, as_location(store or default_store(manifest, cache)), named, steps)
+    place = as_location(store or default_store(manifest, cache))
+    refuse_another_set(manifest, place, recipe, steps, cache)
+    return BuildPlan(manifest, place, named, steps)
 
 
-def _refuse_another_set(
-    manifest: Manifest, recipe: str | None, steps: tuple[int, int] | None
+def refuse_another_set(
+    manifest: Manifest,
+    place: UPath,
+    recipe: str | None,
+    steps: tuple[int, int] | None,
+    cache: Path | None = None,
 ) -> None:
+    """Keep another recipe and other steps out of the place where the data set itself belongs.
+
+    The parameters are those of `plan_build`; `place` is the store to write.
+
+    Raises
+    ------
+    InputError
+        Where `place` is the data set's own, and recipe or steps are not.
+    """
+    if (
+        not is_local(place)
+        or Path(place.path).resolve() != default_store(manifest, cache).resolve()
+    ):
+        return
     if recipe not in (None, manifest.recipe):
         raise InputError(
             "another blur recipe makes another data set",

@@ -16,6 +16,7 @@ from dfdbench.cli.training_options import (
     Changes,
     Configuration,
     Device,
+    MaxTime,
     Network,
     Threads,
     seconds_of,
@@ -62,9 +63,7 @@ def experiment(
     repeats: Annotated[
         int | None, typer.Option(min=1, help="Trainings of each value; default: the thesis's.")
     ] = None,
-    max_time: Annotated[
-        str | None, typer.Option(metavar="30m", help="Of each training at most, as 90s, 30m.")
-    ] = None,
+    max_time: MaxTime = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder; default: training/DATASET-experiments/NAME-METHOD.")
     ] = None,
@@ -147,4 +146,4 @@ def _listed(text: str | None) -> list[Any] | None:
         raise InputError(
             "not a list of values", where="--values", expected="as 0,1,2", got=repr(text)
         )
-    return [value_of(value) for value in values]
+    return [value_of(value, "--values") for value in values]

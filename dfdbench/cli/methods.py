@@ -104,8 +104,7 @@ def _tell_what_was_reused(done: Run) -> None:
 
 def _print_tables(summary: RunSummary, manifest: Manifest, format: Format) -> None:
     from dfdbench.results.run_data import run_as_csv, run_as_json
-    from dfdbench.results.run_tables import run_tables
-    from dfdbench.results.scene_tables import scene_tables, spread_table
+    from dfdbench.results.scene_tables import all_tables
     from dfdbench.results.summary import scene_labels
     from dfdbench.tables.render import render
 
@@ -115,13 +114,7 @@ def _print_tables(summary: RunSummary, manifest: Manifest, format: Format) -> No
     if format is Format.json:
         print(run_as_json(summary, scene_labels(manifest.scenes)), end="")
         return
-    tables = [
-        *run_tables(summary),
-        spread_table(summary, manifest.splits),
-        *scene_tables(summary, manifest.scenes),
-    ]
-    # Of a limited run there may be no whole split to tell the spread of.
-    tables = [table for table in tables if table.rows]
+    tables = all_tables(summary, manifest.scenes, manifest.splits)
     if format is Format.table:
         for table in tables:
             print_table(table)

@@ -35,7 +35,7 @@ def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
     Raises
     ------
     InputError
-        Where one has no name or no value; all of them are named.
+        Where one has no name or no value, all of them named; where a value is broken JSON.
 
     Examples
     --------
@@ -47,7 +47,7 @@ def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
     for text in given or []:
         name, equals, value = text.partition("=")
         if name and equals:
-            values[name] = value_of(value)
+            values[name] = value_of(value, f"{option} {name}")
         else:
             problems.append(
                 Problem("not a NAME=VALUE", where=option, expected="NAME=VALUE", got=text)
@@ -57,12 +57,25 @@ def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
     return values
 
 
-def value_of(text: str) -> Any:
-    """Return text read as JSON where it is JSON, else as it is."""
+def value_of(text: str, where: str) -> Any:
+    """Return text read as JSON where it is JSON, else as it is.
+
+    Raises
+    ------
+    InputError
+        Where it begins as an object or a list of JSON, and is none.
+    """
     try:
         return json.loads(text)
-    except json.JSONDecodeError:
-        return text
+    except json.JSONDecodeError as error:
+        if not text.lstrip().startswith(("{", "[")):
+            return text
+        raise InputError(
+            "broken JSON",
+            where=where,
+            expected='as {"name": 0.5}, or a text in double quotes',
+            got=f"{error.msg} at character {error.pos + 1} of {text}",
+        ) from None
 
 
 def pool_of(workers: int | None, scheduler: str | None = None) -> Pool:

@@ -37,7 +37,7 @@ Changes = Annotated[
     ),
 ]
 MaxTime = Annotated[
-    str | None, typer.Option(metavar="30m", help="Time at most, as 90s, 30m, 1h30m.")
+    str | None, typer.Option(metavar="30m", help="Time of a training at most, as 90s, 30m, 1h30m.")
 ]
 Threads = Annotated[int | None, typer.Option(min=1, help="Processor threads; default: one a core.")]
 Device = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]

@@ -41,10 +41,23 @@ class PairSequence(Sequence[PairImages]):
     def __getitem__(self, index: int | slice) -> PairImages | PairSequence:
         if isinstance(index, slice):
             return PairSequence(self.store, self.pairs[index])
-        return self.store.read(self.pairs[index])
+        return self.store.read(self.pair_at(index))
 
     def __repr__(self) -> str:
         return f"<{len(self)} pairs of {self.store.path}>"
+
+    def pair_at(self, index: int) -> Pair:
+        """Return which pair is at a place, without reading it.
+
+        Raises
+        ------
+        IndexError
+            Where there are fewer.
+        """
+        try:
+            return self.pairs[index]
+        except IndexError:
+            raise IndexError(f"no pair {index}: {self!r} has 0 to {len(self) - 1}") from None
 
     def crop(self, index: int, region: Region = WHOLE) -> PairImages:
         """Return a region of one pair, decoding no other pair's images.
@@ -60,6 +73,8 @@ class PairSequence(Sequence[PairImages]):
         ------
         InputError
             Where the region is not two slices, reaches beyond the image, or holds no pixel.
+        IndexError
+            Where there are fewer pairs.
         """
         parts = region if isinstance(region, tuple) else ()
         if [type(part) for part in parts] != [slice, slice]:
@@ -69,8 +84,9 @@ class PairSequence(Sequence[PairImages]):
                 expected="two slices: rows, columns",
                 got=repr(region),
             )
-        _check_region(region, self.store.shape_of(self.pairs[index].scene))
-        return self.store.read(self.pairs[index], region)
+        pair = self.pair_at(index)
+        _check_region(region, self.store.shape_of(pair.scene))
+        return self.store.read(pair, region)
 
     def scene(self, name: str) -> xarray.Dataset:
         """Return all of a scene as lazily read arrays with named dimensions."""

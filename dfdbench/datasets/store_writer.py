@@ -15,7 +15,7 @@ from upath import UPath
 from dfdbench.datasets.fingerprint import combine, scene_digests
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import FORMAT, FORMAT_VERSION
-from dfdbench.errors import DfdbenchError, StoreError, reason_of
+from dfdbench.errors import DfdbenchError, StoreError, reason_of, room_or
 from dfdbench.system.location import (
     Place,
     as_location,
@@ -231,8 +231,8 @@ def disk_errors(location: UPath) -> Iterator[None]:
             "cannot write the store",
             where=str(location),
             got=reason_of(error),
-            fix="make room or choose another place with --store PATH; "
-            "the same command goes on where it stopped",
+            fix=room_or("choose another place with --store PATH", error)
+            + "; the same command goes on where it stopped",
         ) from error
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.errors import ResultError, reason_of
+from dfdbench.errors import ResultError, reason_of, room_or
 from dfdbench.evaluation.pair import Evaluated, PairEvaluator, RemoteEvaluator, blank_record
 from dfdbench.evaluation.plan import RunOptions, RunPlan, plan_run
 from dfdbench.evaluation.result import result_of
@@ -120,8 +120,8 @@ def _writing(folder: Path) -> Iterator[None]:
             "cannot write the run",
             where=str(folder),
             got=reason_of(error),
-            fix="make room or choose another place with --out DIR; "
-            "the same command goes on where it stopped",
+            fix=room_or("choose another place with --out DIR", error)
+            + "; the same command goes on where it stopped",
         ) from error
 
 

@@ -187,17 +187,7 @@ def _draw_marks(axis: Axes, found: Sequence[tuple[float, float]], number: int, l
 
 def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     """Draw the histogram of ground truth and prediction over all evaluated pairs."""
-    truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
-    for record in result.pairs:
-        pair = record.pair
-        if record.status != "ok":
-            continue
-        depth, valid = store.read_depth(pair)
-        prediction = read_prediction(folder, pair, depth.shape)
-        if prediction is None:
-            continue
-        truth += np.bincount(depth[valid], minlength=LEVELS)
-        found += np.bincount(_nearest(prediction[valid]), minlength=LEVELS)
+    truth, found = _depth_counts(store, result, folder)
     if not truth.any():
         return None
     figure = Figure(figsize=(9, 4), layout="constrained")
@@ -230,16 +220,29 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     return figure
 
 
+def _depth_counts(
+    store: Store, result: Result, folder: Path
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
+    for record in result.pairs:
+        pair = record.pair
+        if record.status != "ok":
+            continue
+        depth, valid = store.read_depth(pair)
+        prediction = read_prediction(folder, pair, depth.shape)
+        if prediction is None:
+            continue
+        truth += np.bincount(depth[valid], minlength=LEVELS)
+        found += np.bincount(np.rint(prediction[valid]).astype(np.int64), minlength=LEVELS)
+    return truth, found
+
+
 def pixel_time_figure(store: Store, result: Result) -> Figure | None:
     """Draw seconds by number of pixels, as Fig. 4.4; None where all pairs are of one size.
 
     Times that were not taken alone are left out.
     """
-    times: dict[int, list[float]] = {}
-    for pair in result.pairs:
-        if pair.status == "ok" and pair.timed_alone and pair.seconds is not None:
-            rows, columns = store.shape_of(pair.scene)
-            times.setdefault(rows * columns, []).append(pair.seconds)
+    times = _times_by_pixels(store, result)
     if len(times) < 2:
         return None
     pixels = np.array([size for size, taken in times.items() for _ in taken])
@@ -278,5 +281,10 @@ def pixel_time_figure(store: Store, result: Result) -> Figure | None:
     return figure
 
 
-def _nearest(levels: NDArray[np.float32]) -> NDArray[np.int64]:
-    return np.rint(levels).astype(np.int64)
+def _times_by_pixels(store: Store, result: Result) -> dict[int, list[float]]:
+    times: dict[int, list[float]] = {}
+    for pair in result.pairs:
+        if pair.status == "ok" and pair.timed_alone and pair.seconds is not None:
+            rows, columns = store.shape_of(pair.scene)
+            times.setdefault(rows * columns, []).append(pair.seconds)
+    return times

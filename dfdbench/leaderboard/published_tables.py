@@ -24,24 +24,15 @@ def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
     lines = []
     for method, table in found.items():
         means = {metric: mean_over(table.rows, method, metric) for metric in METRICS}
-        by_exposure = [
-            _printed(row.scores.get(RANKED_BY))
-            for row in table.rows
-            if row.method == method and row.at.get("illumination") == "all"
-        ]
-        lines.append(
-            (
-                means[RANKED_BY] or 0.0,
-                (
-                    method,
-                    *map(score_text, means.values()),
-                    *by_exposure,
-                    _published_seconds(tables, method),
-                    table.name,
-                    "published",
-                ),
-            )
+        cells = (
+            method,
+            *map(score_text, means.values()),
+            *_by_exposure(table, method),
+            _published_seconds(tables, method),
+            table.name,
+            "published",
         )
+        lines.append((means[RANKED_BY] or 0.0, cells))
     columns = (
         "method",
         *(metric.heading for metric in METRICS.values()),
@@ -57,6 +48,14 @@ def published_summary(tables: Sequence[PublishedTable], compare: str) -> Table:
     )
     title = f"{first.dataset}, {first.scope}: published, not rerun, not ranked"
     return Table(title, columns, rows, "l" + "r" * (len(METRICS) + len(_EXPOSURES)) + "lll", notes)
+
+
+def _by_exposure(table: PublishedTable, method: str) -> list[str]:
+    return [
+        _printed(row.scores.get(RANKED_BY))
+        for row in table.rows
+        if row.method == method and row.at.get("illumination") == "all"
+    ]
 
 
 def published_table(table: PublishedTable) -> Table:

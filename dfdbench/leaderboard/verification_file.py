@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from hashlib import sha256
@@ -118,39 +119,38 @@ def load_verification(result: Result, path: Path) -> Reproduction | None:
     except ValidationError as error:
         what = "wrong value in the verification"
         raise ResultError.of(problems_of(error, what, file=place, fix=fix)) from error
-    there = sha256(path.read_bytes()).hexdigest()
-    drawn = [pair.id for pair in sample(result, len(verification.pairs), verification.seed)]
-    problems = []
-    if verification.result_sha256 != there:
-        problems.append(
-            Problem(
-                what="the verification is of another file than the result beside it",
-                where=f"{place}: result_sha256",
-                expected=there,
-                got=verification.result_sha256,
-                fix=fix,
-            )
-        )
-    if verification.pairs != drawn:
-        problems.append(
-            Problem(
-                what="the pairs are not those that the seed draws",
-                where=f"{place}: pairs",
-                expected=", ".join(drawn),
-                got=", ".join(verification.pairs)[:200],
-                fix=fix,
-            )
-        )
-    if verification.identical > len(verification.pairs):
-        problems.append(
-            Problem(
-                what="more depth maps are the same than were made",
-                where=f"{place}: identical",
-                expected=f"at most {len(verification.pairs)}",
-                got=str(verification.identical),
-                fix=fix,
-            )
-        )
+    problems = list(_contradictions(verification, result, path, place, fix))
     if problems:
         raise ResultError.of(problems)
     return verification
+
+
+def _contradictions(
+    verification: Reproduction, result: Result, path: Path, place: Path, fix: str
+) -> Iterator[Problem]:
+    there = sha256(path.read_bytes()).hexdigest()
+    if verification.result_sha256 != there:
+        yield Problem(
+            what="the verification is of another file than the result beside it",
+            where=f"{place}: result_sha256",
+            expected=there,
+            got=verification.result_sha256,
+            fix=fix,
+        )
+    drawn = [pair.id for pair in sample(result, len(verification.pairs), verification.seed)]
+    if verification.pairs != drawn:
+        yield Problem(
+            what="the pairs are not those that the seed draws",
+            where=f"{place}: pairs",
+            expected=", ".join(drawn),
+            got=", ".join(verification.pairs),
+            fix=fix,
+        )
+    if verification.identical > len(verification.pairs):
+        yield Problem(
+            what="more depth maps are the same than were made",
+            where=f"{place}: identical",
+            expected=f"at most {len(verification.pairs)}",
+            got=str(verification.identical),
+            fix=fix,
+        )

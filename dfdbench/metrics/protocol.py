@@ -152,8 +152,10 @@ def find_protocol(name: str) -> Protocol:
     for protocol in _ALL:
         if name == f"{protocol.name}-{protocol.version}":
             return protocol
-    if name not in {protocol.name for protocol in _ALL}:
-        raise unknown_name("protocol", name, {protocol.name for protocol in _ALL})
+    names = {protocol.name for protocol in _ALL}
+    if name not in names:
+        versions = {f"{p.name}-{p.version}" for p in _ALL if _newest(p.name).version > 1}
+        raise unknown_name("protocol", name, names | versions)
     return _newest(name)
 
 

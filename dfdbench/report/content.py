@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from dfdbench.figures.comparison import lighting_figures, time_figure
 from dfdbench.figures.groups import group_figures
 from dfdbench.leaderboard.board_tables import lighting_table, runs_table, standings_table
-from dfdbench.leaderboard.boards import Entry, boards
+from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards
 from dfdbench.metrics.metric import METRICS, RANKED_BY
 from dfdbench.metrics.protocol import require_scored
 from dfdbench.results.record import PairResult
-from dfdbench.results.run_tables import run_tables
 from dfdbench.results.saved_run import SavedRun
-from dfdbench.results.scene_tables import scene_tables, spread_table
+from dfdbench.results.scene_tables import all_tables
 from dfdbench.results.summary import RunSummary, summarise
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
@@ -100,38 +100,17 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
     for run in runs:
         require_scored(protocol, run.result.protocol_names, str(run.path))
     found = boards([Entry(run.result, run.path, None) for run in runs])
-    folder = runs[0].path.parent
     sections, sentences = [], []
     shown: list[tuple[SavedRun, RunSummary]] = []
     for board in found:
         if board.protocol != protocol:
             continue
-        paths = [standing.entry.path for standing in board.standings]
-        members = sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
+        members = _members_of(board, runs)
         summaries = [(run, summarise(run.result, protocol)) for run in members]
+        section = _section_of(board, summaries, runs[0].path.parent)
         shown += summaries
-        ranking = standings_table(board, folder)
-        manifest = next((run.store.manifest for run in members if run.store), None)
-        scenes, splits = (manifest.scenes, manifest.splits) if manifest else ([], [])
-        details = tuple(
-            (
-                run.label,
-                (
-                    *run_tables(summary),
-                    spread_table(summary, splits),
-                    *scene_tables(summary, scenes),
-                ),
-            )
-            for run, summary in summaries
-        )
-        plots = lighting_figures(members, protocol)
-        parted = group_figures({run.label: run.result for run in members}, protocol, scenes)
-        plots |= {f"by {what}": figure for what, figure in parted.items()}
-        if (times := time_figure(members)) is not None:
-            plots["seconds a pair"] = times
-        tables = (ranking, lighting_table(board), runs_table(board))
-        sections.append(Section(ranking.title, board.fingerprint, tables, details, plots))
-        sentences.append(_sentence(members, protocol, ranking.title))
+        sections.append(section)
+        sentences.append(_sentence(members, protocol, section.heading))
     labels = list(dict.fromkeys(run.label for run, _ in shown))
     title = labels[0] if len(labels) == 1 else f"{len(labels)} methods"
     return Content(
@@ -143,6 +122,30 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         _worst_first(shown),
         tuple(f"{run.label}: {run.without}" for run, _ in shown if run.without),
     )
+
+
+def _members_of(board: ScoreBoard, runs: Sequence[SavedRun]) -> list[SavedRun]:
+    paths = [standing.entry.path for standing in board.standings]
+    return sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
+
+
+def _section_of(
+    board: ScoreBoard, summaries: Sequence[tuple[SavedRun, RunSummary]], folder: Path
+) -> Section:
+    members = [run for run, _ in summaries]
+    manifest = next((run.store.manifest for run in members if run.store), None)
+    scenes, splits = (manifest.scenes, manifest.splits) if manifest else ([], [])
+    details = tuple(
+        (run.label, tuple(all_tables(summary, scenes, splits))) for run, summary in summaries
+    )
+    plots = lighting_figures(members, board.protocol)
+    parted = group_figures({run.label: run.result for run in members}, board.protocol, scenes)
+    plots |= {f"by {what}": figure for what, figure in parted.items()}
+    if (times := time_figure(members)) is not None:
+        plots["seconds a pair"] = times
+    ranking = standings_table(board, folder)
+    tables = (ranking, lighting_table(board), runs_table(board))
+    return Section(ranking.title, board.fingerprint, tables, details, plots)
 
 
 def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:

@@ -8,9 +8,30 @@ from dfdbench.datasets.manifest import Scene, Split
 from dfdbench.metrics.metric import METRICS
 from dfdbench.metrics.protocol import title_of
 from dfdbench.results.record import Result
+from dfdbench.results.run_tables import run_tables
 from dfdbench.results.summary import RunSummary, scene_labels, summarise_scenes
 from dfdbench.results.wording import NOTHING, score_text
 from dfdbench.tables.table import Table
+
+
+def all_tables(
+    summary: RunSummary, scenes: Sequence[Scene], splits: Sequence[Split]
+) -> list[Table]:
+    """Return all of a run's tables: its own, those of its splits and of its scenes; none is empty.
+
+    Of a limited run there may be no whole split to tell the spread of, and no scene of a part.
+
+    Parameters
+    ----------
+    summary : RunSummary
+        The run under a protocol.
+    scenes : sequence of Scene
+        Of the manifest.
+    splits : sequence of Split
+        Of the manifest.
+    """
+    tables = [*run_tables(summary), spread_table(summary, splits), *scene_tables(summary, scenes)]
+    return [table for table in tables if table.rows]
 
 
 def scene_tables(summary: RunSummary, scenes: Sequence[Scene]) -> list[Table]:

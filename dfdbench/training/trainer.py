@@ -11,7 +11,7 @@ from typing import Any
 import torch
 
 import dfdbench
-from dfdbench.errors import ResultError, reason_of
+from dfdbench.errors import ResultError, reason_of, room_or
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
 from dfdbench.results.environment import describe_environment
@@ -98,7 +98,7 @@ def train(
             "cannot write the training",
             where=str(folder),
             got=reason_of(error),
-            fix="make room, or choose another place with --out DIR; --resume goes on",
+            fix=room_or("choose another place with --out DIR; --resume goes on", error),
         ) from error
 
 

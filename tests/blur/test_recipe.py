@@ -7,7 +7,7 @@ from dfdbench.errors import InputError, UnknownNameError
 
 def test_levels_and_depths_are_inverse() -> None:
     levels = np.arange(256)
-    for recipe in (*RECIPES.values(), BlurRecipe(1, 1, invert=False)):
+    for recipe in (*RECIPES.values(), BlurRecipe(1, 0.1, invert=False)):
         assert np.array_equal(recipe.depth_of_level(recipe.level_of_depth(levels)), levels)
 
 
@@ -28,3 +28,12 @@ def test_wrong_recipes_are_named() -> None:
         find_recipe("publishd")
     with pytest.raises(InputError, match="sigma_mni"):
         find_recipe({"sigma_mni": 1})
+
+
+def test_a_gaussian_of_which_the_kernel_holds_only_the_middle_is_refused() -> None:
+    with pytest.raises(InputError, match=r"sigma_min \+ 255 \* sigma_step") as caught:
+        BlurRecipe(1e9, 0.01)
+    assert "at most the kernel_size, 27 pixels" in str(caught.value)
+    with pytest.raises(InputError, match=r"got       27\.1"):
+        BlurRecipe(26, 0.11, levels=11)
+    assert BlurRecipe(26, 0.1, levels=11).sigmas[-1] == pytest.approx(27)

@@ -22,8 +22,9 @@ def test_pairs_are_read_when_they_are_asked_for(tiny_store: Store) -> None:
     part = data[2:5]
     assert len(part) == 3
     assert part[0].pair == data[2].pair
-    with pytest.raises(IndexError):
-        data[7]
+    for read in (data.__getitem__, data.crop):
+        with pytest.raises(IndexError, match=r"no pair 7: <7 pairs of .*> has 0 to 6"):
+            read(7)
     assert "7 pairs of" in repr(data)
 
 

@@ -101,6 +101,9 @@ def test_what_is_no_store_is_never_replaced(
     (tmp_path / "file").write_text("precious")
     with pytest.raises(StoreError, match="no dfdbench store"):
         build_store(tiny_manifest, source, tmp_path / "file")
+    with pytest.raises(StoreError, match="File name too long") as caught:
+        build_store(tiny_manifest, source, tmp_path / ("x" * 300))
+    assert caught.value.problems[0].fix.startswith("choose another place")
     assert (tmp_path / "file").read_text() == "precious"
 
 
@@ -140,8 +143,9 @@ def test_a_full_disk_is_told_and_nothing_is_lost(
 
     with monkeypatch.context() as patch:
         patch.setattr(xarray.Dataset, "to_zarr", full)
-        with pytest.raises(StoreError, match="No space left on device"):
+        with pytest.raises(StoreError, match="No space left on device") as caught:
             build_store(tiny_manifest, source, other)
+    assert caught.value.problems[0].fix.startswith("make room, or choose another place")
     assert not other.exists()
     report = build_store(tiny_manifest, source, other)
     assert report.scenes_kept == tuple(written)

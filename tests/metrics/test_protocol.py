@@ -121,6 +121,8 @@ def test_a_flat_board_is_undefined_only_where_its_own_range_divides() -> None:
     )
 
 
-def test_an_unknown_protocol_shows_the_near_miss() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean thesis"):
+def test_an_unknown_protocol_shows_the_near_miss_and_the_versions() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean thesis") as caught:
         find_protocol("thesys")
+    named = "one of: thesis, thesis-networks, thesis-networks-1, thesis-networks-2, valid"
+    assert caught.value.problems[0].expected == named

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 import requests
 
-from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.errors import Problem, SourceError, reason_of, room_or
 
 _BLOCK = 64 * 1024
 _TRY_AGAIN = frozenset({408, 416, 425, 429})
@@ -175,7 +175,7 @@ class Transfer:
                 "cannot keep the download",
                 where=str(part),
                 got=reason_of(error),
-                fix="make room, or choose another place with --cache DIR",
+                fix=room_or("choose another place with --cache DIR", error),
             ) from error
 
     def _request(self, address: str, part: Path) -> None:

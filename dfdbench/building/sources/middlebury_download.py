@@ -21,7 +21,7 @@ from dfdbench.building.fetching.transfer import Patience
 from dfdbench.building.png import decode_depth, decode_image, png_size
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Scene
-from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.errors import Problem, SourceError, reason_of, room_or
 from dfdbench.system.location import as_location
 from dfdbench.system.lock import hold
 from dfdbench.tables.wording import listed
@@ -105,7 +105,7 @@ def download_middlebury(
             "cannot keep the download",
             where=str(error.filename or folder),
             got=reason_of(error),
-            fix="make room, or choose another place with --cache DIR",
+            fix=room_or("choose another place with --cache DIR", error),
         ) from error
     _refuse(fates, folder)
     return Download(

@@ -1,0 +1,64 @@
+import pytest
+
+from dfdbench.cli.options import pool_of, pool_of_processes, value_of, values_of
+from dfdbench.errors import InputError
+from dfdbench.system.parallel import Cluster, Processes, Threads
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("9", 9),
+        ("0.5", 0.5),
+        ("true", True),
+        ("null", None),
+        ('{"sigma_min": 0.2}', {"sigma_min": 0.2}),
+        ("[1, 2]", [1, 2]),
+        ('"9"', "9"),
+        ('"{x}"', "{x}"),
+        ("published", "published"),
+        ("my recipe.toml", "my recipe.toml"),
+        ("a=b", "a=b"),
+        ("", ""),
+    ],
+)
+def test_a_value_is_json_or_text(text: str, value: object) -> None:
+    read = values_of([f"name={text}"], "--param")["name"]
+    assert (read, type(read)) == (value, type(value))
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("{sigma_min: 0.2}", "double quotes at character 2 of {sigma_min: 0.2}"),
+        ('{"sigma_min": 0.2', "Expecting ',' delimiter at character 18"),
+        (" [1, 2", "at character 7"),
+    ],
+)
+def test_broken_json_says_what_is_wrong_with_it(text: str, why: str) -> None:
+    with pytest.raises(InputError, match="broken JSON") as caught:
+        values_of([f"recipe={text}"], "--param")
+    assert caught.value.problems[0].where == "--param recipe"
+    assert why in caught.value.problems[0].got
+    with pytest.raises(InputError, match="--values"):
+        value_of(text, "--values")
+
+
+def test_every_text_that_is_no_name_and_value_is_told() -> None:
+    with pytest.raises(InputError, match="2 problems") as caught:
+        values_of(["window", "a=1", "=2"], "--set")
+    assert [problem.got for problem in caught.value.problems] == ["window", "=2"]
+    assert {problem.where for problem in caught.value.problems} == {"--set"}
+
+
+def test_where_work_is_done() -> None:
+    assert isinstance(pool_of(3), Threads)
+    assert isinstance(pool_of(None, "tcp://node1:8786"), Cluster)
+    assert isinstance(pool_of_processes(2, None), Processes)
+    assert isinstance(pool_of_processes(None, "tcp://node1:8786"), Cluster)
+    # One pair at a time, here: its time is that of the method alone.
+    assert pool_of_processes(None, None) is None
+    assert pool_of_processes(1, None) is None
+    for pool in (pool_of, pool_of_processes):
+        with pytest.raises(InputError, match="a cluster has its own number of workers"):
+            pool(2, "tcp://node1:8786")
