@@ -26,7 +26,9 @@ def default_lighting(name: str, split: str) -> Result:
     pairs = []
     for pair in manifest.pairs(split):
         value = by_name(pair) + pair.at["view"]
-        scores = {"thesis": {"nrmse": value, "nmae": value, "ssim": 0.5}}
+        scores: dict[str, dict[str, float | None]] = {
+            "thesis": {"nrmse": value, "nmae": value, "ssim": 0.5}
+        }
         pairs.append(
             PairResult(
                 id=pair.id, scene=pair.scene, coordinates=pair.at, status="ok", seconds=1.0,
