@@ -9,9 +9,6 @@ STAMPS := .make
 PYTEST = $(BIN)/python -m pytest --benchmark-skip --numprocesses 2 --dist loadgroup
 # A method a word, with commas for the blanks before its parameters.
 DEMO_METHODS := constant local graph-cuts u-net,--param,weights=demo dfd-net,--param,weights=demo
-BOARD_METHODS := constant local graph-cuts graph-cuts,--param,recipe=text \
-  graph-cuts,--param,color_space=rgb graph-cuts-rounded \
-  u-net,--param,weights=demo dfd-net,--param,weights=demo
 
 .PHONY: help demo test test-slow test-all browser benchmark leaderboard clean
 .DEFAULT_GOAL := help
@@ -50,14 +47,8 @@ browser: ## Install Chromium, which the report page's tests need (Debian, as roo
 	@command -v chromedriver > /dev/null || { apt-get -qq update && \
 	  apt-get -qq install -y --no-install-recommends chromium chromium-driver; }
 
-leaderboard: $(STAMPS)/installed ## Run every row of the demo set's leaderboard, write its README
-	@$(BIN)/dfdbench build demo
-	@for method in $(BOARD_METHODS); do \
-	  echo; echo "== dfdbench run --dataset demo --submit --method $$(echo $$method | tr ',' ' ')"; \
-	  $(BIN)/dfdbench run --dataset demo --submit --method $$(echo $$method | tr ',' ' ') || exit 1; \
-	done
-	@$(BIN)/dfdbench leaderboard verify --record leaderboard/results/demo-1-test/*/*.json
-	@$(BIN)/dfdbench leaderboard
+leaderboard: $(STAMPS)/installed ## Run the leaderboard's rows on the sets that are built here, write its README
+	@$(BIN)/python leaderboard/rerun.py
 
 benchmark: $(STAMPS)/tested-with ## Time our code against named peers, as ratios
 	@$(BIN)/python -m pytest tests/benchmarks --benchmark-only -s

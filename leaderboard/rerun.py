@@ -1,0 +1,69 @@
+"""Run the leaderboard's rows anew on the data sets that are built here, and write its README.
+
+What cannot be run is left as it is and named at the end: `python leaderboard/rerun.py [ROWS.toml]`.
+"""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+from dfdbench.datasets.store import Store, open_store
+from dfdbench.errors import StoreError
+from dfdbench.leaderboard.folder import LEADERBOARD, RESULTS
+
+HERE = Path(__file__).parent
+
+
+def main(rows: Path) -> int:
+    """Run, verify and write; return the exit status."""
+    left_out: list[str] = []
+    run_here: dict[tuple[str, str], None] = {}
+    for wanted in tomllib.loads(rows.read_text(encoding="utf-8"))["sets"]:
+        name = wanted["dataset"]
+        if name == "demo" and _lacking(name, "all"):
+            _dfdbench("build", name)
+        for split in wanted["splits"]:
+            lacking = _lacking(name, split)
+            if lacking:
+                left_out += [f"{name}, split {split}, {m}: {lacking}" for m in wanted["methods"]]
+                continue
+            run = ("run", "--dataset", name, "--split", split, "--submit", "--no-predictions")
+            for method in wanted["methods"]:
+                if _dfdbench(*run, "--method", *shlex.split(method)):
+                    left_out.append(f"{name}, split {split}, {method}: failed, see above")
+            run_here[name, split] = None
+    for name, split in run_here:
+        _verify(open_store(name), split)
+    status = _dfdbench("leaderboard")
+    for text in left_out:
+        print(f"left out     {text}", file=sys.stderr)
+    return status
+
+
+def _lacking(name: str, split: str) -> str:
+    """Say why a split cannot be run here; empty where it can."""
+    try:
+        store = open_store(name)
+    except StoreError as error:
+        return f"{error.problems[0].what}; {error.problems[0].fix}"
+    there = set(store.pairs(split))
+    missing = [pair.id for pair in store.manifest.pairs(split) if pair not in there]
+    return f"the store lacks {', '.join(missing)}" if missing else ""
+
+
+def _verify(store: Store, split: str) -> None:
+    files = sorted((LEADERBOARD / RESULTS / f"{store.manifest.stem}-{split}").glob("*/*.json"))
+    _dfdbench("leaderboard", "verify", "--record", *map(str, files))
+
+
+def _dfdbench(*words: str) -> int:
+    print(f"\n== dfdbench {shlex.join(words[:9])}{' ...' if len(words) > 9 else ''}", flush=True)
+    return subprocess.run([sys.executable, "-m", "dfdbench", *words], check=False).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "rows.toml"))
