@@ -12,6 +12,9 @@ from dfdbench.metrics.protocol import PROTOCOLS
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Result, average
 
+#: Of many pairs, so many are named.
+_NAMED = 10
+
 
 def result_of(plan: RunPlan, pairs: list[PairResult], warnings: Sequence[str] = ()) -> Result:
     """Return a run's result.
@@ -79,6 +82,12 @@ def _method_record(plan: RunPlan) -> MethodRecord:
 def _warnings(plan: RunPlan, pairs: list[PairResult], evaluated: list[PairResult]) -> list[str]:
     manifest = plan.store.manifest
     warnings = []
+    missing = [pair.id for pair in pairs if pair.status == "missing"]
+    if missing:
+        warnings.append(
+            f"the store lacks {len(missing)} of {len(pairs)} pairs of the split, and there is no "
+            f"average: {', '.join(missing[:_NAMED])}{' ...' if len(missing) > _NAMED else ''}"
+        )
     printed = _warned(pairs, PRINTED)
     if printed:
         warnings.append(f"the method printed to standard output on {printed} pairs")

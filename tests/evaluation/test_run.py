@@ -135,6 +135,8 @@ def test_pairs_that_the_store_lacks_are_missing(
     run = run_method(Store(path), method(Counting()), "test", tmp_path / "out")
     assert [pair.status for pair in run.result.pairs].count("missing") == 1
     assert run.result.averages is None
+    lacking = next(pair.id for pair in run.result.pairs if pair.status == "missing")
+    assert any("lacks 1 of 7" in text and lacking in text for text in run.result.warnings)
     for scene in ("Two", "Three"):
         for png in (tiny_folder / scene).rglob("*.png"):
             png.unlink()
