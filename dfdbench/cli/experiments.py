@@ -19,6 +19,7 @@ from dfdbench.cli.training_options import (
     MaxTime,
     Network,
     Threads,
+    Weights,
     seconds_of,
     stepping,
     use_threads,
@@ -57,6 +58,7 @@ def experiment(
     ] = None,
     config: Configuration = "published",
     changes: Changes = None,
+    weights: Weights = None,
     values: Annotated[
         str | None, typer.Option(metavar="A,B,...", help="In place of the thesis's values.")
     ] = None,
@@ -76,6 +78,7 @@ def experiment(
     limit = seconds_of(max_time)
     with needed():
         from dfdbench.figures.training import experiment_figure
+        from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.experiments import (
             experiment_table,
             find_experiment,
@@ -86,8 +89,17 @@ def experiment(
     asked, chosen = find_experiment(name), _listed(values)
     store, stem = _data_of(asked, name, dataset, chosen, source, cache)
     folder = out or Path("training") / f"{stem}-experiments" / f"{name}-{method.value}"
+    start = find_weights(method.value, weights) if weights else None
     planned = trials(
-        asked, method.value, store, config, values_of(changes, "--set"), folder, chosen, repeats
+        asked,
+        method.value,
+        store,
+        config,
+        values_of(changes, "--set"),
+        folder,
+        chosen,
+        repeats,
+        start,
     )
     cards = []
     for number, trial in enumerate(planned, 1):

@@ -17,6 +17,7 @@ from dfdbench.cli.training_options import (
     MaxTime,
     Network,
     Threads,
+    Weights,
     seconds_of,
     stepping,
     use_threads,
@@ -47,10 +48,7 @@ def train_command(
     ] = None,
     config: Configuration = "published",
     changes: Changes = None,
-    weights: Annotated[
-        str | None,
-        typer.Option(metavar="FILE", help="Begin with these weights in place of random ones."),
-    ] = None,
+    weights: Weights = None,
     max_time: MaxTime = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")

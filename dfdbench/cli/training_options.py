@@ -36,6 +36,13 @@ Changes = Annotated[
         "--set", metavar="NAME=VALUE", help="In place of the file's; docs/training.md names all."
     ),
 ]
+Weights = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Begin with these weights, or shipped ones by name, in place of random ones.",
+    ),
+]
 MaxTime = Annotated[
     str | None, typer.Option(metavar="30m", help="Time of a training at most, as 90s, 30m, 1h30m.")
 ]

@@ -13,13 +13,15 @@ from typing import Any
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, unknown_name
-from dfdbench.methods.networks.weights import Card, load_weights
+from dfdbench.methods.networks.inference import find_device
+from dfdbench.methods.networks.weights import Card, load_weights, weights_sha256
 from dfdbench.metrics.metric import METRICS
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
 from dfdbench.training.checkpoint import WEIGHTS
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
 from dfdbench.training.ending import EndedBy
+from dfdbench.training.precision import settled
 from dfdbench.training.task import Task, require_trainable, task_of
 from dfdbench.training.trainer import train
 
@@ -129,6 +131,7 @@ def trials(
     folder: Path,
     values: Sequence[Any] | None = None,
     repeats: int | None = None,
+    start: Path | None = None,
 ) -> list[Trial]:
     """Return the trainings of an experiment, checked before the first begins.
 
@@ -148,6 +151,8 @@ def trials(
         Each training has a folder in it.
     values, repeats
         In place of the experiment's own.
+    start : Path, optional
+        Weights that every training begins with, in place of random ones.
 
     Raises
     ------
@@ -178,7 +183,7 @@ def trials(
         configuration = read_configuration(config, {**changes, **varied})
         for seed in range(repeats or experiment.repeats):
             data = store if isinstance(store, Store) else store[str(value)]
-            task = task_of(method, data, configuration, experiment.split, fold, seed)
+            task = task_of(method, data, configuration, experiment.split, fold, seed, start)
             require_trainable(task)
             name = "-".join(str(part) for part in (value, f"seed{seed}") if part != "")
             found.append(Trial(str(value), task, folder / name))
@@ -201,14 +206,7 @@ def run_trial(
     path = trial.folder / WEIGHTS
     if path.exists():
         card = load_weights(path, trial.task.method)[1]
-        same = TrainingConfiguration.model_validate(
-            card.configuration
-        ) == trial.task.configuration and (card.fingerprint, card.trained_on, card.seed) == (
-            trial.task.store.fingerprint,
-            trial.task.trained_on,
-            trial.task.seed,
-        )
-        if not same:
+        if not _is_of(card, trial.task, device):
             raise InputError(
                 "the folder holds another training",
                 where=str(trial.folder),
@@ -219,6 +217,18 @@ def run_trial(
         if not (ended and ended.early and more_time):
             return card
     return train(trial.task, trial.folder, max_seconds, device, on_step).card
+
+
+def _is_of(card: Card, task: Task, device: str) -> bool:
+    begun = f"SHA-256 {weights_sha256(task.start)[:16]}" if task.start else ""
+    return (
+        TrainingConfiguration.model_validate(card.configuration)
+        == settled(task.configuration, find_device(device))
+        and (card.fingerprint, card.trained_on, card.seed)
+        == (task.store.fingerprint, task.trained_on, task.seed)
+        and begun in card.started_from
+        and bool(begun) == bool(card.started_from)
+    )
 
 
 def experiment_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Table:

@@ -134,3 +134,27 @@ def test_the_table_has_the_statistics_of_table_5_6() -> None:
     single = experiment_table(find_experiment("cross-validation"), [("K1", cards[0][1])])
     assert [row[0] for row in single.rows] == ["K1"]
     assert single.rows[0][3:] == ("0.1000", "0.0500", "0.9000")
+
+
+def test_trainings_begin_with_weights_and_are_known_again_by_them(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    def planned(folder: str, start: Path | None) -> Any:
+        asked = find_experiment("cross-validation")
+        # A precision that the processor chooses is known again, too.
+        changes = {**QUICK, "precision": "auto"}
+        return trials(
+            asked, "dfd-net", tiny_store, "published", changes, tmp_path / folder,
+            values=("K1",), start=start,
+        )[0]  # fmt: skip
+
+    first = planned("first", None)
+    run_trial(first, None, "cpu")
+    weights = first.folder / "weights.safetensors"
+    second = planned("second", weights)
+    begun = run_trial(second, None, "cpu")
+    assert begun.started_from
+    assert run_trial(second, None, "cpu") == begun
+    for other in (planned("second", None), planned("first", weights)):
+        with pytest.raises(InputError, match="another training"):
+            run_trial(other, None, "cpu")
