@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import difflib
 import errno
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
 from typing import Self
 
-# As long as any message of ours, and short enough for a screen.
-_SHOWN = 1000
+# Longer than any name or path that somebody would read.
+_LONG_WORD = re.compile(r"\S{300,}")
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Problem:
 
     Notes
     -----
-    As text, what a user handed in is cut in its middle where it is longer than a screen holds.
+    As text, a word too long for anyone to read, which a user handed in, is cut in its middle.
 
     Examples
     --------
@@ -52,17 +53,16 @@ class Problem:
     fix: str = ""
 
     def __str__(self) -> str:
-        lines = [_cut(self.what)]
+        lines = [self.what]
         for label, text in (
-            ("where", _cut(self.where)),
-            # All the names there are, say: ours, and of use to the last.
+            ("where", self.where),
             ("expected", self.expected),
-            ("got", _cut(self.got)),
-            ("fix", _cut(self.fix)),
+            ("got", self.got),
+            ("fix", self.fix),
         ):
             if text:
                 lines.append(f"  {label:<9} {text}")
-        return "\n".join(lines)
+        return _LONG_WORD.sub(_cut, "\n".join(lines))
 
 
 class DfdbenchError(Exception):
@@ -211,8 +211,5 @@ def room_or(elsewhere: str, error: BaseException) -> str:
     return f"make room, or {elsewhere}" if full else elsewhere
 
 
-def _cut(text: str) -> str:
-    if len(text) <= _SHOWN:
-        return text
-    half = _SHOWN // 2
-    return f"{text[:half]} … {text[-half:]} ({len(text):,} characters)"
+def _cut(word: re.Match[str]) -> str:
+    return f"{word[0][:100]}…{word[0][-100:]} ({len(word[0]):,} characters)"

@@ -140,3 +140,35 @@ BEYOND_A_MODULE = {
     ("methods", "mrf", "test_solvers.py"),
     ("report", "test_browser.py"),
 }
+
+
+#: Modules without a test file of their own name: the file that tests them, and why it is another.
+TESTED_ELSEWHERE = {
+    # `open` is one of the names that users rely on.
+    "dfdbench": "test_public_names.py",
+    # What `main` tells of errors is seen from outside.
+    "dfdbench.cli": "cli/test_command_line.py",
+    # A protocol: what fulfils it is tested against it.
+    "dfdbench.building.sources.interface": "building/test_sources.py",
+}
+
+
+def has_code(path: Path) -> bool:
+    """Whether a module defines something; one of a package may but gather others' names."""
+    defined = (ast.FunctionDef, ast.ClassDef)
+    nodes = ast.parse(path.read_text("utf-8")).body
+    return path.name != "__init__.py" or any(isinstance(node, defined) for node in nodes)
+
+
+def test_every_module_with_code_has_a_test_file_of_its_name() -> None:
+    tests = Path(__file__).parent
+    lacking = []
+    for name, path in MODULES.items():
+        *rooms, last = name.split(".")
+        own = tests.joinpath(*rooms[1:], f"test_{last.strip('_')}.py")
+        if has_code(path) and name not in TESTED_ELSEWHERE and not own.is_file():
+            lacking.append(f"{name}: {own.relative_to(tests)}")
+    assert not lacking
+    for name, file in TESTED_ELSEWHERE.items():
+        assert name in MODULES
+        assert (tests / file).is_file()

@@ -63,21 +63,8 @@ def bootstrap_interval(
     """Return the 95 % interval of the mean, resampling whole scenes.
 
     Pairs of a scene share their depth map and are not independent, so scenes are drawn, with
-    replacement, not pairs.
-
-    Parameters
-    ----------
-    values : sequence of float
-        One a pair.
-    scenes : sequence of str
-        The scene of each.
-    seed : int
-        Of the resampling.
-
-    Returns
-    -------
-    tuple of float, or None
-        None where there is only one scene.
+    replacement, not pairs. Parameters and answer are those of `scene_interval`, which asks this
+    where there are scenes enough.
 
     Examples
     --------

@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from dfdbench.metrics.intervals import interval_name
 from dfdbench.metrics.metric import METRICS
 from dfdbench.results.record import PairResult
 from dfdbench.results.run_tables import EXTREMES
@@ -96,9 +95,8 @@ def _by_label(
 
 
 def _cells(value: Statistic) -> tuple[object, ...]:
-    interval = None if value.low is None else interval_name(value.scenes)
     spread = (value.mean, value.std, value.minimum, value.maximum)
-    return (*spread, value.low, value.high, interval, value.defined)
+    return (*spread, value.low, value.high, value.interval_is, value.defined)
 
 
 def _numbers(value: Statistic) -> dict[str, Any]:
@@ -108,7 +106,7 @@ def _numbers(value: Statistic) -> dict[str, Any]:
         "min": value.minimum,
         "max": value.maximum,
         "interval": None if value.low is None else [value.low, value.high],
-        "interval_is": None if value.low is None else interval_name(value.scenes),
+        "interval_is": value.interval_is,
         "defined": value.defined,
     }
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dfdbench.datasets.manifest import Scene
-from dfdbench.metrics.intervals import scene_interval
+from dfdbench.metrics.intervals import interval_name, scene_interval
 from dfdbench.metrics.metric import METRICS, RANKED_BY, TIES_BY, mean_of
 from dfdbench.metrics.protocol import require_scored
 from dfdbench.results.record import PairResult, Result
@@ -42,6 +42,11 @@ class Statistic:
     scenes: int = 0
     minimum: float | None = None
     maximum: float | None = None
+
+    @property
+    def interval_is(self) -> str | None:
+        """What `low` and `high` are, by `interval_name`; None where there is neither."""
+        return None if self.low is None else interval_name(self.scenes)
 
 
 @dataclass(frozen=True)

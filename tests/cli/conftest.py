@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
 from dfdbench.cli import main
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.store import Store
 from tests.cli.command import Command, Outcome
+from tests.conftest import TINY_TOML, write_png
+from tests.site import Site, served
 
 MINE = """
 import numpy as np
@@ -42,3 +50,53 @@ def dfdbench(
         return Outcome(status, captured.out, captured.err)
 
     return command
+
+
+BELOW = "data/scenes/ThirdSize"
+
+
+@pytest.fixture
+def tiny_toml(tmp_path: Path) -> str:
+    path = tmp_path / "tiny-1.toml"
+    path.write_text(TINY_TOML)
+    return str(path)
+
+
+@pytest.fixture
+def site(tiny_folder: Path, tmp_path: Path) -> Iterator[Site]:
+    place = tmp_path / "server" / BELOW
+    place.parent.mkdir(parents=True)
+    tiny_folder.rename(place)
+    with served(tmp_path / "server") as site:
+        text = TINY_TOML.replace("https://example.org/tiny", f"{site.address}/{BELOW}")
+        (tmp_path / "work").mkdir(exist_ok=True)
+        (tmp_path / "work/tiny-1.toml").write_text(text)
+        yield site
+
+
+@pytest.fixture
+def built(demo_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The demo store of the session stands in for the one that `build demo` would make.
+    stores = tmp_path / "cache/stores"
+    stores.mkdir(parents=True)
+    (stores / "demo-1.zarr").symlink_to(str(demo_store.path))
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
+
+
+def build(toml: str, folder: Path, path: Path) -> str:
+    manifest = parse_manifest(toml.encode(), "tiny-1.toml")
+    build_store(manifest, open_source(manifest, folder), path)
+    return str(path)
+
+
+@pytest.fixture
+def uneven(tiny_folder: Path, tmp_path: Path) -> str:
+    """One trains with 100; Two and Three test with 100, and Three with some 36 to 38 besides."""
+    for number, scene in enumerate(("One", "Two", "Three")):
+        for view in (1, 5):
+            depth = np.full((24, 30 + number), 100, np.uint8)
+            if scene == "Three":
+                depth[:4] = 36 + np.arange(32) % 3
+            depth[-1] = 0
+            write_png(tiny_folder / scene / f"disp{view}.png", depth)
+    return build(TINY_TOML, tiny_folder, tmp_path / "uneven.zarr")

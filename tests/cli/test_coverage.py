@@ -1,8 +1,7 @@
-"""The verbs depths, coverage, split and difficulty, end to end."""
+"""The verb coverage, end to end, and the mistakes of those that ask about depths with it."""
 
 import json
 import shutil
-import tomllib
 from pathlib import Path
 
 import jsonschema
@@ -12,10 +11,10 @@ import pytest
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.results.record_file import load_result
 from dfdbench.system.parallel import Threads
 from tests.cli.command import Command
+from tests.cli.conftest import build
 from tests.conftest import TINY_TOML, shared_data_folder, write_png
 
 LEARNED = """
@@ -47,25 +46,6 @@ def learned(dfdbench: Command) -> None:
     Path("learned.py").write_text(LEARNED)
 
 
-def build(toml: str, folder: Path, path: Path) -> str:
-    manifest = parse_manifest(toml.encode(), "tiny-1.toml")
-    build_store(manifest, open_source(manifest, folder), path)
-    return str(path)
-
-
-@pytest.fixture
-def uneven(tiny_folder: Path, tmp_path: Path) -> str:
-    """One trains with 100; Two and Three test with 100, and Three with some 36 to 38 besides."""
-    for number, scene in enumerate(("One", "Two", "Three")):
-        for view in (1, 5):
-            depth = np.full((24, 30 + number), 100, np.uint8)
-            if scene == "Three":
-                depth[:4] = 36 + np.arange(32) % 3
-            depth[-1] = 0
-            write_png(tiny_folder / scene / f"disp{view}.png", depth)
-    return build(TINY_TOML, tiny_folder, tmp_path / "uneven.zarr")
-
-
 def test_what_training_lacks_is_named_kept_and_ends_with_status_1(
     dfdbench: Command, uneven: str
 ) -> None:
@@ -87,22 +67,6 @@ def test_what_training_lacks_is_named_kept_and_ends_with_status_1(
     assert (folder / "coverage.png").stat().st_size > 10_000
     printed = dfdbench("coverage", uneven, "--criterion", "thesis", "--format", "json")
     assert json.loads(printed.out) == record
-
-
-def test_depths_are_counted_and_drawn(dfdbench: Command, uneven: str) -> None:
-    whole = dfdbench("depths", uneven, "--format", "csv", "--figure", "figures/depths.png")
-    lines = whole.out.splitlines()
-    assert lines[0] == "level,pixels,share"
-    assert len(lines) == 257
-    # Three: 3 pairs of 4 rows of 32 pixels, of which 11 columns are 36.
-    assert lines[37].split(",")[:2] == ["36", str(3 * 4 * 11)]
-    assert Path("figures/depths.png").stat().st_size > 10_000
-    scene = dfdbench("depths", uneven, "--split", "One", "--format", "markdown")
-    assert "| 96-111 | 2,760 | 100.0 % | 96-99, 101-111 |" in scene.out
-    assert "| 32-47 | 0 | 0 % | all |" in scene.out
-    wrong = dfdbench("depths", uneven, "--split", "Ome")
-    assert wrong.status == 2
-    assert "did you mean One" in wrong.err
 
 
 def test_a_covered_test_ends_with_status_0(dfdbench: Command, uneven: str) -> None:
@@ -237,38 +201,6 @@ def test_predictions_that_are_gone_or_not_the_runs_are_refused(
     other = dfdbench("coverage", changed, "--result", "a/result.json")
     assert other.status == 2
     assert "another data set" in other.err
-
-
-def test_a_proposed_split_is_a_fragment_of_a_manifest(dfdbench: Command, uneven: str) -> None:
-    outcome = dfdbench("split", uneven, "--test-scenes", "2", "--criterion", "thesis")
-    assert outcome.status == 0
-    assert "(published)" in outcome.out
-    fragment = Path("results/uneven-splits/test-2/split.toml").read_text()
-    manifest = parse_manifest((TINY_TOML + fragment).encode(), "tiny-1.toml")
-    assert set(manifest.scenes_of("train-covered")).isdisjoint(manifest.scenes_of("test-covered"))
-    assert len(manifest.scenes_of("test-covered")) == 2
-    single = dfdbench("split", uneven, "--test-scenes", "1", "--format", "json")
-    found = json.loads(single.out)
-    assert (found["choices"], found["exhaustive"], found["published"]["rank"]) == (3, True, None)
-    assert found["candidates"][-1]["test"] == ["Three"]
-    folds = dfdbench("split", uneven, "--folds", "3")
-    assert "Three: rare in all other scenes: 36-38" in folds.out
-    assert (
-        len(tomllib.loads(Path("results/uneven-splits/folds-3/folds.toml").read_text())["folds"])
-        == 3
-    )
-
-
-def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: str) -> None:
-    outcome = dfdbench("difficulty", uneven, "--split", "all")
-    assert outcome.status == 0
-    rows = json.loads(Path("results/uneven-difficulty/all/difficulty.json").read_text())["rows"]
-    assert len(rows) == 6
-    assert all(0 <= row["neighbours"] <= 1 for row in rows)
-    harder = dfdbench("difficulty", uneven, "--split", "all", "--noise", "20", "--format", "json")
-    for quiet, noisy in zip(rows, json.loads(harder.out)["rows"], strict=True):
-        assert quiet["neighbours"] < noisy["neighbours"]
-    assert Path("results/uneven-difficulty/all/difficulty.png").exists()
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,3 @@
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -16,36 +15,12 @@ from dfdbench.errors import ResultError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
-from dfdbench.methods.method import Method
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.results.folder import PREDICTIONS, read_prediction, read_store_place
 from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.system.parallel import Cluster, Pool, Processes
 from tests.conftest import ON_SERVERS
-
-
-class Counting:
-    """Answers with the red channel; may fail on chosen calls."""
-
-    def __init__(self, fail_at: int | None = None, stop_at: int | None = None) -> None:
-        self.calls = 0
-        self.warmed = 0
-        self.fail_at, self.stop_at = fail_at, stop_at
-
-    def warm_up(self, infocus: Any, defocus: Any) -> None:
-        self.warmed += 1
-
-    def __call__(self, infocus: Any, defocus: Any) -> Any:
-        self.calls += 1
-        if self.calls == self.stop_at:
-            raise KeyboardInterrupt
-        if self.calls == self.fail_at:
-            raise RuntimeError("out of memory")
-        return infocus[..., 0].astype(np.float32) / 2
-
-
-def method(predict: Any, source: str = "0" * 64) -> Method:
-    return Method("counting", "tests:Counting", predict, {}, (), source)
+from tests.evaluation.made_methods import Counting, grey, method
 
 
 def test_a_run_predicts_once_and_scores_under_every_protocol(
@@ -190,10 +165,6 @@ def test_a_full_disk_says_that_it_goes_on(
         run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
 
 
-def grey(infocus: Any, defocus: Any) -> Any:
-    return infocus[..., 0]
-
-
 def test_kept_depth_maps_are_found_by_their_coordinates(tiny_store: Store, tmp_path: Path) -> None:
     run_method(tiny_store, method(grey), "Two", tmp_path / "out")
     kept = xarray.open_zarr(tmp_path / "out" / PREDICTIONS, group="Two", consolidated=False)
@@ -226,16 +197,6 @@ def test_a_seeded_method_repeats_itself(tiny_store: Store, tmp_path: Path) -> No
     assert hashes[0] == hashes[1] != hashes[2]
 
 
-def test_a_result_says_nothing_of_where_files_lay(tiny_store: Store, tmp_path: Path) -> None:
-    file = tmp_path / "mine.py"
-    file.write_text("def predict(infocus, defocus):\n    return infocus[..., 0]\n")
-    loaded = load_for(tiny_store, f"{file}:predict", {})
-    run_method(tiny_store, loaded, "test", tmp_path / "out")
-    content = json.loads((tmp_path / "out" / RESULT).read_text())
-    assert content["method"]["entry"] == "mine.py:predict"
-    assert str(tmp_path) not in json.dumps(content["method"]["entry"])
-
-
 @pytest.mark.parametrize("where", ["processes", pytest.param("cluster", marks=ON_SERVERS)])
 def test_pairs_at_once_give_the_same_scores_and_say_so(
     tiny_store: Store, tmp_path: Path, where: str, request: pytest.FixtureRequest
@@ -266,36 +227,6 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
     assert first is not None
     assert second is not None
     assert np.array_equal(first, second)
-
-
-FILTERED = """
-from pathlib import Path
-
-class Filtered:
-    def __init__(self, file, also=()):
-        self.level = int(Path(file).read_text())
-
-    def __call__(self, infocus, defocus):
-        return infocus[..., 0] * 0 + self.level
-"""
-
-
-def test_a_file_that_a_parameter_names_counts_by_its_content(
-    tiny_store: Store, tmp_path: Path
-) -> None:
-    (tmp_path / "mine.py").write_text(FILTERED)
-    file = tmp_path / "level.txt"
-    parameters = {"file": str(file), "also": [{"deep": str(file)}]}
-    hashes = []
-    for level, reused in ((20, 0), (20, 7), (90, 0)):
-        file.write_text(str(level))
-        loaded = load_for(tiny_store, f"{tmp_path / 'mine.py'}:Filtered", parameters)
-        run = run_method(tiny_store, loaded, "test", tmp_path / "out")
-        assert run.reused == reused
-        hashes.append(load_result(tmp_path / "out" / RESULT).method.files_sha256)
-    assert hashes[0] == hashes[1] != hashes[2]
-    assert set(hashes[0]) == {"file", "also.0.deep"}
-    assert str(tmp_path) not in json.dumps(run.result.method.parameters)
 
 
 def test_a_run_leaves_no_lock_and_notes_where_the_data_lie(
@@ -331,28 +262,3 @@ def test_what_a_method_does_to_the_process_ends_with_its_call(
     assert load_result(tmp_path / "out" / RESULT) == result
     after = np.random.get_state(legacy=False)
     assert np.array_equal(after["state"]["key"], state["state"]["key"])
-
-
-def test_the_energy_of_graph_cuts_is_kept(tiny_store: Store, tmp_path: Path) -> None:
-    loaded = load_for(tiny_store, "graph-cuts", {"labels": 16})
-    result = run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(limit=1)).result
-    assert result.pairs[0].numbers["energy"] > 0
-
-
-def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Store, tmp_path: Path) -> None:
-    depths = {
-        images.infocus.tobytes(): images.depth.astype(np.float32)
-        for images in map(tiny_store.read, tiny_store.pairs("test"))
-    }
-
-    def right(infocus: Any, defocus: Any) -> Any:
-        return depths[infocus.tobytes()]
-
-    def turned(infocus: Any, defocus: Any) -> Any:
-        return 255 - right(infocus, defocus)
-
-    assert not run_method(tiny_store, method(right), "test", tmp_path / "right").result.warnings
-    (told,) = run_method(tiny_store, method(turned), "test", tmp_path / "turned").result.warnings
-    assert told == (
-        "depth falls where the truth rises on 7 of 7 pairs: tiny-1 wants brighter for nearer"
-    )

@@ -1,4 +1,4 @@
-"""A module of methods, as a user writes it."""
+"""A module of methods, as a user writes it; weights of a small network."""
 
 from __future__ import annotations
 
@@ -43,3 +43,11 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path.write_text(MODULE)
     monkeypatch.chdir(tmp_path)
     return path
+
+
+@pytest.fixture
+def weights(tmp_path: Path) -> Path:
+    # Imported here: most tests of methods need no torch.
+    from tests.methods.made_weights import save_small
+
+    return save_small(tmp_path / "mine.safetensors")

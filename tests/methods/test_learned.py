@@ -9,137 +9,15 @@ import numpy as np
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
-import safetensors.torch
 import torch
 
 from dfdbench.datasets.store import Store
-from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.methods.networks.weights import (
-    Card,
-    build_network,
-    find_weights,
-    load_weights,
-    save_weights,
-    shipped_weights,
-)
+from dfdbench.methods.networks.weights import build_network, load_weights, save_weights
 from dfdbench.methods.registry import load
+from tests.methods.made_weights import card
 from tests.methods.networks.test_architectures import SMALL
-
-
-def card(**changes: Any) -> Card:
-    content = {
-        "method": "dfd-net",
-        "architecture": {"filters": list(SMALL)},
-        "parameters": 100,
-        "trained_on": "tiny-1, split train",
-        "dataset": "tiny-1",
-        "fingerprint": "0" * 64,
-        "recipe": "published",
-        "configuration": {"crop": 16},
-        "seed": 3,
-        "steps": 7,
-        "seconds": 1.5,
-        "ended_by": "its number of steps",
-        "scored_on": "test, 2 pairs",
-        "scores": {"nrmse": 0.25},
-        "environment": {"torch": "2"},
-    }
-    return Card.model_validate(content | changes)
-
-
-@pytest.fixture
-def weights(tmp_path: Path) -> Path:
-    torch.manual_seed(2)
-    path = tmp_path / "mine.safetensors"
-    save_weights(path, build_network("dfd-net", {"filters": list(SMALL)}), card())
-    return path
-
-
-def test_weights_come_back_with_their_card(weights: Path) -> None:
-    network, found = load_weights(weights, "dfd-net")
-    assert found == card()
-    assert not network.training
-    torch.manual_seed(2)
-    fresh = build_network("dfd-net", {"filters": list(SMALL)}).state_dict()
-    assert all(torch.equal(fresh[name], value) for name, value in network.state_dict().items())
-    page = weights.with_suffix(".md").read_text()
-    assert "| trained on | tiny-1, split train |" in page
-    assert "NRMSE 0.2500" in page
-
-
-def test_the_same_weights_are_the_same_bytes(weights: Path, tmp_path: Path) -> None:
-    network, found = load_weights(weights, "dfd-net")
-    save_weights(tmp_path / "again.safetensors", network, found)
-    assert (tmp_path / "again.safetensors").read_bytes() == weights.read_bytes()
-
-
-def test_weights_that_cannot_be_used_say_why(weights: Path, tmp_path: Path) -> None:
-    content = weights.read_bytes()
-    for cut in (0, 5, len(content) // 2, len(content) - 1):
-        (tmp_path / "cut.safetensors").write_bytes(content[:cut])
-        with pytest.raises(MethodError, match="the weights cannot be read"):
-            load_weights(tmp_path / "cut.safetensors", "dfd-net")
-    with pytest.raises(MethodError, match="another architecture") as caught:
-        load_weights(weights, "u-net")
-    assert caught.value.problems[0].fix == "use them with dfd-net"
-    foreign = tmp_path / "foreign.safetensors"
-    safetensors.torch.save_file({"a": torch.zeros(2)}, foreign)
-    with pytest.raises(MethodError, match="no model card"):
-        load_weights(foreign, "dfd-net")
-    safetensors.torch.save_file({"a": torch.zeros(2)}, foreign, {"dfdbench-card": '{"seed": "x"}'})
-    with pytest.raises(MethodError, match="the model card cannot be read") as caught:
-        load_weights(foreign, "dfd-net")
-    assert len(caught.value.problems) > 5
-
-
-def test_numbers_that_are_none_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "nan.safetensors"
-    network = build_network("dfd-net", {"filters": list(SMALL)})
-    with torch.no_grad():
-        next(network.parameters()).fill_(float("nan"))
-    save_weights(path, network, card())
-    with pytest.raises(MethodError, match="nan or infinity in"):
-        load_weights(path, "dfd-net")
-    with pytest.raises(MethodError, match="no such weights"):
-        load("dfd-net", weights=5)
-
-
-def test_an_architecture_of_another_version_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "bogus.safetensors"
-    made = card().model_copy(update={"architecture": {"bogus": 1}})
-    save_weights(path, build_network("dfd-net", {"filters": list(SMALL)}), made)
-    with pytest.raises(MethodError, match="architecture cannot be built"):
-        load_weights(path, "dfd-net")
-
-
-def test_tensors_of_other_shapes_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "other.safetensors"
-    wider = [8 if number == 4 else number for number in SMALL]
-    save_weights(path, build_network("dfd-net", {"filters": wider}), card())
-    with pytest.raises(MethodError, match="do not fit the architecture") as caught:
-        load_weights(path, "dfd-net")
-    assert "entry" in str(caught.value) or "decode" in str(caught.value)
-
-
-def test_no_weights_says_how_to_come_by_some(tmp_path: Path) -> None:
-    with pytest.raises(MethodError, match="dfdbench train dfd-net") as caught:
-        load("dfd-net")
-    assert "--param weights=demo" in str(caught.value)
-    with pytest.raises(MethodError, match="no such weights"):
-        load("u-net", weights=str(tmp_path / "nowhere.safetensors"))
-
-
-@pytest.mark.parametrize("method", ["dfd-net", "u-net"])
-def test_shipped_weights_are_small_and_say_what_they_are(method: str) -> None:
-    path = find_weights(method, "demo")
-    assert path in shipped_weights().values()
-    assert path.stat().st_size < 4_000_000
-    _, found = load_weights(path, method)
-    assert found.trained_on == "demo-1, split train"
-    assert found.scored_on == "test, 54 pairs"
-    assert path.with_suffix(".md").exists()
 
 
 def test_a_run_keeps_the_weights_hash_and_warns_of_another_recipe(

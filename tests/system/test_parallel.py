@@ -39,11 +39,40 @@ def process_of(_: int) -> int:
     return os.getpid()
 
 
-def test_answers_come_in_the_items_order(pool: Pool) -> None:
+def test_answers_come_in_the_items_order_and_progress_counts_up(pool: Pool) -> None:
     seen: list[tuple[int, int]] = []
-    answers = pool.map(square_slowly, range(12), lambda item, answer: seen.append((item, answer)))
+    told: list[object] = []
+
+    def on_outcome(item: int, answer: int) -> None:
+        seen.append((item, answer))
+        told.append("outcome")
+
+    answers = pool.map(
+        square_slowly, range(12), on_outcome, lambda done, total: told.append((done, total))
+    )
     assert answers == [item * item for item in range(12)]
     assert sorted(seen) == [(item, item * item) for item in range(12)]
+    # One by one, and each after its outcome.
+    assert told[::2] == ["outcome"] * 12
+    assert told[1::2] == [(done, 12) for done in range(1, 13)]
+
+
+def test_progress_alone_is_told_too_and_of_nothing_none() -> None:
+    told: list[tuple[int, int]] = []
+    Threads(2).map(square_slowly, [3, 4], on_done=lambda *done: told.append(done))
+    Threads(2).map(square_slowly, [], on_done=lambda *done: told.append(done))
+    assert told == [(1, 2), (2, 2)]
+
+
+def test_what_failed_is_not_told_as_done() -> None:
+    told: list[tuple[int, int]] = []
+    with pytest.raises(ValueError, match="no 2"):
+        Threads(1).map(
+            lambda item: fail(item) if item == 2 else item,
+            [1, 2, 3],
+            on_done=lambda *done: told.append(done),
+        )
+    assert (2, 3) not in told
 
 
 def test_errors_come_through(pool: Pool) -> None:

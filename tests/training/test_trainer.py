@@ -16,7 +16,7 @@ from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
-from dfdbench.errors import InputError, StoreError, UnknownNameError
+from dfdbench.errors import InputError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.networks.weights import load_weights
@@ -129,18 +129,6 @@ def test_another_configuration_in_the_same_folder_is_refused(
     train(task(tiny_store), tmp_path / "t", 1e-9, "cpu")
     with pytest.raises(InputError, match="noise"):
         train(task(tiny_store, noise=2.0), tmp_path / "t", None, "cpu")
-
-
-def test_folds_and_splits_say_what_they_trained_on(tiny_store: Store) -> None:
-    choices = TrainingConfiguration.model_validate(QUICK)
-    fold = task_of("dfd-net", tiny_store, choices, fold="K2")
-    assert {pair.scene for pair in fold.train} == {"One", "Two"}
-    assert {pair.scene for pair in fold.test} == {"Three"}
-    assert (fold.trained_on, fold.tested_on) == ("tiny-1, all but K2", "K2")
-    split = task_of("dfd-net", tiny_store, choices, split="test")
-    assert (split.trained_on, split.tested_on) == ("tiny-1, split test", "train")
-    with pytest.raises(UnknownNameError):
-        task_of("dfd-net", tiny_store, choices, split="trian")
 
 
 def test_training_goes_on_from_weights_and_says_so(tiny_store: Store, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from dfdbench.building.sources.demo import DemoScenes, photograph_light
-from dfdbench.building.sources.demo_scenes import SCENES
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
@@ -22,20 +21,6 @@ def histogram(store: Store, split: str) -> np.ndarray:
 def test_every_test_depth_is_covered_by_the_training_depths(demo_store: Store) -> None:
     train, test = histogram(demo_store, "train"), histogram(demo_store, "test")
     assert (test <= train).all()
-
-
-def test_training_and_test_share_no_photograph(demo_store: Store) -> None:
-    manifest: Manifest = demo_store.manifest
-    used = {
-        split: {
-            surface.texture.photograph
-            for scene in manifest.scenes_of(split)
-            for surface in SCENES[scene]
-        }
-        for split in ("train", "test")
-    }
-    assert not used["train"] & used["test"]
-    assert set(SCENES) == set(manifest.scene_names)
 
 
 def test_some_depth_is_unknown_as_in_middlebury(demo_store: Store) -> None:

@@ -28,16 +28,6 @@ def test_images_are_read_as_rgb_and_zero_depth_is_unknown(
     assert np.argwhere(~images.valid[0]).tolist() == [[3, 4]]
 
 
-@pytest.mark.parametrize("above", ["", "ThirdSize", "here/ThirdSize"])
-def test_the_folder_may_be_the_scenes_or_one_above(
-    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path, above: str
-) -> None:
-    root = tmp_path / "root"
-    (root / above).parent.mkdir(parents=True, exist_ok=True)
-    tiny_folder.rename(root / above)
-    assert len(MiddleburyScenes(tiny_manifest, root).available_pairs()) == 11
-
-
 def test_without_lightings_the_default_images_are_the_set(tiny_folder: Path) -> None:
     manifest = parse_manifest(TINY_DEFAULT_TOML.encode(), "tiny-1.toml")
     for view in (1, 5):
@@ -74,23 +64,6 @@ def test_where_to_get_what_is_missing(tiny_manifest: Manifest, tiny_folder: Path
     help_text = source.missing_help(missing)
     assert "https://example.org/tiny/Two/Illum1/Exp0/view5.png" in help_text
     assert "middlebury-default" not in help_text
-
-
-@pytest.mark.parametrize(
-    ("content", "told"),
-    [
-        (b"", "an empty file"),
-        (b"\xff\xd8\xff\xe0 JFIF", "not a PNG file"),
-        (b"\x89PNG\r\n\x1a\n and nothing else", "damaged"),
-    ],
-)
-def test_damaged_images_are_told_apart(
-    tiny_manifest: Manifest, tiny_folder: Path, content: bytes, told: str
-) -> None:
-    (tiny_folder / "One/Illum1/Exp0/view1.png").write_bytes(content)
-    with pytest.raises(SourceError, match=told) as caught:
-        MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
-    assert "view1.png" in str(caught.value)
 
 
 def test_every_truncation_is_noticed(tiny_manifest: Manifest, tiny_folder: Path) -> None:
@@ -131,3 +104,20 @@ def test_a_folder_without_scenes(tiny_manifest: Manifest, tmp_path: Path) -> Non
         MiddleburyScenes(tiny_manifest, tmp_path)
     with pytest.raises(SourceError, match="no such folder"):
         MiddleburyScenes(tiny_manifest, tmp_path / "none")
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "an empty file"),
+        (b"\xff\xd8\xff\xe0 JFIF", "not a PNG file"),
+        (b"\x89PNG\r\n\x1a\n and nothing else", "damaged"),
+    ],
+)
+def test_damaged_images_are_told_apart(
+    tiny_manifest: Manifest, tiny_folder: Path, content: bytes, told: str
+) -> None:
+    (tiny_folder / "One/Illum1/Exp0/view1.png").write_bytes(content)
+    with pytest.raises(SourceError, match=told) as caught:
+        MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
+    assert "view1.png" in str(caught.value)

@@ -9,7 +9,6 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
-from dfdbench.building.sources.frames import average_frames
 from dfdbench.building.sources.realworld import RealworldFolder
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.store import Store
@@ -172,13 +171,6 @@ def test_the_sharpest_step_is_found_in_whole_frames(spoiled: Path) -> None:
     images = RealworldFolder(manifest, spoiled).read("k03")
     place = manifest.axes["exposure_ms"].index(40)
     assert (images.infocus[place] == scene.image(40, 129)).all()
-
-
-def test_frames_are_averaged_half_up() -> None:
-    frames = [np.full((2, 2, 3), value, np.uint8) for value in (10, 10, 11, 11)]
-    assert (average_frames(frames) == 11).all()
-    frames[3][:] = 10
-    assert (average_frames(frames) == 10).all()
 
 
 def test_all_that_is_wrong_is_told_and_the_other_scenes_build(

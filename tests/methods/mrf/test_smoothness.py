@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from dfdbench.methods.mrf import (
+    Energy,
     adaptive_potts_weights,
+    expansion,
     potts,
     published,
     truncated_absolute,
@@ -39,3 +41,11 @@ def test_adaptive_potts_weights_follow_the_threshold() -> None:
 def test_bad_tables_are_refused(build: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         build()
+
+
+def test_adaptive_potts_moves_edges_to_where_the_image_changes() -> None:
+    image = np.array([[10, 10, 10, 90, 90, 90]], np.uint8)
+    right, down = adaptive_potts_weights(image, threshold=5)
+    unary = np.array([[[0, 3], [0, 3], [1, 1], [1, 1], [3, 0], [3, 0]]], np.uint16)
+    solution = expansion(Energy(unary, potts(2, cap=1), right, down))
+    assert solution.labels.tolist() == [[0, 0, 0, 1, 1, 1]]

@@ -1,0 +1,165 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from dfdbench.datasets.store import Store
+from tests.cli.command import Command
+from tests.cli.conftest import BELOW
+from tests.site import Site, served
+
+
+def test_missing_pairs_fail_the_build_unless_allowed(
+    dfdbench: Command, tiny_toml: str, tiny_folder: Path, tmp_path: Path
+) -> None:
+    for png in (tiny_folder / "One").rglob("*.png"):
+        png.unlink()
+    (tiny_folder / "Two/Illum1/Exp0/view5.png").unlink()
+    arguments = (
+        "build",
+        tiny_toml,
+        "--source",
+        str(tiny_folder),
+        "--store",
+        str(tmp_path / "s.zarr"),
+    )
+    outcome = dfdbench(*arguments)
+    assert outcome.status == 2
+    assert "missing: 5 of 11 pairs" in outcome.err
+    assert "One" in outcome.err
+    assert "view5/illumination1/exposure0" in outcome.err
+    assert "https://example.org/tiny/One/Illum1/Exp0/view1.png" in outcome.err
+    allowed = dfdbench(*arguments, "--allow-missing")
+    assert allowed.status == 0
+    assert "2 of them kept from before" in allowed.out
+
+
+def test_ctrl_c_in_mid_build_loses_nothing(demo_store: Store, tmp_path: Path) -> None:
+    store = tmp_path / "demo.zarr"
+    command = [sys.executable, "-m", "dfdbench", "build", "demo", "--store", str(store)]
+    process = subprocess.Popen(
+        # With one worker most scenes are still to come when the first is seen.
+        [*command, "--workers", "1"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "DFDBENCH_CACHE": str(tmp_path / "cache")},
+    )
+    partial = tmp_path / "demo.zarr.partial"
+    deadline = time.monotonic() + 60
+    while not list(partial.glob("*/defocus")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "goes on from here" in errors
+    assert "Traceback" not in errors
+    assert not store.exists()
+    again = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert demo_store.fingerprint in again.stdout
+    assert "kept from before" in again.stdout
+
+
+def test_from_the_site_to_a_verified_store_and_back_to_files(
+    dfdbench: Command, site: Site, tmp_path: Path
+) -> None:
+    cache = ("--cache", str(tmp_path / "mine"))
+    built = dfdbench("build", "tiny-1.toml", *cache)
+    assert built.status == 0, built.err
+    assert "11 pairs of 3 scenes" in built.out
+    assert "fetched 17 files" in built.err
+    assert "tiny-1.lock" in built.err
+    asked = len(site.requests)
+    again = dfdbench("build", "tiny-1.toml", "--offline", *cache)
+    assert again.status == 0, again.err
+    assert "3 of them kept from before" in again.out
+    assert len(site.requests) == asked
+    store = str(tmp_path / "mine/stores/tiny-1.zarr")
+    sound = dfdbench("verify", store)
+    assert sound.status == 0
+    assert "sound" in sound.out
+    shown = dfdbench("info", store)
+    assert "11 of 11, 0 missing" in shown.out
+    assert "published: sigma_min 0.32" in shown.out
+    assert len(dfdbench("info", store, "--pairs", "One").out.splitlines()) == 4
+    exported = dfdbench("export", store, "--png", "png")
+    assert exported.status == 0
+    assert Path("png/One/Illum1/Exp0/view1_lin_0.32_2.88.png").exists()
+    chunk = next(path for path in (Path(store) / "One/depth/c").rglob("*") if path.is_file())
+    chunk.write_bytes(b"rot")
+    broken = dfdbench("verify", store)
+    assert broken.status == 1
+    assert "One/depth: cannot be decoded" in broken.out
+    mended = dfdbench("build", "tiny-1.toml", "--offline", *cache)
+    assert "3 scenes, 2 of them kept" in mended.out
+    assert dfdbench("verify", store).status == 0
+
+
+def test_what_the_site_does_not_have_is_told(dfdbench: Command, site: Site) -> None:
+    place = site.folder / BELOW
+    (place / "One/Illum1/Exp0/view1.png").unlink()
+    (place / "Two/Illum1/Exp0/view1.png").write_bytes(b"<html>")
+    both = dfdbench("build", "tiny-1.toml")
+    assert both.status == 2
+    assert "not a PNG file" in both.err
+    assert "1 files are missing" in both.err
+    assert "set aside in" in both.err
+    right = (place / "Two/Illum1/Exp0/view5.png").read_bytes()
+    (place / "Two/Illum1/Exp0/view1.png").write_bytes(right)
+    missing = dfdbench("build", "tiny-1.toml")
+    assert missing.status == 2
+    assert "missing: 1 of 11 pairs" in missing.err
+    assert "fingerprint" in missing.out
+    assert dfdbench("build", "tiny-1.toml", "--allow-missing").status == 0
+
+
+def test_mirrors_come_from_the_command_line_or_the_environment(
+    dfdbench: Command, site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with served(tmp_path / "server/data") as mirror:
+        built = dfdbench("build", "tiny-1.toml", "--mirror", mirror.address)
+        assert built.status == 0, built.err
+        assert len(mirror.requests) == 17
+        monkeypatch.setenv("DFDBENCH_MIRROR", f"{site.address}/nothing {mirror.address}")
+        again = dfdbench("build", "tiny-1.toml", "--cache", "other")
+        assert again.status == 0, again.err
+        assert len(mirror.requests) == 34
+    assert not site.asked_for(f"/{BELOW}/One/disp1.png")
+
+
+def test_middlebury_in_default_lighting_is_whole_and_has_full_tables(
+    dfdbench: Command, shared_data: Path
+) -> None:
+    folder = str(shared_data / "middlebury/ThirdSize")
+    built = dfdbench("build", "middlebury-default", "--source", folder)
+    assert built.status == 0, built.err
+    assert "54 pairs of 27 scenes" in built.out
+    ran = dfdbench("run", "--method", "constant", "--dataset", "middlebury-default", "--out", "out")
+    assert ran.status == 0, ran.err
+    assert "PARTIAL" not in ran.out
+    assert "(6 of 6 pairs)" in " ".join(ran.out.split())
+    asked = dfdbench("build", "middlebury", "--source", folder, "--default-lighting")
+    assert asked.status == 2
+    assert "No such option" in asked.err
+
+
+def test_a_cluster_builds_and_runs(
+    dfdbench: Command, site: Site, cluster: str, tmp_path: Path
+) -> None:
+    store, other = str(tmp_path / "tiny.zarr"), str(tmp_path / "other.zarr")
+    built = dfdbench("build", "tiny-1.toml", "--store", store, "--scheduler", cluster)
+    assert built.status == 0, built.err
+    here = dfdbench("build", "tiny-1.toml", "--store", other, "--workers", "2")
+    assert built.out.splitlines()[-1] == here.out.splitlines()[-1]
+    ran = dfdbench(
+        "run", "--method", "constant", "--dataset", store, "--scheduler", cluster, "--out", "out"
+    )
+    assert ran.status == 0, ran.err
+    assert "several at once: not comparable" in " ".join(ran.out.split())
+    both = dfdbench("build", "tiny-1.toml", "--scheduler", cluster, "--workers", "2")
+    assert both.status == 2
+    assert "its own number of workers" in both.err

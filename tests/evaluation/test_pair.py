@@ -1,0 +1,82 @@
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dfdbench.datasets.fingerprint import array_digest
+from dfdbench.datasets.store import Store
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.pair import PRINTED, PairEvaluator, RemoteEvaluator
+from dfdbench.evaluation.plan import RunOptions
+from dfdbench.evaluation.run import run_method
+from dfdbench.metrics.protocol import PROTOCOLS, score
+from tests.evaluation.made_methods import Counting, method
+
+
+def test_the_energy_of_graph_cuts_is_kept(tiny_store: Store, tmp_path: Path) -> None:
+    loaded = load_for(tiny_store, "graph-cuts", {"labels": 16})
+    result = run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(limit=1)).result
+    assert result.pairs[0].numbers["energy"] > 0
+
+
+def printing(infocus: Any, defocus: Any) -> Any:
+    print("one line\nand another")
+    return infocus[..., 0]
+
+
+def test_a_method_is_warmed_up_once_and_scored_under_the_protocols_asked(tiny_store: Store) -> None:
+    predict = Counting()
+    evaluate = PairEvaluator(tiny_store, method(predict), 0, [PROTOCOLS["valid"]])
+    records = [evaluate(pair) for pair in tiny_store.pairs("One")]
+    assert (predict.warmed, predict.calls) == (1, 4)
+    for pair, (record, depth) in zip(tiny_store.pairs("One"), records, strict=True):
+        images = tiny_store.read(pair)
+        assert depth is not None
+        assert np.array_equal(depth, images.infocus[..., 0].astype(np.float32) / 2)
+        expected = score(PROTOCOLS["valid"], images.depth, images.valid, depth, 16)
+        assert record.scores == {"valid": expected}
+        assert (record.id, record.status, record.timed_alone) == (pair.id, "ok", True)
+        assert record.prediction_sha256 == array_digest("depth", ("y", "x"), depth)
+
+
+def test_what_goes_wrong_is_recorded_and_stops_nothing(tiny_store: Store) -> None:
+    evaluate = PairEvaluator(tiny_store, method(Counting(fail_at=1)), 0)
+    first, second = tiny_store.pairs("One")[:2]
+    record, depth = evaluate(first)
+    assert depth is None
+    assert (record.status, record.error) == ("failed", "raised RuntimeError: out of memory")
+    assert (record.scores, record.prediction_sha256) == ({}, None)
+    assert evaluate(second)[0].status == "ok"
+
+
+def test_what_it_printed_is_counted_and_begun(tiny_store: Store) -> None:
+    record, _ = PairEvaluator(tiny_store, method(printing), 0)(tiny_store.pairs("One")[0])
+    assert record.warnings[0] == f"{PRINTED} 21 characters: one line"
+
+
+def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Store) -> None:
+    def drawing(infocus: Any, defocus: Any) -> Any:
+        return np.random.uniform(0, 255, infocus.shape[:2])
+
+    pair, other = tiny_store.pairs("One")[:2]
+    evaluate = PairEvaluator(tiny_store, method(drawing), 3)
+    first = evaluate(pair)[0].prediction_sha256
+    evaluate(other)
+    assert evaluate(pair)[0].prediction_sha256 == first
+    assert PairEvaluator(tiny_store, method(drawing), 4)(pair)[0].prediction_sha256 != first
+
+
+def test_another_process_gives_the_same_but_for_the_time(tiny_store: Store, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 2\n")
+    loaded = load_for(tiny_store, f"{file}:half", {})
+    pair = tiny_store.pairs("One")[0]
+    here, depth = PairEvaluator(tiny_store, loaded, 0)(pair)
+    remote = pickle.loads(pickle.dumps(RemoteEvaluator.of(tiny_store, loaded, 0)))
+    there, other = remote(pair)
+    assert Path(remote.place).is_absolute()
+    assert np.array_equal(other, depth)
+    assert (here.timed_alone, there.timed_alone) == (True, False)
+    blank = {"seconds": None, "timed_alone": True}
+    assert there.model_copy(update=blank) == here.model_copy(update=blank)

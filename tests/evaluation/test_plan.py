@@ -1,0 +1,93 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from dfdbench.datasets.store import Store
+from dfdbench.errors import StoreError
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.plan import RunOptions, plan_run
+from dfdbench.evaluation.run import run_method
+from dfdbench.results.record_file import RESULT, load_result
+from tests.evaluation.made_methods import Counting, method
+
+FILTERED = """
+from pathlib import Path
+
+class Filtered:
+    def __init__(self, file, also=()):
+        self.level = int(Path(file).read_text())
+
+    def __call__(self, infocus, defocus):
+        return infocus[..., 0] * 0 + self.level
+"""
+
+
+def test_a_file_that_a_parameter_names_counts_by_its_content(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(FILTERED)
+    file = tmp_path / "level.txt"
+    parameters = {"file": str(file), "also": [{"deep": str(file)}]}
+    hashes = []
+    for level, reused in ((20, 0), (20, 7), (90, 0)):
+        file.write_text(str(level))
+        loaded = load_for(tiny_store, f"{tmp_path / 'mine.py'}:Filtered", parameters)
+        run = run_method(tiny_store, loaded, "test", tmp_path / "out")
+        assert run.reused == reused
+        hashes.append(load_result(tmp_path / "out" / RESULT).method.files_sha256)
+    assert hashes[0] == hashes[1] != hashes[2]
+    assert set(hashes[0]) == {"file", "also.0.deep"}
+    assert str(tmp_path) not in json.dumps(run.result.method.parameters)
+
+
+def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Store) -> None:
+    plan = plan_run(tiny_store, method(Counting()), "test", RunOptions())
+    first = plan.identity
+    weights = Counting()
+    weights.weights_sha256 = "2" * 64  # type: ignore[attr-defined]
+    others = [
+        plan_run(tiny_store, other, "test", RunOptions()).identity
+        for other in (
+            method(Counting(), "1" * 64),
+            replace(plan.method, entry="tests:Other"),
+            replace(plan.method, parameters={"window": 9}),
+            method(weights),
+        )
+    ]
+    others += [
+        plan_run(tiny_store, plan.method, "One", RunOptions()).identity,
+        plan_run(tiny_store, plan.method, "test", RunOptions(seed=1)).identity,
+        # Depth maps that were not kept cannot be taken over.
+        plan_run(tiny_store, plan.method, "test", RunOptions(keep_predictions=False)).identity,
+    ]
+    assert first not in others
+    # Each differs in what was changed, and in nothing else.
+    assert [[name for name in first if first[name] != other[name]] for other in others] == [
+        ["source_sha256"],
+        ["entry"],
+        ["parameters"],
+        ["weights_sha256"],
+        ["split"],
+        ["seed"],
+        ["keep_predictions"],
+    ]
+
+
+def test_a_stopped_run_is_the_same_run(tiny_store: Store) -> None:
+    first = plan_run(tiny_store, method(Counting()), "test", RunOptions()).identity
+    for options in (RunOptions(limit=2), RunOptions(fresh=True)):
+        assert plan_run(tiny_store, method(Counting()), "test", options).identity == first
+    # As it is read back from the file that it is kept in.
+    assert json.loads(json.dumps(first)) == first
+
+
+def test_the_first_pairs_that_the_store_holds_are_chosen(tiny_store: Store) -> None:
+    tiny_store.scenes = ("Three",)
+    plan = plan_run(tiny_store, method(Counting()), "test", RunOptions(limit=2))
+    assert [len(plan.expected), len(plan.available)] == [7, 3]
+    assert plan.chosen == plan.available[:2]
+    with pytest.raises(StoreError, match="no pair of split train") as caught:
+        plan_run(tiny_store, method(Counting()), "train", RunOptions())
+    assert "with the scenes of that split" in caught.value.problems[0].fix

@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+import skimage.data
+
+from dfdbench.errors import SourceError
+from dfdbench.simulation.photographs import GAMMA, normal_numbers, photograph
+
+
+def test_a_photograph_is_linear_light() -> None:
+    light = photograph("coffee")
+    encoded = skimage.data.coffee()
+    assert light.shape == encoded.shape
+    assert light.min() >= 0
+    assert light.max() <= 1
+    assert np.array_equal(np.rint(255 * light ** (1 / GAMMA)), encoded)
+
+
+def test_a_grey_photograph_has_three_equal_channels() -> None:
+    light = photograph("camera")
+    assert light.shape[2] == 3
+    assert (light[..., 0] == light[..., 1]).all()
+    assert (light[..., 0] == light[..., 2]).all()
+
+
+def test_a_photograph_that_is_not_shipped_is_told() -> None:
+    with pytest.raises(SourceError, match="a photograph is missing") as caught:
+        photograph("nobody")
+    assert "nobody.png" in caught.value.problems[0].where
+
+
+def test_noise_is_the_same_in_every_version_of_numpy() -> None:
+    # The demo set is made of them: other numbers would be another data set.
+    expected = [
+        1.6632296971834415,
+        -1.0936847919793613,
+        -0.031979087484776646,
+        -0.44020138937722303,
+    ]
+    assert normal_numbers((4,), (7, 1)) == pytest.approx(expected, abs=1e-9)
+    assert np.array_equal(normal_numbers((2, 3), (1,)), normal_numbers((6,), (1,)).reshape(2, 3))
+    assert not np.array_equal(normal_numbers((6,), (1,)), normal_numbers((6,), (2,)))
+
+
+def test_noise_is_close_to_normal() -> None:
+    numbers = normal_numbers((200_000,), (3,))
+    assert numbers.mean() == pytest.approx(0, abs=0.01)
+    assert numbers.std() == pytest.approx(1, abs=0.01)
+    assert np.mean(np.abs(numbers) < 1) == pytest.approx(0.68, abs=0.02)
+    assert np.mean(np.abs(numbers) < 2) == pytest.approx(0.95, abs=0.02)

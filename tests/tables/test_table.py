@@ -1,0 +1,34 @@
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dfdbench.tables.table import Link, Table, least_width
+
+WORDS = st.text("abc ", max_size=12)
+
+
+def test_a_link_is_its_text_and_keeps_its_address() -> None:
+    link = Link("Art", "page.html#art")
+    assert link == "Art"
+    assert link.target == "page.html#art"
+
+
+def test_words_wrap_and_numbers_do_not() -> None:
+    table = Table("T", ("where", "n"), (("a very long name", "1 000 000"),), "lr")
+    # The longest word, the whole number, and three characters a column for its lines.
+    assert least_width(table) == len("where") + len("1 000 000") + 7
+
+
+def test_a_table_without_rows_is_as_wide_as_its_heads() -> None:
+    assert least_width(Table("T", ("method", "NRMSE"), (), "lr")) == len("method") + 5 + 7
+
+
+@settings(max_examples=20)
+@given(rows=st.lists(st.tuples(WORDS, WORDS, WORDS), max_size=4))
+def test_no_word_and_no_number_is_broken(rows: list[tuple[str, str, str]]) -> None:
+    table = Table("T", ("one", "two", "three"), tuple(rows), "lrl")
+    inside = least_width(table) - 3 * 3 - 1
+    numbers = max(len(row[1]) for row in [*rows, ("", "two", "")])
+    words = [max(map(len, " ".join(row[at] for row in rows).split() or [""])) for at in (0, 2)]
+    assert inside >= numbers + sum(words)
+    whole = [max(len(row[at]) for row in [*rows, table.columns]) for at in range(3)]
+    assert inside <= sum(whole)

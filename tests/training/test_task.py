@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.datasets.store import Store
+from dfdbench.errors import InputError, StoreError, UnknownNameError
+from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.task import Task, require_trainable, task_of
+from tests.methods.made_weights import save_small
+
+
+def test_folds_and_splits_say_what_they_trained_on(tiny_store: Store) -> None:
+    choices = TrainingConfiguration()
+    fold = task_of("dfd-net", tiny_store, choices, fold="K2")
+    assert {pair.scene for pair in fold.train} == {"One", "Two"}
+    assert {pair.scene for pair in fold.test} == {"Three"}
+    assert (fold.trained_on, fold.tested_on) == ("tiny-1, all but K2", "K2")
+    split = task_of("dfd-net", tiny_store, choices, split="test")
+    assert (split.trained_on, split.tested_on) == ("tiny-1, split test", "train")
+    with pytest.raises(UnknownNameError):
+        task_of("dfd-net", tiny_store, choices, split="trian")
+
+
+def task(store: Store, **changes: Any) -> Task:
+    return task_of("dfd-net", store, TrainingConfiguration.model_validate({"crop": 16} | changes))
+
+
+def test_another_seed_choice_or_start_is_another_training(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    first = task(tiny_store)
+    assert first.identity == task(tiny_store).identity
+    start = save_small(tmp_path / "start.safetensors")
+    others = [
+        replace(first, seed=1),
+        replace(first, method="u-net"),
+        replace(first, start=start),
+        task_of("dfd-net", tiny_store, first.configuration, "test"),
+        task(tiny_store, noise=2.0),
+    ]
+    identities = [str(other.identity) for other in (first, *others)]
+    assert len(set(identities)) == len(identities)
+    # What it is watched on changes no step.
+    assert replace(first, test=()).identity == first.identity
+
+
+def test_a_store_without_the_splits_scenes_is_told(tiny_store: Store) -> None:
+    tiny_store.scenes = ("Two",)
+    with pytest.raises(StoreError, match="no pair to train on") as caught:
+        task(tiny_store)
+    assert caught.value.problems[0].expected == "tiny-1, split train"
+    assert len(task_of("dfd-net", tiny_store, TrainingConfiguration(), "test").train) == 4
+
+
+def test_what_fits_gives_the_networks_arguments(tiny_store: Store) -> None:
+    assert require_trainable(task(tiny_store, narrow=4))["filters"][0] > 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"crop": 18}, "a multiple of 4"),
+        ({"crop": 64}, "at most 24"),
+        ({"normalization": "fixed"}, "needs weights to begin with"),
+        # A patch and what its blur reaches: 13 pixels at each side.
+        ({"crop": 16, "redraw_depth": True}, "crop"),
+    ],
+)
+def test_choices_that_do_not_fit_are_told(
+    tiny_store: Store, changes: dict[str, Any], told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        require_trainable(task(tiny_store, **changes))
+
+
+def test_captured_defocus_cannot_be_redrawn(
+    tiny_store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Store, "recipe", None)
+    with pytest.raises(InputError, match="captured defocus"):
+        require_trainable(task(tiny_store, redraw_depth=True))
