@@ -12,7 +12,7 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.methods.registry import built_in_methods
 
-HERE = Path(__file__).parents[2] / "leaderboard"
+HERE = Path(__file__).parents[1] / "leaderboard"
 ROWS = """
 [[sets]]
 dataset = "demo"
