@@ -92,7 +92,7 @@ def build_store(
     refuse_another_set(
         manifest,
         as_location(place),
-        made_by and made_by.name,
+        made_by.name if made_by else None,
         tuple(steps) if isinstance(steps, list) else None,
     )
     available = set(source.available_pairs())
