@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dfdbench.building.build import build_store
 from dfdbench.building.voltage_pairs import voltage_pair_sets
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.store_place import default_store
@@ -64,3 +65,12 @@ def test_a_step_that_the_lens_never_had_is_told_before_anything_is_built(
 ) -> None:
     with pytest.raises(SourceError, match="two of 127 to 143"):
         voltage_pair_sets(REALWORLD, ["135-129", "135-150"], site, tmp_path)
+
+
+def test_another_pair_is_kept_out_of_the_sets_own_place(
+    site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path))
+    sets = voltage_pair_sets(REALWORLD, ["135-129"], site, tmp_path)
+    with pytest.raises(InputError, match="another pair of voltage steps makes another data set"):
+        build_store(REALWORLD, sets.to_build["135-129"], default_store(REALWORLD))

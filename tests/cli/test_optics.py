@@ -41,3 +41,39 @@ def test_a_mistake_ends_with_a_message_and_status_2(
 ) -> None:
     outcome = dfdbench(*arguments)
     assert (outcome.status, told in outcome.err) == (2, True), outcome.err
+
+
+def test_a_figure_replaces_no_other_file(dfdbench: Command) -> None:
+    Path("README.md").write_text("precious")
+    lens = ["--f-number", "3.7", "--focal-length", "9.6mm", "--focus", "0.5m", "--pixel", "4.8um"]
+    done = dfdbench("optics", "blur", *lens, "--out", "README.md")
+    assert (done.status, "figures are PNG files" in done.err) == (2, True)
+    assert Path("README.md").read_text() == "precious"
+
+
+@pytest.mark.parametrize("cell", ["nan", "inf"])
+def test_a_lens_table_without_numbers_is_told(dfdbench: Command, cell: str) -> None:
+    Path("lens.csv").write_text(f"step,1.5,1.8,2.2\n129,1,2,{cell}\n141,4,5,6\n")
+    done = dfdbench("optics", "pairs", "--lens", "lens.csv")
+    assert (done.status, "not a number" in done.err) == (2, True)
+    Path("lens.csv").write_text(f"step,1.5,{cell},2.2\n129,1,2,3\n141,4,5,6\n")
+    assert dfdbench("optics", "pairs", "--lens", "lens.csv").status == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["--pixel", "4.8m"], "1mm at most"),
+        (["--f-number", "-1"], "--f-number"),
+        (["--focus", "1mm"], "--focus"),
+        (["--range", "5mm", "8mm"], "beyond the focal length"),
+        (["--out", "blur.jpg"], "figures are PNG files"),
+    ],
+)
+def test_a_lens_that_cannot_be_is_told_by_its_options(
+    dfdbench: Command, given: list[str], told: str
+) -> None:
+    lens = {"--f-number": "3.7", "--focal-length": "9.6mm", "--focus": "0.5m", "--pixel": "4.8um"}
+    kept = [text for option in lens.items() if option[0] not in given for text in option]
+    done = dfdbench("optics", "blur", *kept, *given)
+    assert (done.status, told in done.err, done.out) == (2, True, ""), done.err

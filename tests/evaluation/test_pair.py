@@ -76,6 +76,8 @@ def test_another_process_gives_the_same_but_for_the_time(tiny_store: Store, tmp_
     remote = pickle.loads(pickle.dumps(RemoteEvaluator.of(tiny_store, loaded, 0)))
     there, other = remote(pair)
     assert Path(remote.place).is_absolute()
+    assert other is not None
+    assert depth is not None
     assert np.array_equal(other, depth)
     assert (here.timed_alone, there.timed_alone) == (True, False)
     blank = {"seconds": None, "timed_alone": True}

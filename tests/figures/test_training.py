@@ -13,7 +13,7 @@ from dfdbench.figures.training import (
 )
 from dfdbench.training.checkpoint import Log
 from dfdbench.training.selections import Selections
-from tests.methods.test_learned import card
+from tests.methods.made_weights import card
 
 
 def heights(line: Line2D) -> list[float]:

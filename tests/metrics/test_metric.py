@@ -101,7 +101,7 @@ def test_a_metric_more_is_in_what_experiments_show() -> None:
     from dfdbench.figures.training import experiment_figure, training_figure
     from dfdbench.training.checkpoint import Log
     from dfdbench.training.experiments import experiment_table, find_experiment
-    from tests.methods.test_learned import card
+    from tests.methods.made_weights import card
 
     scores = {"nrmse": 0.2, "nmae": 0.1, "ssim": 0.9}
     cards = [("", card(seed=n, scores=scores | {"mae_levels": 20.0 + 10 * n})) for n in (0, 1)]

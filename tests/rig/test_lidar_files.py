@@ -72,3 +72,11 @@ def test_a_calibration_of_ones_own(tmp_path: Path) -> None:
         read_beams(path)
     with pytest.raises(SourceError, match="cannot read"):
         read_beams(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize("altitude", ["nan", "900"])
+def test_beams_that_point_nowhere_are_told(tmp_path: Path, altitude: str) -> None:
+    path = tmp_path / "beams.csv"
+    path.write_text(f"beam,altitude_deg,azimuth_deg,azimuth_index\n0,{altitude},3.1,18\n")
+    with pytest.raises(SourceError, match="degrees, 90 at most"):
+        read_beams(path)

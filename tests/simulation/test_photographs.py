@@ -8,7 +8,7 @@ from dfdbench.simulation.photographs import GAMMA, normal_numbers, photograph
 
 def test_a_photograph_is_linear_light() -> None:
     light = photograph("coffee")
-    encoded = skimage.data.coffee()
+    encoded = skimage.data.coffee()  # type: ignore[no-untyped-call]
     assert light.shape == encoded.shape
     assert light.min() >= 0
     assert light.max() <= 1

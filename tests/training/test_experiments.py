@@ -17,8 +17,8 @@ from dfdbench.training.experiments import (
     run_trial,
     trials,
 )
+from tests.methods.made_weights import card
 from tests.methods.networks.test_architectures import SMALL
-from tests.methods.test_learned import card
 
 QUICK: dict[str, Any] = {"filters": list(SMALL), "crop": 16, "crops_per_step": 1, "steps": 2}
 

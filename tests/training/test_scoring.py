@@ -10,6 +10,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.methods.networks.inference import Predictor
 from dfdbench.methods.networks.weights import build_network
@@ -22,7 +23,8 @@ CPU = torch.device("cpu")
 
 @given(count=st.integers(1, 40), pairs=st.integers(1, 30))
 def test_some_of_the_pairs_are_spread_over_all(count: int, pairs: int) -> None:
-    chosen = evenly_spaced(range(pairs), count)  # type: ignore[arg-type]
+    every = [Pair("Art", (("view", number),)) for number in range(pairs)]
+    chosen = [every.index(pair) for pair in evenly_spaced(every, count)]
     assert len(set(chosen)) == len(chosen) == min(count, pairs)
     steps = np.diff([*chosen, pairs])
     assert chosen[0] == 0

@@ -12,8 +12,7 @@ from dfdbench.rig.registration_file import NAME as REGISTRATION
 from tests.conftest import write_png
 from tests.made_captures import raw_scene
 
-CAPTURE = find_manifest("realworld").capture
-assert CAPTURE is not None
+CAPTURE = find_manifest("realworld").capture or pytest.fail("the rig captured it")
 
 
 def touch(*paths: Path) -> None:
