@@ -114,7 +114,7 @@ def _usual_training(store: Store, split: str) -> tuple[str, tuple[str, ...]]:
     return f"all but {split}", others
 
 
-def training_scenes(trained_on: str) -> tuple[Manifest, tuple[str, ...]] | None:
+def scenes_trained_on(trained_on: str) -> tuple[Manifest, tuple[str, ...]] | None:
     """Return the manifest and the scenes that a method was trained on; None where none are named.
 
     Parameters
@@ -129,7 +129,7 @@ def training_scenes(trained_on: str) -> tuple[Manifest, tuple[str, ...]] | None:
 
     Examples
     --------
-    >>> training_scenes("demo-1, all but Attic")[1][:2]
+    >>> scenes_trained_on("demo-1, all but Attic")[1][:2]
     ('Barn', 'Cabin')
     """
     said = _PATTERN.fullmatch(trained_on.strip())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dfdbench.audit.leaks import manifest_leaks
-from dfdbench.audit.trained_on import training_scenes
+from dfdbench.audit.trained_on import scenes_trained_on
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import DfdbenchError, Problem
 
@@ -27,7 +27,7 @@ def training_problems(
     if not trained_on or not weights_sha256:
         return []
     try:
-        named = training_scenes(trained_on)
+        named = scenes_trained_on(trained_on)
         test = find_manifest(dataset)
         scenes = test.scenes_of(split)
     except DfdbenchError:
