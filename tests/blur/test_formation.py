@@ -21,7 +21,7 @@ def made_scene(shape: tuple[int, int] = (60, 80)) -> Images:
     image = scipy.ndimage.gaussian_filter(random.uniform(-1, 1, (*shape, 3)), (1.5, 1.5, 0))
     depth = np.linspace(30, 120, shape[0])[:, np.newaxis] + np.zeros(shape[1])
     depth[shape[0] // 3 :, shape[1] // 2 :] = 220
-    return np.uint8(120 + 60 * image / image.std() / 3), depth.astype(np.uint8)
+    return (120 + 20 * image / image.std()).astype(np.uint8), depth.astype(np.uint8)
 
 
 IMAGE, DEPTH = made_scene()
