@@ -90,7 +90,7 @@ def test_a_store_of_a_track_unknown_here_says_so(
 ) -> None:
     built(tiny_manifest, "gain-1", tiny_folder, tmp_path / "a.zarr")
     zarr.open_group(tmp_path / "a.zarr", mode="r+").attrs["degradation"] = "lens-1"
-    with pytest.raises(StoreError, match="(?s)does not know.*lens-1"):
+    with pytest.raises(StoreError, match=r"(?s)does not know.*lens-1"):
         Store(tmp_path / "a.zarr")
 
 
