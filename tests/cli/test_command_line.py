@@ -13,6 +13,11 @@ from tests.site import Site
     [
         (["info", "midlebury"], "did you mean middlebury"),
         (["info", "middlebury", "--pairs", "tst"], "did you mean test"),
+        (["info", "demo@camra-2"], "did you mean camera"),
+        (["build", "demo@camera-5"], "did you mean camera-"),
+        (["build", "realworld@camera-1"], "has no tracks"),
+        (["build", "demo@law-1", "--recipe", "text"], "leave out --recipe"),
+        (["run", "--method", "constant", "--dataset", "demo@law-1"], "dfdbench build demo@law-1"),
         (["build", "middlebury", "--offline"], "--source DIR"),
         (["build", "realworld"], "dfdbench build realworld --source DIR"),
         (["build", "demo", "--recipe", "text"], "--store PATH"),
