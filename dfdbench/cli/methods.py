@@ -62,6 +62,7 @@ def run(
     """Run a method on a data set and print its tables; a stopped run goes on."""
     from dfdbench.audit.trained_on import coverage_warnings
     from dfdbench.datasets.store import open_store
+    from dfdbench.evaluation.fitting import training_scenes
     from dfdbench.evaluation.loading import load_for
     from dfdbench.evaluation.plan import RunOptions
     from dfdbench.evaluation.run import run_method
@@ -80,19 +81,41 @@ def run(
     folder = out or Path("results") / f"{data.path.stem}-{split}" / _folder_name(method, param)
     options = RunOptions(limit, not no_predictions, fresh, seed)
     pool = pool_of_processes(workers, scheduler)
-    warnings = coverage_warnings(loaded.trained_on, data, split)
+    saw = [loaded.trained_on]
+    if loaded.fit is not None:
+        saw.append(training_scenes(data.manifest, split)[0])
+    warnings = [
+        text for name in dict.fromkeys(saw) for text in coverage_warnings(name, data, split)
+    ]
     with progress(f"running {method}") as step:
         done = run_method(data, loaded, split, folder, options, pool, warnings, step)
     _tell_what_was_reused(done)
     summary = summarise(done.result, shown)
     if not no_predictions:
         draw_run(data, summary, folder)
+    _keep_law(loaded.predict, folder, figure=not no_predictions)
     _print_tables(summary, data.manifest, format)
     _tell_where_it_lies(done, figures=not no_predictions)
     if submit:
         _submit(done.result)
     if any(pair.status == "failed" for pair in done.result.pairs):
         raise typer.Exit(1)
+
+
+def _keep_law(predict: Any, folder: Path, figure: bool) -> None:
+    calibration = getattr(predict, "calibration", None)
+    if calibration is None:
+        return
+    from dfdbench.figures.calibration import law_figure
+    from dfdbench.figures.style import write_figure
+    from dfdbench.methods.calibration import Calibration
+    from dfdbench.system.files import write_whole
+
+    # Another's method may have something else of that name.
+    if isinstance(calibration, Calibration):
+        write_whole(folder / "law.toml", calibration.law.as_toml())
+        if figure:
+            write_figure(law_figure(calibration), folder / "figures" / "law.png")
 
 
 def _tell_what_was_reused(done: Run) -> None:
@@ -125,6 +148,9 @@ def _print_tables(summary: RunSummary, manifest: Manifest, format: Format) -> No
 def _tell_where_it_lies(done: Run, figures: bool) -> None:
     from dfdbench.results.record_file import RESULT
 
+    method = done.result.method
+    if method.fitted_on:
+        say(f"fitted       on {method.fitted_on}, in {method.fit_seconds:.1f} s")
     say(f"result       {done.folder / RESULT}")
     if figures:
         say(f"figures      {done.folder / 'figures'}")
@@ -146,7 +172,9 @@ def check_method_command(
         "training_mean": lambda: 128.0,
         "seed": lambda: 0,
     }
-    trials = check_method(load_method(method, values_of(param, "--param"), offers))
+    # A class with a fit has to find out the blur, so that the fit is tried too.
+    for_fits = {"recipe": lambda: None}
+    trials = check_method(load_method(method, values_of(param, "--param"), offers, for_fits))
     rows = tuple(
         (
             "FAIL" if trial.error else "odd" if trial.warning else "ok",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dfdbench.results.record import Result
 
 TOLD_NOTE = (
-    "Told, beside the two images: the recipe that made the blur, another recipe, weights and the "
-    "data they were trained on, the training scenes' mean depth, or nothing."
+    "Told, beside the two images: the recipe that made the blur, another recipe, a fit to training "
+    "pairs, weights and the data they were trained on, the training scenes' mean depth, or nothing."
 )
 
 
@@ -28,6 +28,8 @@ def told(result: Result) -> str:
     if "recipe" in method.parameters:
         same = method.parameters["recipe"] == dataset.recipe["name"]
         parts.append("blur told" if same else "another blur told")
+    elif method.fitted_on:
+        parts.append("blur fitted")
     elif "recipe" in method.uses:
         parts.append("blur told")
     if "training_mean" in method.uses:

@@ -11,6 +11,8 @@ from tests.made_results import make_demo_result
     [
         ({}, "nothing"),
         ({"uses": ["recipe"]}, "blur told"),
+        # What is handed over on a track is that there is no recipe.
+        ({"uses": ["recipe"], "fitted_on": "demo-1@law-2, split train"}, "blur fitted"),
         ({"parameters": {"recipe": "published"}}, "blur told"),
         ({"parameters": {"recipe": "text"}}, "another blur told"),
         ({"parameters": {"recipe": {"sigma_min": 1, "sigma_step": 1}}}, "another blur told"),

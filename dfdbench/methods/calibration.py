@@ -1,0 +1,436 @@
+"""A blur law measured from training pairs: how wide, of which shape, how bright, how noisy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.optimize import nnls
+
+from dfdbench.blur.formation import encode
+from dfdbench.blur.law import GREYS, BlurLaw, noise_at
+from dfdbench.blur.point_spread import point_spread_functions
+from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
+from dfdbench.errors import MethodError
+from dfdbench.methods.alignment import Alignment, find_alignment
+from dfdbench.methods.fit import Learned, TrainingPair
+from dfdbench.methods.law_cost import ROUNDING, aim_of, blur, light_of
+
+Array = NDArray[Any]
+
+# Pairs that are looked at, evenly among all, and the side of the part of each: a minute's work.
+_PAIRS = 16
+_SIDE = 320
+# Of them, about those from which the shape is chosen.
+_FEW = 4
+_KERNEL_SIZE = 27
+_GAUSSIAN = 2.0
+# Widths that are tried; between them the residual is a smooth curve.
+_LADDER = np.geomspace(0.22, 6.4, 37)
+_FINE = np.geomspace(_LADDER[0], _LADDER[-1], 16 * (_LADDER.size - 1) + 1)
+# p of the kernels that are tried.
+_EXPONENTS = (2.0, 3.0, 4.0, 6.0, 8.0, 16.0, 32.0)
+# A pixel counts where the depth around it, a window of so many pixels, spans so many levels only.
+_WINDOW = 11
+_SPAN = 10
+# The defocus image may be cut off above.
+_BRIGHT = 253
+# What is less simple has to leave less than this part of the squared differences.
+_BETTER = 0.97
+_MUCH_BETTER = 0.8
+_ROUNDS = 3
+# Newton's steps towards the curve, the largest as a part of the width, and how many levels on
+# either side stand together before the first.
+_STEPS = 6
+_LARGEST_STEP = 0.2
+_NEAR = 6
+_AS_GOOD = 1.1
+# As a part of white.
+_LEAST_OFFSET = 0.002
+# Fewer pixels tell nothing of the noise at a grey level.
+_FEW_PIXELS = 200
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A blur law, and what it was measured from.
+
+    Parameters
+    ----------
+    law : BlurLaw
+        The law.
+    measured : ndarray of float64, shape (level,)
+        The width that fits each depth level best by itself; NaN where no pixel counted.
+    pixels : ndarray of int64, shape (level,)
+        How many pixels counted.
+    residual : ndarray of float64, shape (level,)
+        Root mean square in grey levels of what the law leaves unexplained; NaN without pixels.
+    """
+
+    law: BlurLaw
+    measured: NDArray[np.float64]
+    pixels: NDArray[np.int64]
+    residual: NDArray[np.float64]
+
+    def as_learned(self) -> Learned:
+        """Return it as a method's fit returns it."""
+        law = self.law.as_dict()
+        return {
+            **{name: np.array(value) for name, value in law.items()},
+            "measured": self.measured,
+            "pixels": self.pixels,
+            "residual": self.residual,
+        }
+
+    @classmethod
+    def of(cls, learned: Learned) -> Calibration:
+        """Return what `as_learned` gave."""
+        fields = dict(learned)
+        measured, pixels, residual = (
+            np.asarray(fields.pop(name)) for name in ("measured", "pixels", "residual")
+        )
+        sigmas, noise = (tuple(np.asarray(fields.pop(n)).tolist()) for n in ("sigmas", "noise"))
+        return cls(BlurLaw(sigmas=sigmas, noise=noise, **fields), measured, pixels, residual)  # type: ignore[arg-type]
+
+
+def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
+    """Measure the blur law of training pairs.
+
+    Parameters
+    ----------
+    pairs : sequence of TrainingPair
+        Of them some are looked at, the same ones each time.
+
+    Raises
+    ------
+    MethodError
+        Where no pixel of known depth shows any blur.
+
+    Notes
+    -----
+    The in-focus image is blurred at a ladder of widths. For each depth level the squared
+    difference to the defocus image, summed over the pixels around which the depth is about the
+    same, is a curve over the width, and its least value tells the width. What noise of the
+    in-focus image adds, which blur lessens, is taken off. The widths of all levels are smoothed by
+    a curve of least bending (Whittaker), each weighted by how sharp its minimum is, so that levels
+    that training lacks lie on the curve through their neighbours. Of the shapes, and of blur in
+    grey levels or in linear light, that with the least difference is taken.
+    """
+    if not len(pairs):
+        raise MethodError("no pair to calibrate with", expected="one training pair or more")
+    parts = [_part(pair, number) for number, pair in _chosen(pairs)]
+    few = parts[:: max(1, len(parts) // _FEW)]
+    way = _way(few)
+    way = replace(way, exponent=_exponent(few, way))
+    samples = [part.sample(way) for part in parts]
+    even_noise = np.ones(GREYS)
+    sums, pixels = _sums(samples[:: len(parts) // len(few)], way, even_noise)
+    rough = _curve(sums, pixels)
+    line = _line(samples, way, rough)
+    if way.even and abs(line[1]) > _LEAST_OFFSET * _white(way):
+        way = replace(way, gain=way.gain * line[0], offset=way.offset + way.gain * line[1])
+        samples = [part.sample(way) for part in parts]
+    _, noise = _residuals(samples[:: len(parts) // len(few)], way, rough)
+    sums, pixels = _sums(samples, way, noise)
+    sigmas, infocus_noise = _cleared_curve(sums, pixels, way)
+    residual, noise = _residuals(samples, way, sigmas)
+    # What is left holds what came with the in-focus image: see `BlurLaw.noise`.
+    shares = np.interp(sigmas, _LADDER, _shares(way))
+    both = float(np.average(1 + infocus_noise**2 * shares, weights=pixels))
+    law = BlurLaw(
+        sigmas=tuple(sigmas.tolist()),
+        exponent=way.exponent,
+        kernel_size=_KERNEL_SIZE,
+        gain=way.gain,
+        offset=way.offset,
+        noise=tuple((noise / math.sqrt(both)).tolist()),
+        infocus_noise=infocus_noise,
+        linear=way.linear,
+        registered=way.registered,
+        even=way.even,
+    )
+    widths = np.where(pixels > 0, _widths(sums)[0], np.nan)
+    return Calibration(law, widths, pixels, residual)
+
+
+@dataclass(frozen=True)
+class _Way:
+    """How defocus images may come about, but for the widths."""
+
+    exponent: float = _GAUSSIAN
+    linear: bool = False
+    registered: bool = True
+    even: bool = True
+    gain: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Part of a pair, (y, x, 1), the depth levels there, and which pixels count."""
+
+    infocus: NDArray[np.uint8]
+    defocus: NDArray[np.uint8]
+    depth: NDArray[np.int64]
+    counts: NDArray[np.bool_]
+
+    def found(self, linear: bool) -> Alignment:
+        """Return how the defocus image lies to the in-focus image."""
+        images = light_of(self.infocus, linear), light_of(self.defocus, linear)
+        return find_alignment(*images, 1 if linear else LAST_LEVEL)
+
+    def sample(self, way: _Way, turned: bool = False) -> _Sample:
+        """Return what counts of it; `turned` moves the defocus image the wrong way."""
+        how = Alignment(0.0, 0.0, way.gain)
+        if not (way.registered and way.even):
+            found = self.found(way.linear)
+            sign = 0 if way.registered else -1 if turned else 1
+            gain = way.gain if way.even else found.gain
+            how = Alignment(sign * found.down, sign * found.right, gain)
+        light = light_of(self.infocus, way.linear)
+        aim = aim_of(self.defocus, way.linear, how, way.offset)[self.counts][:, 0]
+        return _Sample(light, aim, self.depth[self.counts], self.counts)
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """What counts of a part: light (y, x, 1) to blur; grey levels to explain, and their depth."""
+
+    light: NDArray[np.float32]
+    aim: NDArray[np.float32]
+    depth: NDArray[np.int64]
+    counts: NDArray[np.bool_]
+
+    def trials(self, way: _Way) -> Iterator[NDArray[np.float64]]:
+        """Yield the grey levels that each width of the ladder would give."""
+        for kernel in point_spread_functions(_LADDER, _KERNEL_SIZE, way.exponent):
+            trial = blur(self.light, kernel)[self.counts][:, 0]
+            yield encode(trial) if way.linear else trial.astype(np.float64)
+
+
+def _chosen(pairs: Sequence[TrainingPair]) -> Iterator[tuple[int, TrainingPair]]:
+    places = np.unique(np.linspace(0, len(pairs) - 1, min(_PAIRS, len(pairs))).round().astype(int))
+    for number, place in enumerate(places):
+        yield number, pairs[int(place)]
+
+
+def _part(pair: TrainingPair, number: int) -> _Part:
+    # Of a large image one part, another of each pair: left, middle, right, and so on.
+    where = []
+    for size, turn in zip(pair.depth.shape, (number // 3, number), strict=True):
+        start = (size - min(size, _SIDE)) * (turn % 3) // 2
+        where.append(slice(start, start + _SIDE))
+    infocus, defocus, depth, valid = (
+        np.asarray(array[tuple(where)])
+        for array in (pair.infocus, pair.defocus, pair.depth, pair.valid)
+    )
+    # One channel, the least noisy of a camera, tells as much of the blur as three.
+    middle = slice(infocus.shape[2] // 2, infocus.shape[2] // 2 + 1)
+    defocus = defocus[..., middle]
+    counts = _flat(depth, valid) & (defocus[..., 0] <= _BRIGHT)
+    return _Part(infocus[..., middle], defocus, depth.astype(np.int64), counts)
+
+
+def _flat(depth: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where the depth about a pixel is known and spans few levels, away from the border."""
+    window = np.ones((_WINDOW, _WINDOW), np.uint8)
+    low = cv2.erode(np.where(valid, depth, 0).astype(np.uint8), window).astype(int)
+    high = cv2.dilate(np.where(valid, depth, 255).astype(np.uint8), window).astype(int)
+    flat = high - low <= _SPAN
+    margin = _KERNEL_SIZE // 2
+    flat[:margin], flat[-margin:], flat[:, :margin], flat[:, -margin:] = False, False, False, False
+    return np.asarray(flat)
+
+
+def _way(few: Sequence[_Part]) -> _Way:
+    """Choose what fits better: grey levels or light, and pairs as they are or aligned."""
+    best, least = _Way(), _misfit(few, _Way())
+    gains = {
+        linear: float(np.median([part.found(linear).gain for part in few]))
+        for linear in (False, True)
+    }
+    changes: tuple[Callable[[_Way], _Way], ...] = (
+        lambda way: replace(way, linear=True),
+        lambda way: replace(way, gain=gains[way.linear]),
+        lambda way: replace(way, gain=gains[way.linear], even=False),
+    )
+    for change in changes:
+        way = change(best)
+        misfit = _misfit(few, way)
+        if misfit < _BETTER * least:
+            best, least = way, misfit
+    # Moving an image smooths it a little: hold it against as long a move the wrong way.
+    way = replace(best, registered=False)
+    return way if _misfit(few, way) < _MUCH_BETTER * _misfit(few, way, turned=True) else best
+
+
+def _exponent(few: Sequence[_Part], way: _Way) -> float:
+    return min(_EXPONENTS, key=lambda exponent: _misfit(few, replace(way, exponent=exponent)))
+
+
+def _misfit(few: Sequence[_Part], way: _Way, turned: bool = False) -> float:
+    samples = [part.sample(way, turned) for part in few]
+    return float(_widths(_sums(samples, way, np.ones(GREYS))[0])[2].sum())
+
+
+def _shares(way: _Way) -> NDArray[np.float64]:
+    """Return how much of the in-focus image's noise each width leaves, as a part of variance."""
+    kernels = point_spread_functions(_LADDER, _KERNEL_SIZE, way.exponent)
+    return np.asarray(np.square(kernels).sum(axis=(1, 2)))
+
+
+def _sums(
+    samples: Sequence[_Sample], way: _Way, noise: Array
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return squared differences, in units of the noise, by depth level and width; the pixels."""
+    sums = np.zeros((LEVELS, _LADDER.size))
+    pixels = np.zeros(LEVELS, np.int64)
+    for sample in samples:
+        weights = 1 / noise_at(noise, sample.aim) ** 2
+        pixels += np.bincount(sample.depth, minlength=LEVELS)
+        for number, trial in enumerate(sample.trials(way)):
+            squares = weights * np.square(trial - sample.aim)
+            sums[:, number] += np.bincount(sample.depth, squares, LEVELS)
+    return sums, pixels
+
+
+def _fits(
+    samples: Sequence[_Sample], way: _Way, sigmas: Array
+) -> Iterator[tuple[_Sample, NDArray[np.float64]]]:
+    """Yield each sample and the grey levels that widths by depth level give for it."""
+    place = np.interp(sigmas, _LADDER, np.arange(_LADDER.size))
+    first = np.clip(place.astype(int), 0, _LADDER.size - 2)
+    part = place - first
+    for sample in samples:
+        steps, weights = first[sample.depth], part[sample.depth]
+        # Between two widths of the ladder a blurred image lies straight, near enough.
+        fit = np.zeros(sample.aim.shape)
+        for number, trial in enumerate(sample.trials(way)):
+            fit += np.where(steps == number, (1 - weights) * trial, 0)
+            fit += np.where(steps + 1 == number, weights * trial, 0)
+        yield sample, fit
+
+
+def _white(way: _Way) -> float:
+    return 1.0 if way.linear else float(LAST_LEVEL)
+
+
+def _line(samples: Sequence[_Sample], way: _Way, sigmas: Array) -> tuple[float, float]:
+    """Return gain and offset of the defocus images against what widths give, in their light."""
+    terms, sums = np.zeros((2, 2)), np.zeros(2)
+    for sample, fit in _fits(samples, way, sigmas):
+        columns = np.stack([light_of(fit, way.linear), np.ones(fit.shape)], axis=1)
+        terms += columns.T @ columns
+        sums += columns.T @ light_of(sample.aim, way.linear)
+    gain, offset = np.linalg.lstsq(terms, sums, rcond=None)[0]
+    return float(gain), float(offset)
+
+
+def _residuals(
+    samples: Sequence[_Sample], way: _Way, sigmas: Array
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the root mean square of what widths leave, by depth level and by grey level."""
+    by_level, by_grey = np.zeros((2, LEVELS)), np.zeros((2, GREYS))
+    for sample, fit in _fits(samples, way, sigmas):
+        shown = np.clip(sample.aim, 0, LAST_LEVEL)
+        grey = np.rint(shown * (GREYS - 1) / LAST_LEVEL).astype(int)
+        squares = np.square(fit - sample.aim)
+        for sums, where in ((by_level, sample.depth), (by_grey, grey)):
+            sums[0] += np.bincount(where, squares, sums.shape[1])
+            sums[1] += np.bincount(where, minlength=sums.shape[1])
+    level, tone = (
+        np.where(sums[1] > 0, np.sqrt(sums[0] / np.maximum(sums[1], 1)), np.nan)
+        for sums in (by_level, by_grey)
+    )
+    known = np.flatnonzero(by_grey[1] >= _FEW_PIXELS)
+    tone = np.interp(np.arange(GREYS), known, tone[known]) if known.size else np.ones(GREYS)
+    return level, np.maximum(tone, ROUNDING)
+
+
+def _cleared_curve(sums: Array, pixels: Array, way: _Way) -> tuple[NDArray[np.float64], float]:
+    """Return the widths by depth level, and the in-focus image's noise as a part of the other's."""
+    shares = _shares(way)
+    infocus_noise = 0.0
+    for _ in range(_ROUNDS):
+        sigmas = _curve(sums - infocus_noise**2 * pixels[:, np.newaxis] * shares, pixels)
+        left = _at(sums, sigmas) / np.maximum(pixels, 1)
+        root = np.sqrt(pixels)
+        terms = np.stack([root, root * np.interp(sigmas, _LADDER, shares)], axis=1)
+        own, blurred = nnls(terms, root * left)[0]
+        infocus_noise = min(math.sqrt(blurred / own), 1.0) if own else 1.0
+    return sigmas, infocus_noise
+
+
+def _curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
+    """Return the smooth curve of widths by depth level that leaves least."""
+    splines = CubicSpline(np.log(_LADDER), sums, axis=1)
+    # To begin with, neighbouring levels stand together.
+    near = np.abs(np.subtract.outer(np.arange(LEVELS), np.arange(LEVELS))) <= _NEAR
+    pooled = near @ sums
+    widths, sharpness, least = _widths(pooled)
+    known = (pixels > 0) & (sharpness > 0)
+    if not known.any():
+        raise MethodError(
+            "the training pairs do not show how their blur depends on depth",
+            expected="texture at known depth, away from jumps in depth and from the border",
+            got=f"{int(pixels.sum())} pixels that count",
+        )
+    unit = 2 * max(float(least[known].sum()) / float((near @ pixels)[known].sum()), 1e-9)
+    sigmas = _smooth(widths, np.where(known, sharpness / unit, 0))
+    for _ in range(_STEPS):
+        sigmas = np.clip(sigmas, _LADDER[0], _LADDER[-1])
+        places = np.log(sigmas)
+        slope, bend = (np.diagonal(splines(places, order)) for order in (1, 2))
+        # By the width, not its logarithm.
+        slope, bend = slope / sigmas, (bend - slope) / sigmas**2
+        weights = np.where(known & (bend > 0), bend, 0) / unit
+        step = np.where(weights > 0, -slope / np.where(bend > 0, bend, 1), 0)
+        target = sigmas + np.clip(step, -_LARGEST_STEP * sigmas, _LARGEST_STEP * sigmas)
+        sigmas = _smooth(target, weights)
+    return np.clip(sigmas, _LADDER[0], _LADDER[-1])
+
+
+def _at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
+    """Return the squared differences by depth level at one width each."""
+    curves = CubicSpline(np.log(_LADDER), sums, axis=1)(np.log(sigmas))
+    return np.maximum(np.diagonal(curves), 0)
+
+
+def _widths(sums: Array) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the width of least difference by level, how sharp it is, and the difference there."""
+    values = CubicSpline(np.log(_LADDER), sums, axis=1)(np.log(_FINE))
+    best = values.argmin(axis=1)
+    inner = np.clip(best, 1, _FINE.size - 2)
+    rows = np.arange(len(sums))
+    before, here, after = (values[rows, inner + step] for step in (-1, 0, 1))
+    bend = before - 2 * here + after
+    spacing = _FINE[inner] * math.log(_FINE[1] / _FINE[0])
+    sharpness = np.where(bend > 0, bend / spacing**2, 0.0)
+    return _FINE[best], sharpness, np.maximum(values[rows, best], 0)
+
+
+def _smooth(values: Array, weights: Array) -> NDArray[np.float64]:
+    """Return the curve of least bending through weighted values (Whittaker 1923).
+
+    How much it may bend is chosen by generalised cross validation.
+    """
+    count = len(values)
+    bends = np.diff(np.eye(count), 2, axis=0)
+    penalty = bends.T @ bends
+    known = weights > 0
+    target = np.where(known, values, 0.0)
+    tried = []
+    for strength in np.geomspace(1e-2, 1e10, 25) * np.median(weights[known]):
+        hat = np.linalg.solve(np.diag(weights) + strength * penalty, np.diag(weights))
+        curve = hat @ target
+        freedom = max(1 - np.trace(hat) / known.sum(), 1e-6)
+        tried.append((float((weights * np.square(target - curve)).sum()) / freedom**2, curve))
+    # Of those about as good, the smoothest: it goes on best where levels are lacking.
+    best = min(score for score, _ in tried)
+    return next(curve for score, curve in reversed(tried) if score <= _AS_GOOD * best)
