@@ -64,7 +64,7 @@ def build(
     plan = plan_build(find_manifest(name), store, recipe, _steps(pair), cache)
     _refuse_memory(plan)
     pool = pool_of(workers, scheduler)
-    files = _source_of(plan, source, mirror or [], offline, cache)
+    files = source_of(plan, source, mirror or [], offline, cache)
     with progress("building scenes") as step:
         report = build_store(plan.manifest, files, plan.place, plan.recipe, pool, step)
     _tell(plan.manifest, report)
@@ -117,9 +117,10 @@ def _refuse_memory(plan: BuildPlan) -> None:
         )
 
 
-def _source_of(
+def source_of(
     plan: BuildPlan, folder: Path | None, mirror: list[str], offline: bool, cache: Path | None
 ) -> Source:
+    """Return the files that a build reads, fetched first where they are."""
     from dfdbench.building.fetching.checksums import known_checksums
     from dfdbench.building.obtaining import is_fetched, refuse_to_fetch
     from dfdbench.building.sources import open_source

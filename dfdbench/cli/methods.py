@@ -78,7 +78,7 @@ def run(
     loaded = load_for(data, method, values_of(param, "--param"), seed)
     if submit:
         _refuse_what_was_trained_on(loaded, data.manifest, split)
-    folder = out or Path("results") / f"{data.path.stem}-{split}" / _folder_name(method, param)
+    folder = out or Path("results") / f"{data.path.stem}-{split}" / folder_name(method, param)
     options = RunOptions(limit, not no_predictions, fresh, seed)
     pool = pool_of_processes(workers, scheduler)
     saw = [loaded.trained_on]
@@ -225,7 +225,8 @@ def _submit(result: Result) -> None:
         say("not every pair was evaluated: the leaderboard lists this run without a rank")
 
 
-def _folder_name(method: str, param: list[str] | None) -> str:
+def folder_name(method: str, param: list[str] | None) -> str:
+    """Return what the folder of a method's run is called."""
     place, _, attribute = method.rpartition(":")
     parts = [Path(place).stem if place.endswith(".py") else place, attribute, *(param or [])]
     name = "-".join(part for part in parts if part)

@@ -59,6 +59,9 @@ VERBS = {
     "run": Verb(
         "methods", "run", "Run a method on a data set and print its tables; a stopped run goes on."
     ),
+    "tracks": Verb(
+        "tracks", "tracks", "Run a method over all tracks and severities; a stopped call goes on."
+    ),
     "check-method": Verb(
         "methods",
         "check_method_command",

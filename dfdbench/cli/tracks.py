@@ -1,0 +1,125 @@
+"""The verb that runs a method over tracks: tracks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dfdbench.blur.tracks import CLEAN, TRACKS
+from dfdbench.cli.building import source_of
+from dfdbench.cli.methods import Params, folder_name
+from dfdbench.cli.options import Cache, values_of
+from dfdbench.cli.screen import print_table, progress, save_figure, say
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.errors import InputError, StoreError, unknown_name
+from dfdbench.metrics.metric import RANKED_BY
+from dfdbench.tables.table import Format
+
+if TYPE_CHECKING:
+    from dfdbench.datasets.manifest import Manifest
+    from dfdbench.datasets.store import Store
+
+
+def tracks(
+    method: Annotated[
+        str, typer.Option(help="A registered name, module:attribute or file.py:attribute.")
+    ],
+    param: Params = None,
+    dataset: Annotated[
+        str, typer.Option(help="A synthetic data set's name, without a track.")
+    ] = "demo",
+    split: Annotated[str, typer.Option(help="A split, a fold or a scene.")] = "test",
+    track: Annotated[
+        list[str] | None, typer.Option(help=f"Only this one; repeatable: {', '.join(TRACKS)}.")
+    ] = None,
+    protocol: Annotated[str, typer.Option(help="Under which the table is.")] = "valid",
+    source: Annotated[
+        Path | None, typer.Option(help="Folder of the set's files, to build what is not built.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; default: results/DATASET-tracks-SPLIT/METHOD.")
+    ] = None,
+    format: Annotated[Format, typer.Option(help="How the table is printed.")] = Format.table,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="As of run.")] = 0,
+    cache: Cache = None,
+) -> None:
+    """Run a method over all tracks and severities; a stopped call goes on."""
+    from dfdbench.evaluation.loading import load_for
+    from dfdbench.evaluation.plan import RunOptions
+    from dfdbench.evaluation.run import run_method
+    from dfdbench.figures.tracks import tracks_figure
+    from dfdbench.metrics.protocol import find_protocol
+    from dfdbench.results.track_tables import severities, tracks_table
+    from dfdbench.tables.render import render
+
+    shown = find_protocol(protocol).label
+    plain = _without_track(dataset)
+    plain.scenes_of(split)
+    labels = _labels(track)
+    name = folder_name(method, param)
+    place = out or Path("results") / f"{plain.file_stem}-tracks-{split}" / name
+    # What cannot be run is told before anything is built or run for long.
+    stores = {label: _built(plain, dataset, label, source, cache) for label in labels}
+    given = values_of(param, "--param")
+    results = {}
+    for label, store in stores.items():
+        loaded = load_for(store, method, given, seed)
+        options = RunOptions(keep_predictions=False, seed=seed)
+        with progress(f"running {method} on {label}") as step:
+            done = run_method(store, loaded, split, place / label, options, on_pair=step)
+        results[label] = done.result
+    table = tracks_table(results, shown)
+    print_table(table) if format is Format.table else print(render([table], format), end="")
+    scores = {method: severities(results, shown, RANKED_BY)}
+    save_figure(tracks_figure(scores, RANKED_BY, table.title), place / "tracks.png")
+    say(f"results      {place}")
+    if any(pair.status == "failed" for result in results.values() for pair in result.pairs):
+        raise typer.Exit(1)
+
+
+def _without_track(dataset: str) -> Manifest:
+    manifest = find_manifest(dataset)
+    if manifest.on_track:
+        raise InputError(
+            "this verb runs over the tracks of a data set",
+            where="--dataset",
+            expected=dataset.rpartition("@")[0],
+            got=dataset,
+            fix="leave out the track; --track NAME chooses among them",
+        )
+    # A captured set has none, and says so.
+    find_manifest(f"{dataset}@{next(iter(TRACKS))}-1")
+    return manifest
+
+
+def _labels(chosen: list[str] | None) -> list[str]:
+    for name in chosen or ():
+        if name not in TRACKS:
+            raise unknown_name("track", name, TRACKS)
+    tracked = [TRACKS[name] for name in dict.fromkeys(chosen or TRACKS)]
+    return [
+        CLEAN,
+        *(f"{track.name}-{n}" for track in tracked for n in range(1, len(track.severities) + 1)),
+    ]
+
+
+def _built(
+    plain: Manifest, dataset: str, label: str, source: Path | None, cache: Path | None
+) -> Store:
+    from dfdbench.building.build import build_store
+    from dfdbench.building.plan import plan_build
+    from dfdbench.datasets.store import open_store
+
+    name = dataset if label == CLEAN else f"{dataset}@{label}"
+    try:
+        return open_store(name, cache=cache)
+    except StoreError:
+        if plain.reader != "demo" and source is None:
+            raise
+    plan = plan_build(find_manifest(name), cache=cache)
+    files = source_of(plan, source, [], False, cache)
+    with progress(f"building {name}") as step:
+        build_store(plan.manifest, files, plan.place, on_scene=step)
+    return open_store(name, cache=cache)

@@ -1,0 +1,62 @@
+"""The figure over tracks: how a metric grows with severity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from matplotlib.figure import Figure
+
+from dfdbench.blur.tracks import CLEAN
+from dfdbench.figures.style import COLOURS, MARKERS, plain_text
+from dfdbench.metrics.metric import METRICS
+
+_COLUMNS = 4
+_WIDTH, _HEIGHT = 2.7, 2.4
+
+
+def tracks_figure(
+    scores: Mapping[str, Mapping[str, Sequence[float | None]]], metric: str, title: str
+) -> Figure:
+    """Draw a metric against severity, a panel a track, a line a method.
+
+    Parameters
+    ----------
+    scores : mapping
+        By method, then by track: the score on clean images and at each severity; None where
+        there is none.
+    metric : str
+        Which.
+    title : str
+        Above all panels.
+    """
+    tracks = list(dict.fromkeys(track for by_track in scores.values() for track in by_track))
+    rows = -(-len(tracks) // _COLUMNS)
+    columns = min(_COLUMNS, len(tracks))
+    figure = Figure((_WIDTH * columns, _HEIGHT * rows + 0.5), layout="constrained")
+    axes = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    for axis in axes.flat[len(tracks) :]:
+        axis.set_axis_off()
+    for track, axis in zip(tracks, axes.flat, strict=False):
+        longest = 0
+        for number, (method, by_track) in enumerate(scores.items()):
+            values = [float("nan") if v is None else v for v in by_track.get(track, ())]
+            longest = max(longest, len(values))
+            axis.plot(
+                range(len(values)),
+                values,
+                color=COLOURS[number % len(COLOURS)],
+                marker=MARKERS[number % len(MARKERS)],
+                label=plain_text(method),
+            )
+        axis.set_title(track, fontsize=10)
+        axis.set_xticks(range(longest), [CLEAN, *map(str, range(1, longest))])
+        axis.set_ylim(bottom=0)
+        axis.grid(alpha=0.3)
+    for axis in axes[:, 0]:
+        axis.set_ylabel(METRICS[metric].heading)
+    figure.supxlabel("severity", fontsize=10)
+    figure.suptitle(plain_text(title), fontsize=11)
+    if len(scores) > 1:
+        handles, labels = axes.flat[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure

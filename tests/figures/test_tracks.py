@@ -1,0 +1,29 @@
+"""A panel a track, a line a method, clean at severity 0."""
+
+import numpy as np
+
+from dfdbench.figures.tracks import tracks_figure
+
+
+def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
+    scores = {
+        "mine": {"gain": [0.1, 0.2, 0.3, 0.4], "noise": [0.1, 0.1, None, 0.3]},
+        "yours": {"gain": [0.2, 0.2, 0.2, 0.2]},
+    }
+    figure = tracks_figure(scores, "nrmse", "on demo")
+    panels = [axis for axis in figure.axes if axis.axison]
+    assert [axis.get_title() for axis in panels] == ["gain", "noise"]
+    first, second = panels[0].lines[:2]
+    assert np.asarray(first.get_ydata()).tolist() == [0.1, 0.2, 0.3, 0.4]
+    assert np.asarray(second.get_ydata()).tolist() == [0.2] * 4
+    # A severity without a score is a gap, not a zero.
+    assert np.isnan(np.asarray(panels[1].lines[0].get_ydata(), float)[2])
+    assert [text.get_text() for text in panels[0].get_xticklabels()] == ["clean", "1", "2", "3"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mine", "yours"]
+
+
+def test_seven_tracks_stand_in_two_rows() -> None:
+    scores = {"mine": {f"track {number}": [0.1, 0.2] for number in range(7)}}
+    figure = tracks_figure(scores, "nrmse", "on demo")
+    assert sum(axis.axison for axis in figure.axes) == 7
+    assert not figure.legends
