@@ -43,7 +43,7 @@ def composite_layers(
     depth : ndarray of int, shape (y, x)
         Which layer each pixel belongs to; the greater, the nearer.
     kernels : ndarray of float64, shape (level, size, size)
-        One a depth level, of odd size, symmetric in both axes.
+        One a depth level, of odd size, symmetric in both axes and their diagonal.
 
     Returns
     -------
@@ -161,17 +161,8 @@ def _spread(
 ) -> None:
     """Add each pixel's light, and the pixel itself, to the layer; note which columns it reaches."""
     height, width = layer.shape[0], layer.shape[1] // planes
-    halves = np.zeros(quadrant.shape[0], np.int64)  # half the kernel's width in each row
-    weights = np.empty((quadrant.shape[0], (2 * quadrant.shape[0] - 1) * planes), np.float64)
-    reach = 0
-    for j in range(quadrant.shape[0]):
-        if quadrant[j, 0] != 0.0:
-            reach = j
-        for i in range(quadrant.shape[0]):
-            if quadrant[j, i] != 0.0:
-                halves[j] = i
-        for i in range(2 * halves[j] + 1):
-            weights[j, i * planes : (i + 1) * planes] = quadrant[j, abs(i - halves[j])]
+    halves, weights = _rows_of(quadrant, planes)
+    reach = halves[0]
     light = np.empty(weights.shape[1], np.float64)
     for number in own:
         y = number // (width + 2 * radius) - radius
@@ -193,6 +184,23 @@ def _spread(
             row_weights = weights[j, begin : begin + count]
             for i in range(count):
                 target[i] += row_weights[i] * light[i]
+
+
+@njit(cache=True, nogil=True)
+def _rows_of(
+    quadrant: NDArray[np.float64], planes: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return a kernel's rows from its middle on, a weight a plane, and half of each one's width."""
+    size = quadrant.shape[0]
+    halves = np.zeros(size, np.int64)
+    weights = np.empty((size, (2 * size - 1) * planes), np.float64)
+    for j in range(size):
+        for i in range(size):
+            if quadrant[j, i] != 0.0:
+                halves[j] = i
+        for i in range(2 * halves[j] + 1):
+            weights[j, i * planes : (i + 1) * planes] = quadrant[j, abs(i - halves[j])]
+    return halves, weights
 
 
 @njit(cache=True, nogil=True)
