@@ -18,6 +18,10 @@ RECIPE = RECIPES["published"]
 #: How many times the clean blur's time a pair may take.
 MOST = 4.0
 LABELS = [f"{name}-{severity}" for name in TRACKS for severity in (1, 2, 3)]
+# The processor's time: others at work on the machine do not count.
+SECONDS_OF_A_PAIR = pytest.mark.benchmark(
+    group="a pair 370 x 463 x 3 on a track", timer=time.process_time
+)
 Pair = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
@@ -34,18 +38,18 @@ def pair() -> Pair:
 def clean_seconds(pair: Pair) -> float:
     times = []
     for _ in range(6):
-        begun = time.perf_counter()
+        begun = time.process_time()
         synthesize(*pair, RECIPE)
-        times.append(time.perf_counter() - begun)
+        times.append(time.process_time() - begun)
     return min(times)
 
 
-@pytest.mark.benchmark(group="a pair 370 x 463 x 3 on a track")
+@SECONDS_OF_A_PAIR
 def test_clean(benchmark: Any, pair: Pair) -> None:
     benchmark.pedantic(synthesize, args=(*pair, RECIPE), rounds=5, warmup_rounds=1)
 
 
-@pytest.mark.benchmark(group="a pair 370 x 463 x 3 on a track")
+@SECONDS_OF_A_PAIR
 @pytest.mark.parametrize("label", LABELS)
 def test_a_track(benchmark: Any, pair: Pair, clean_seconds: float, label: str) -> None:
     arguments = (*pair, RECIPE, find_degradation(label), "Art/view1")
