@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from pathlib import PurePath
+from typing import Any
 
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import InputError
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.errors import DfdbenchError, InputError, StoreError
 
 #: What stands between a data set's name and its track's.
 AT = "@"
@@ -66,3 +70,35 @@ def with_track(manifest: Manifest, label: str) -> Manifest:
     return manifest.model_copy(
         update={"degradation": found.label, "short": f"{manifest.short}{AT}{found.label}"}
     )
+
+
+def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
+    """Return the manifest that a store's attributes hold, on the track that they name.
+
+    Parameters
+    ----------
+    attributes : mapping
+        Of the store.
+    where : str
+        The store's place, for messages.
+
+    Raises
+    ------
+    ManifestError
+        Where the manifest is damaged.
+    StoreError
+        Where this version does not know the track.
+    """
+    manifest = parse_manifest(attributes["manifest"].encode(), PurePath(where).name)
+    degradation = str(attributes.get("degradation", manifest.degradation))
+    if degradation == manifest.degradation:
+        return manifest
+    try:
+        return with_track(manifest, degradation)
+    except DfdbenchError as error:
+        raise StoreError(
+            "the store is on a track that this version does not know",
+            where=where,
+            got=degradation,
+            fix="use the version of dfdbench that built it, or build it again",
+        ) from error
