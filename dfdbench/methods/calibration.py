@@ -50,7 +50,7 @@ _ROUNDS = 3
 _STEPS = 6
 _LARGEST_STEP = 0.2
 _NEAR = 6
-_AS_GOOD = 1.1
+_AS_GOOD = 1.5
 # As a part of white.
 _LEAST_OFFSET = 0.002
 # Fewer pixels tell nothing of the noise at a grey level.
