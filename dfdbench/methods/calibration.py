@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.optimize import nnls
+from scipy.optimize import minimize, nnls
 
 from dfdbench.blur.formation import encode
 from dfdbench.blur.law import GREYS, BlurLaw, noise_at
@@ -50,9 +50,11 @@ _ROUNDS = 3
 _STEPS = 6
 _LARGEST_STEP = 0.2
 _NEAR = 6
-_AS_GOOD = 1.1
-# As a part of white.
-_LEAST_OFFSET = 0.002
+_AS_GOOD = 1.5
+# A level whose curve is flatter than this says nothing.
+_LEAST_SHARPNESS = 1e-3
+# In grey levels; less is taken for none.
+_LEAST_OFFSET = 0.5
 # Fewer pixels tell nothing of the noise at a grey level.
 _FEW_PIXELS = 200
 
@@ -96,7 +98,8 @@ class Calibration:
             np.asarray(fields.pop(name)) for name in ("measured", "pixels", "residual")
         )
         sigmas, noise = (tuple(np.asarray(fields.pop(n)).tolist()) for n in ("sigmas", "noise"))
-        return cls(BlurLaw(sigmas=sigmas, noise=noise, **fields), measured, pixels, residual)  # type: ignore[arg-type]
+        rest = {name: np.asarray(value).item() for name, value in fields.items()}
+        return cls(BlurLaw(sigmas=sigmas, noise=noise, **rest), measured, pixels, residual)  # type: ignore[arg-type]
 
 
 def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
@@ -127,15 +130,15 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     parts = [_part(pair, number) for number, pair in _chosen(pairs)]
     few = parts[:: max(1, len(parts) // _FEW)]
     way = _way(few)
+    if way.even and not way.linear:
+        gain, offset = _line([part.sample(way) for part in few], way)
+        if abs(offset) > _LEAST_OFFSET:
+            way = replace(way, gain=way.gain * gain, offset=way.gain * offset)
     way = replace(way, exponent=_exponent(few, way))
     samples = [part.sample(way) for part in parts]
     even_noise = np.ones(GREYS)
     sums, pixels = _sums(samples[:: len(parts) // len(few)], way, even_noise)
     rough = _curve(sums, pixels)
-    line = _line(samples, way, rough)
-    if way.even and abs(line[1]) > _LEAST_OFFSET * _white(way):
-        way = replace(way, gain=way.gain * line[0], offset=way.offset + way.gain * line[1])
-        samples = [part.sample(way) for part in parts]
     _, noise = _residuals(samples[:: len(parts) // len(few)], way, rough)
     sums, pixels = _sums(samples, way, noise)
     sigmas, infocus_noise = _cleared_curve(sums, pixels, way)
@@ -317,18 +320,31 @@ def _fits(
         yield sample, fit
 
 
-def _white(way: _Way) -> float:
-    return 1.0 if way.linear else float(LAST_LEVEL)
+def _line(samples: Sequence[_Sample], way: _Way) -> tuple[float, float]:
+    """Return gain and offset of the defocus images that leave least, each level at its width.
 
+    Less contrast looks like more blur: both have to be found together.
+    """
+    trials = np.zeros((3, LEVELS, _LADDER.size))
+    aims = np.zeros((3, LEVELS, 1))
+    for sample in samples:
+        depth, aim = sample.depth, sample.aim.astype(np.float64)
+        for total, values in zip(aims, (np.ones(aim.size), aim, aim**2), strict=True):
+            total[:, 0] += np.bincount(depth, values, LEVELS)
+        for number, trial in enumerate(sample.trials(way)):
+            for total, values in zip(trials, (trial, trial**2, trial * aim), strict=True):
+                total[:, number] += np.bincount(depth, values, LEVELS)
+    (count, aim_sum, aim_square), (trial_sum, trial_square, both) = aims, trials
 
-def _line(samples: Sequence[_Sample], way: _Way, sigmas: Array) -> tuple[float, float]:
-    """Return gain and offset of the defocus images against what widths give, in their light."""
-    terms, sums = np.zeros((2, 2)), np.zeros(2)
-    for sample, fit in _fits(samples, way, sigmas):
-        columns = np.stack([light_of(fit, way.linear), np.ones(fit.shape)], axis=1)
-        terms += columns.T @ columns
-        sums += columns.T @ light_of(sample.aim, way.linear)
-    gain, offset = np.linalg.lstsq(terms, sums, rcond=None)[0]
+    def left(line: NDArray[np.float64]) -> float:
+        gain, offset = line
+        squares = aim_square - 2 * gain * both - 2 * offset * aim_sum
+        squares = squares + gain**2 * trial_square + 2 * gain * offset * trial_sum
+        return float(_widths(squares + offset**2 * count)[2].sum())
+
+    start = np.array([[1.0, 0.0], [0.95, 0.0], [1.0, 4.0]])
+    options = {"initial_simplex": start, "xatol": 1e-3, "fatol": 1e-4, "maxfev": 120}
+    gain, offset = minimize(left, start[0], method="Nelder-Mead", options=options).x
     return float(gain), float(offset)
 
 
@@ -374,15 +390,16 @@ def _curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
     near = np.abs(np.subtract.outer(np.arange(LEVELS), np.arange(LEVELS))) <= _NEAR
     pooled = near @ sums
     widths, sharpness, least = _widths(pooled)
-    known = (pixels > 0) & (sharpness > 0)
+    # In units of twice the variance that is left: rounding's at least.
+    unit = 2 * max(float(least.sum()) / max(float((near @ pixels).sum()), 1.0), ROUNDING**2)
+    known = (pixels > 0) & (sharpness / unit > _LEAST_SHARPNESS)
     if not known.any():
         raise MethodError(
             "the training pairs do not show how their blur depends on depth",
             expected="texture at known depth, away from jumps in depth and from the border",
             got=f"{int(pixels.sum())} pixels that count",
         )
-    unit = 2 * max(float(least[known].sum()) / float((near @ pixels)[known].sum()), 1e-9)
-    sigmas = _smooth(widths, np.where(known, sharpness / unit, 0))
+    sigmas, strength = _smooth(widths, np.where(known, sharpness / unit, 0))
     for _ in range(_STEPS):
         sigmas = np.clip(sigmas, _LADDER[0], _LADDER[-1])
         places = np.log(sigmas)
@@ -392,7 +409,7 @@ def _curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
         weights = np.where(known & (bend > 0), bend, 0) / unit
         step = np.where(weights > 0, -slope / np.where(bend > 0, bend, 1), 0)
         target = sigmas + np.clip(step, -_LARGEST_STEP * sigmas, _LARGEST_STEP * sigmas)
-        sigmas = _smooth(target, weights)
+        sigmas, _ = _smooth(target, weights, strength)
     return np.clip(sigmas, _LADDER[0], _LADDER[-1])
 
 
@@ -415,22 +432,29 @@ def _widths(sums: Array) -> tuple[NDArray[np.float64], NDArray[np.float64], NDAr
     return _FINE[best], sharpness, np.maximum(values[rows, best], 0)
 
 
-def _smooth(values: Array, weights: Array) -> NDArray[np.float64]:
+def _smooth(
+    values: Array, weights: Array, strength: float | None = None
+) -> tuple[NDArray[np.float64], float]:
     """Return the curve of least bending through weighted values (Whittaker 1923).
 
-    How much it may bend is chosen by generalised cross validation.
+    How strongly bending counts is chosen by generalised cross validation where it is not given;
+    it is returned too.
     """
-    count = len(values)
-    bends = np.diff(np.eye(count), 2, axis=0)
+    bends = np.diff(np.eye(len(values)), 2, axis=0)
     penalty = bends.T @ bends
     known = weights > 0
+    if not known.any():
+        return values, strength or 1.0
     target = np.where(known, values, 0.0)
+    if strength is not None:
+        return np.linalg.solve(np.diag(weights) + strength * penalty, weights * target), strength
     tried = []
     for strength in np.geomspace(1e-2, 1e10, 25) * np.median(weights[known]):
         hat = np.linalg.solve(np.diag(weights) + strength * penalty, np.diag(weights))
         curve = hat @ target
         freedom = max(1 - np.trace(hat) / known.sum(), 1e-6)
-        tried.append((float((weights * np.square(target - curve)).sum()) / freedom**2, curve))
+        score = float((weights * np.square(target - curve)).sum()) / freedom**2
+        tried.append((score, curve, float(strength)))
     # Of those about as good, the smoothest: it goes on best where levels are lacking.
-    best = min(score for score, _ in tried)
-    return next(curve for score, curve in reversed(tried) if score <= _AS_GOOD * best)
+    best = min(score for score, _, _ in tried)
+    return next(each[1:] for each in reversed(tried) if each[0] <= _AS_GOOD * best)

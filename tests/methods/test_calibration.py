@@ -87,7 +87,8 @@ def test_light_and_noise_are_told_from_grey_levels_without() -> None:
     assert calibrate(pairs(law)).law.linear
     noisy = calibrate(pairs(BlurLaw(tuple(RISING.tolist())), noise=4)).law
     assert not noisy.linear
-    assert np.median(noisy.noise) == pytest.approx(4, rel=0.15)
+    # In the middle of the range: the rarest grey levels are those that noise took there.
+    assert noisy.noise[8] == pytest.approx(4, rel=0.15)
     assert noisy.registered
 
 
