@@ -22,6 +22,7 @@ _BUILT_IN = {
     "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
     "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
     "local": "dfdbench.methods.baselines:Local",
+    "s-transform": "dfdbench.methods.s_transform:STransform",
     "u-net": "dfdbench.methods.learned:UNetMethod",
 }
 
