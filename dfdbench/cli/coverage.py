@@ -97,7 +97,8 @@ def coverage(
     if each:
         _answer_each(store, each, rule, out, format)
     elif run and result:
-        sides = sides_of_run(store, run.dataset.split, run.method.trained_on, train, fold)
+        saw = run.method.trained_on or run.method.fitted_on
+        sides = sides_of_run(store, run.dataset.split, saw, train, fold)
         _answer_errors(store, run, result.parent, sides, rule, out, format)
     else:
         other = open_store(test_dataset) if test_dataset else None

@@ -61,6 +61,7 @@ def run(
     """Run a method on a data set and print its tables; a stopped run goes on."""
     from dfdbench.audit.trained_on import coverage_warnings
     from dfdbench.datasets.store import open_store
+    from dfdbench.evaluation.fitting import training_scenes
     from dfdbench.evaluation.loading import load_for
     from dfdbench.evaluation.plan import RunOptions
     from dfdbench.evaluation.run import run_method
@@ -77,7 +78,12 @@ def run(
     folder = out or Path("results") / f"{data.path.stem}-{split}" / _folder_name(method, param)
     options = RunOptions(limit, not no_predictions, fresh, seed)
     pool = pool_of_processes(workers, scheduler)
-    warnings = coverage_warnings(loaded.trained_on, data, split)
+    saw = [loaded.trained_on]
+    if loaded.fit is not None:
+        saw.append(training_scenes(data.manifest, split)[0])
+    warnings = [
+        text for name in dict.fromkeys(saw) for text in coverage_warnings(name, data, split)
+    ]
     with progress(f"running {method}") as step:
         done = run_method(data, loaded, split, folder, options, pool, warnings, step)
     _tell_what_was_reused(done)
@@ -129,6 +135,9 @@ def _print_tables(summary: RunSummary, manifest: Manifest, format: Format) -> No
 def _tell_where_it_lies(done: Run, figures: bool) -> None:
     from dfdbench.results.record_file import RESULT
 
+    method = done.result.method
+    if method.fitted_on:
+        say(f"fitted       on {method.fitted_on}, in {method.fit_seconds:.1f} s")
     say(f"result       {done.folder / RESULT}")
     if figures:
         say(f"figures      {done.folder / 'figures'}")
@@ -150,7 +159,9 @@ def check_method_command(
         "training_mean": lambda: 128.0,
         "seed": lambda: 0,
     }
-    trials = check_method(load_method(method, values_of(param, "--param"), offers))
+    # A class with a fit has to find out the blur, so that the fit is tried too.
+    for_fits = {"recipe": lambda: None}
+    trials = check_method(load_method(method, values_of(param, "--param"), offers, for_fits))
     rows = tuple(
         (
             "FAIL" if trial.error else "odd" if trial.warning else "ok",

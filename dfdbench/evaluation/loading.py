@@ -20,9 +20,10 @@ def load_for(
     """Load a method and hand it the facts of the data set that it asks for.
 
     A method is named as for `dfdbench.methods.load`, or is the function or class itself, defined
-    at the top of a module. A class with a parameter ``recipe`` gets the data set's blur recipe,
-    one with ``recipe_name`` that recipe's name, empty for captured defocus, one with
-    ``training_mean`` the mean depth of the training split, one with ``seed`` the run's seed.
+    at the top of a module. A class with a parameter ``recipe`` gets the data set's blur recipe
+    (None where there is none and the class has a ``fit``), one with ``recipe_name`` that recipe's
+    name, empty for captured defocus, one with ``training_mean`` the mean depth of the training
+    split, one with ``seed`` the run's seed.
     """
     return load_method(
         method if isinstance(method, str) else entry_of(method),
@@ -33,6 +34,7 @@ def load_for(
             "training_mean": lambda: training_mean(store),
             "seed": lambda: seed,
         },
+        for_fits={"recipe": lambda: store.recipe},
     )
 
 

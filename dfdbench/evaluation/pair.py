@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import PairImages, Store
+from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
 from dfdbench.methods.calling import call
+from dfdbench.methods.fit import restore
 from dfdbench.methods.isolation import seeded
 from dfdbench.methods.method import Method, Prediction
 from dfdbench.metrics.protocol import PROTOCOLS, Protocol, score
@@ -86,18 +88,22 @@ class RemoteEvaluator:
         The method, and what the user set, as JSON.
     seed : int
         As for `PairEvaluator`.
+    learned : bytes or None
+        What the method's fit learned here, from `pack`; None where it has no fit.
     """
 
     place: str
     entry: str
     parameters: str
     seed: int
+    learned: bytes | None = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, store: Store, method: Method, seed: int) -> RemoteEvaluator:
-        """Return the evaluator for a store and a method that are open here."""
+    def of(cls, store: Store, method: Method, seed: int, fit: Fit | None = None) -> RemoteEvaluator:
+        """Return the evaluator for a store and a method that are open, and fitted, here."""
         place = store.path.absolute() if is_local(store.path) else store.path
-        return cls(str(place), method.entry, json.dumps(method.parameters), seed)
+        learned = None if fit is None or fit.learned is None else pack(fit.learned)
+        return cls(str(place), method.entry, json.dumps(method.parameters), seed, learned)
 
     def __call__(self, pair: Pair) -> Evaluated:
         """Evaluate one pair; its time is marked as not comparable."""
@@ -110,6 +116,8 @@ def _evaluator_here(remote: RemoteEvaluator) -> PairEvaluator:
     # A process keeps what it has loaded: graph cuts compile, networks read their weights.
     store = Store(remote.place)
     method = load_for(store, remote.entry, json.loads(remote.parameters), remote.seed)
+    if remote.learned is not None:
+        restore(method, unpack(remote.learned))
     return PairEvaluator(store, method, remote.seed)
 
 

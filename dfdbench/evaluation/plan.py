@@ -10,6 +10,7 @@ import dfdbench
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
+from dfdbench.evaluation.fitting import Fit
 from dfdbench.methods.method import Method
 from dfdbench.metrics.protocol import PROTOCOLS
 
@@ -53,6 +54,8 @@ class RunPlan:
     expected, available, chosen : tuple of Pair
         Pairs of the manifest's split; of those, the ones that the store holds; of those, the ones
         to evaluate.
+    fit : Fit or None
+        How the method was fitted before; None where it has no fit.
     """
 
     store: Store
@@ -62,6 +65,7 @@ class RunPlan:
     expected: tuple[Pair, ...]
     available: tuple[Pair, ...]
     chosen: tuple[Pair, ...]
+    fit: Fit | None = None
 
     @property
     def identity(self) -> dict[str, Any]:

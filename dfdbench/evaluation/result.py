@@ -72,6 +72,8 @@ def _method_record(plan: RunPlan) -> MethodRecord:
         trained_on=trained_on,
         weights_sha256=method.weights_sha256,
         files_sha256=method.files_sha256,
+        fitted_on=plan.fit.fitted_on if plan.fit else None,
+        fit_seconds=plan.fit.seconds if plan.fit else None,
         paper=method.paper,
     )
 

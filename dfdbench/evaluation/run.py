@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.errors import ResultError, reason_of
+from dfdbench.errors import MethodError, ResultError, reason_of
+from dfdbench.evaluation.fitting import Fit, fit_again, fit_method, keep_fit
 from dfdbench.evaluation.pair import Evaluated, PairEvaluator, RemoteEvaluator, blank_record
 from dfdbench.evaluation.plan import RunOptions, RunPlan, plan_run
 from dfdbench.evaluation.result import result_of
 from dfdbench.methods.method import Method
 from dfdbench.results.folder import (
     add_to_journal,
+    is_of_run,
     keep_prediction,
     keep_store_place,
     open_run_folder,
@@ -64,6 +66,9 @@ def run_method(
 ) -> Run:
     """Evaluate a method on a split; go on where an earlier call was stopped.
 
+    A method with a fit is fitted first, before anything is written, or is given what it learned
+    in an earlier call of the same run.
+
     Parameters
     ----------
     store : Store
@@ -88,13 +93,20 @@ def run_method(
     Raises
     ------
     StoreError
-        Where the store holds no pair of the split.
+        Where the store holds no pair of the split, or none to fit the method on.
+    MethodError
+        Where the method cannot be fitted, or not for this split or this pool.
     ResultError
         Where the folder cannot be written.
     """
     plan = plan_run(store, method, split, options or RunOptions())
+    identity = plan.identity
     with _writing(folder):
-        set_aside = open_run_folder(folder, plan.identity, plan.options.fresh)
+        goes_on = not plan.options.fresh and is_of_run(folder, identity)
+        plan = replace(plan, fit=_fitted(plan, folder if goes_on else None, pool))
+        set_aside = open_run_folder(folder, identity, plan.options.fresh)
+        if plan.fit:
+            keep_fit(folder, plan.fit)
         keep_store_place(folder, store.path)
         journal = _Journal(plan, folder, on_pair)
         reused = journal.done
@@ -123,6 +135,20 @@ def _writing(folder: Path) -> Iterator[None]:
             fix="make room or choose another place with --out DIR; "
             "the same command goes on where it stopped",
         ) from error
+
+
+def _fitted(plan: RunPlan, before: Path | None, pool: Pool | None) -> Fit | None:
+    fit = fit_again(plan.method, before) if before else None
+    fit = fit or fit_method(plan.store, plan.method, plan.split, plan.options.seed)
+    if fit and fit.learned is None and pool is not None:
+        raise MethodError(
+            "what the method learned cannot be sent to other processes",
+            where=f"{plan.method.entry}: fit",
+            expected="a fit that returns what it learned, as numbers and arrays by name",
+            got="None: it is kept in the method itself",
+            fix="leave out --workers and --scheduler",
+        )
+    return fit
 
 
 class _Journal:
@@ -166,6 +192,6 @@ def _evaluate(plan: RunPlan, journal: _Journal, pool: Pool | None) -> None:
         for pair in journal.to_do:
             journal.note(pair, evaluate(pair))
         return
-    remote = RemoteEvaluator.of(plan.store, plan.method, plan.options.seed)
+    remote = RemoteEvaluator.of(plan.store, plan.method, plan.options.seed, plan.fit)
     for start in range(0, len(journal.to_do), _BATCH):
         pool.map(remote, journal.to_do[start : start + _BATCH], on_outcome=journal.note)

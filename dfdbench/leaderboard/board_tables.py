@@ -12,7 +12,14 @@ from dfdbench.metrics.metric import METRICS, RANKED_BY, mean_of
 from dfdbench.metrics.protocol import RELEASED, title_of
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT
-from dfdbench.results.wording import NOTHING, machine_of, parameters_of, score_text, seconds_text
+from dfdbench.results.wording import (
+    NOTHING,
+    machine_of,
+    parameters_of,
+    score_text,
+    seconds_text,
+    training_of,
+)
 from dfdbench.tables.table import Link, Table
 
 
@@ -115,7 +122,7 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
         cells: tuple[str, ...] = (
             method.name,
             parameters_of(entry.result),
-            method.trained_on or "nothing",
+            training_of(method),
             seconds_text(entry.seconds),
             machine_of(entry.result),
             method.paper or NOTHING,
@@ -162,6 +169,7 @@ def _record(board: ScoreBoard, standing: Standing, folder: Path) -> dict[str, ob
         "method": entry.result.method.name,
         "parameters": parameters_of(entry.result),
         "trained_on": entry.result.method.trained_on,
+        "fitted_on": entry.result.method.fitted_on,
         **{metric: entry.score(protocol, metric) for metric in METRICS},
         f"{RANKED_BY}_low": low,
         f"{RANKED_BY}_high": high,

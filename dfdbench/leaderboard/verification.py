@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, Problem, ResultError, unknown_name
+from dfdbench.evaluation.fitting import fit_method
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.evaluation.result import without_folder
@@ -45,6 +46,8 @@ def verify_result(
     on_pair: Callable[[int, int], None] | None = None,
 ) -> VerifiedSample:
     """Run a random sample of a result's pairs again and compare.
+
+    A method with a fit is fitted anew first: what the result's run had learned is not asked for.
 
     Parameters
     ----------
@@ -90,7 +93,9 @@ def verify_result(
     # By its entry, which was agreed to: a name may hold a folder of another machine.
     parameters = parameters_to_run(record, weights, path)
     method = load_for(store, record.entry, parameters, result.seed)
-    evaluate = PairEvaluator(store, method, result.seed, _protocols_of(result, path))
+    protocols = _protocols_of(result, path)
+    fit_method(store, method, result.dataset.split, result.seed)
+    evaluate = PairEvaluator(store, method, result.seed, protocols)
     problems, identical, largest = [], 0, 0.0
     for number, claim in enumerate(chosen, 1):
         rerun, _ = evaluate(claim.pair)

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.errors import DfdbenchError
 from dfdbench.methods.calling import call
+from dfdbench.methods.fit import teach
 from dfdbench.methods.method import Method
 from dfdbench.metrics.scores import AGAINST, correlation
 
 Image = NDArray[np.uint8]
 
 _ORDINARY = "an ordinary pair, 240 × 320"
+_FIT = "fit, on two made pairs"
+
+
+class MadePair(NamedTuple):
+    """A training pair that is made: see `dfdbench.methods.fit.TrainingPair`."""
+
+    infocus: Image
+    defocus: Image
+    depth: Image
+    valid: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -34,7 +47,8 @@ def check_method(method: Method, seed: int = 0) -> tuple[Check, ...]:
     Tried are odd sizes, tall and wide images, a flat, a black and a saturated pair, a pair
     without any blur; the same pair twice (the answers must be equal); whether the method
     writes into the images it is handed; and whether its depth is brighter for nearer, which
-    shows on a slope whose near side is less blurred.
+    shows on a slope whose near side is less blurred. A method with a fit is fitted to two made
+    pairs first; where that fails, nothing else is tried.
 
     Parameters
     ----------
@@ -44,9 +58,13 @@ def check_method(method: Method, seed: int = 0) -> tuple[Check, ...]:
         Of the images.
     """
     pairs = _awkward_pairs(seed)
+    trials = []
+    if method.fit is not None:
+        trials.append(_try_fit(method, seed))
+        if trials[0].error:
+            return tuple(trials)
     if method.warm_up:
         call(method.warm_up, *pairs[_ORDINARY])
-    trials = []
     for name, (infocus, defocus) in pairs.items():
         prediction = call(method.predict, infocus, defocus)
         warning = "printed to standard output" if prediction.printed else ""
@@ -91,6 +109,32 @@ def _awkward_pairs(seed: int) -> dict[str, tuple[Image, Image]]:
         "a saturated pair": flat(255),
         "a pair without blur": (sharp, sharp.copy()),
     }
+
+
+def _try_fit(method: Method, seed: int) -> Check:
+    recipe = RECIPES["published"]
+    images = [np.random.default_rng((seed, number)) for number in range(2)]
+    pairs = []
+    for random in images:
+        image = random.integers(0, 256, (240, 320, 3)).astype(np.uint8)
+        # Blocks of all levels, so that a fit finds each of them in both pairs.
+        blocks = random.permutation(np.linspace(0, 255, 48)).reshape(6, 8).astype(np.uint8)
+        depth = np.kron(blocks, np.ones((40, 40), np.uint8))
+        pairs.append(MadePair(image, synthesize(image, depth, recipe), depth, depth > 0))
+    before = [[array.copy() for array in pair] for pair in pairs]
+    try:
+        lesson = teach(method, pairs, seed)
+    except DfdbenchError as error:
+        return Check(_FIT, 0, " ".join(str(error).split()), "")
+    same = all(
+        np.array_equal(array, copy)
+        for pair, copies in zip(pairs, before, strict=True)
+        for array, copy in zip(pair, copies, strict=True)
+    )
+    odd = [] if same else ["changes the pairs it is handed"]
+    if lesson.learned is None:
+        odd.append("returns None: it is called again when a run goes on, and not with --workers")
+    return Check(_FIT, lesson.seconds, "", "; ".join(odd))
 
 
 def _slope(height: int, width: int) -> Image:

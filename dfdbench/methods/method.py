@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -47,6 +47,11 @@ class Method:
     def warm_up(self) -> Predict | None:
         """What to call once, untimed, before the first pair."""
         return getattr(self.predict, "warm_up", None)
+
+    @property
+    def fit(self) -> Callable[[Sequence[Any]], Any] | None:
+        """What to call once with training pairs before a run; None where nothing is fitted."""
+        return getattr(self.predict, "fit", None)
 
     @property
     def trained_on(self) -> str | None:

@@ -22,7 +22,9 @@ from dfdbench.errors import (
 )
 
 
-def read_parameters(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def read_parameters(
+    given: Mapping[str, Any], fits: bool = False
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return parameters as a method takes them, and as a result records them.
 
     Of these, `recipe` is made a `BlurRecipe`; a recipe in a file is recorded by what the file
@@ -33,6 +35,8 @@ def read_parameters(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str,
     given : mapping
         By name. `recipe` may be a recipe's name, its fields, a TOML file of them, or a
         `BlurRecipe`.
+    fits : bool
+        Whether the method has a ``fit``: its recipe may be None, which leaves the blur to the fit.
 
     Raises
     ------
@@ -49,7 +53,8 @@ def read_parameters(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str,
     """
     taken = dict(given)
     recorded = {name: _plain(value) for name, value in given.items()}
-    if "recipe" in given:
+    withheld = fits and given.get("recipe") is None
+    if "recipe" in given and not withheld:
         recipe, where = given["recipe"], "parameter recipe"
         if isinstance(recipe, str | Path) and recipe not in RECIPES:
             where = str(recipe)

@@ -7,6 +7,7 @@ import inspect
 import sys
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from dfdbench.errors import MethodError, Problem, unknown_name
@@ -91,7 +92,10 @@ def load(name: str, **params: Any) -> Predict:
 
 
 def load_method(
-    name: str, parameters: Mapping[str, Any], offers: Mapping[str, Callable[[], Any]]
+    name: str,
+    parameters: Mapping[str, Any],
+    offers: Mapping[str, Callable[[], Any]],
+    for_fits: Mapping[str, Callable[[], Any]] = MappingProxyType({}),
 ) -> Method:
     """Find a method, construct it where it is a class, and say where it came from.
 
@@ -104,6 +108,9 @@ def load_method(
     offers : mapping of str to callable
         Facts of the data set by parameter name (``recipe``, ``training_mean``), worked out only
         for a class that has such a parameter which the user left open.
+    for_fits : mapping of str to callable, optional
+        What takes the place of offers for a class that has a ``fit``. Where one gives None, there
+        is no such fact, which such a class can find out; it is then not among the method's uses.
 
     Raises
     ------
@@ -123,11 +130,16 @@ def load_method(
             )
         entry = registered[name]
     target, source = import_entry(entry)
-    given, recorded = read_parameters(parameters)
+    fits = hasattr(target, "fit")
+    given, recorded = read_parameters(parameters, fits)
+    if fits:
+        offers = {**offers, **for_fits}
     if inspect.isclass(target):
         accepted = _parameters(target)
-        uses = tuple(key for key in offers if key in accepted and key not in given)
-        arguments = given | {key: offers[key]() for key in uses}
+        asked = [key for key in offers if key in accepted and key not in given]
+        facts = {key: offers[key]() for key in asked}
+        uses = tuple(key for key in asked if facts[key] is not None)
+        arguments = given | facts
         _check_parameters(entry, target, arguments)
         try:
             predict = target(**arguments)

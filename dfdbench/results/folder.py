@@ -57,8 +57,7 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> P
                 where=str(folder),
                 fix="choose another with --out DIR",
             )
-        before = _read_identity(folder / _IDENTITY)
-        if fresh or before != identity:
+        if fresh or not is_of_run(folder, identity):
             set_aside = folder.with_name(folder.name + ".previous")
             if set_aside.exists():
                 shutil.rmtree(set_aside)
@@ -67,6 +66,12 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> P
     if not (folder / _IDENTITY).exists():
         write_whole(folder / _IDENTITY, json.dumps(identity, indent=1) + "\n")
     return set_aside
+
+
+def is_of_run(folder: Path, identity: Mapping[str, Any]) -> bool:
+    """Return whether a folder was begun by an earlier call of the same run."""
+    path = folder / _IDENTITY
+    return path.is_file() and _read_identity(path) == identity
 
 
 def _read_identity(path: Path) -> Any:

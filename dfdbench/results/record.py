@@ -142,7 +142,8 @@ class MethodRecord(Record):
     """Which method was run, and how.
 
     `files_sha256` is of what parameters name: files, and folders by their files' names and
-    contents.
+    contents. `fitted_on` says which pairs the method's fit saw before the run, in the words of
+    `trained_on`; `fit_seconds` how long that took, which no pair's time holds.
     """
 
     name: Line
@@ -154,6 +155,8 @@ class MethodRecord(Record):
     paper: str | None
     weights_sha256: Sha256 | None = None
     files_sha256: dict[str, Sha256] = Field(default_factory=dict)
+    fitted_on: str | None = None
+    fit_seconds: Seconds | None = None
 
 
 class Environment(Record):

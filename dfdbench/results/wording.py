@@ -24,6 +24,21 @@ def method_label(method: MethodRecord) -> str:
     return f"{method.name} ({settings})" if settings else method.name
 
 
+def training_of(method: MethodRecord) -> str:
+    """Return what a method was trained on and what it was fitted on, in a few words.
+
+    Examples
+    --------
+    >>> record = MethodRecord(
+    ...     name="local", entry="m:Local", source_sha256=None, parameters={}, uses=[],
+    ...     trained_on=None, paper=None, fitted_on="demo-1, split train")
+    >>> training_of(record)
+    'fitted on demo-1, split train'
+    """
+    fitted = f"fitted on {method.fitted_on}" if method.fitted_on else None
+    return "; ".join(text for text in (method.trained_on, fitted) if text) or "nothing"
+
+
 def seconds_text(seconds: float | None) -> str:
     """Return seconds to the millisecond.
 

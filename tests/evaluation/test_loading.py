@@ -50,3 +50,38 @@ def test_a_function_or_class_may_be_given_itself(tiny_store: Store, tmp_path: Pa
 def test_what_has_no_name_of_its_own_is_refused(tiny_store: Store, given: Any) -> None:
     with pytest.raises(MethodError, match=r"(?s)could be found again.*file\.py:name"):
         load_for(tiny_store, given, {})
+
+
+class Asking:
+    """Asks for the blur recipe, and has no fit."""
+
+    def __init__(self, recipe: Any) -> None:
+        self.recipe = recipe
+
+    def __call__(self, infocus: Any, defocus: Any) -> Any:
+        return infocus[..., 0]
+
+
+class Fitting(Asking):
+    """Asks for the blur recipe, and can find it out."""
+
+    def fit(self, pairs: Any) -> None:
+        self.recipe = "found"
+
+
+def test_where_no_recipe_is_told_a_method_with_a_fit_gets_none(
+    tiny_store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = load_for(tiny_store, Fitting, {})
+    assert (told.predict.recipe, told.uses) == (tiny_store.recipe, ("recipe",))  # type: ignore[attr-defined]
+    monkeypatch.setattr(Store, "recipe", None)
+    found = load_for(tiny_store, Fitting, {})
+    assert (found.predict.recipe, found.uses) == (None, ())  # type: ignore[attr-defined]
+    with pytest.raises(MethodError, match=r"asks for a blur recipe[\s\S]*--param recipe="):
+        load_for(tiny_store, Asking, {})
+
+
+def test_a_user_may_withhold_the_recipe(tiny_store: Store) -> None:
+    found = load_for(tiny_store, Fitting, {"recipe": None})
+    assert found.predict.recipe is None  # type: ignore[attr-defined]
+    assert found.parameters == {"recipe": None}

@@ -213,3 +213,31 @@ def test_a_reproduced_result_says_so_on_the_board(demo_store: Store, tmp_path: P
     path.write_text(json.dumps(content))
     with pytest.raises(ResultError, match="of another file"):
         collect(tmp_path)
+
+
+FITTED = """
+import numpy as np
+
+class Mean:
+    def fit(self, pairs):
+        return {"level": np.mean([pair.depth.mean() for pair in pairs])}
+
+    def restore(self, learned):
+        self.level = learned["level"]
+
+    def __call__(self, infocus, defocus):
+        return np.full(infocus.shape[:2], self.level)
+"""
+
+
+def test_a_fitted_method_is_fitted_anew(
+    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("fitted_mean.py").write_text(FITTED)
+    method = load_for(tiny_store, "fitted_mean.py:Mean", {})
+    run_method(tiny_store, method, "K2", tmp_path / "run")
+    path = tmp_path / "run" / RESULT
+    entry = "fitted_mean.py:Mean"
+    found = verify_result(load_result(path), path, tiny_store, count=99, trusted=[entry])
+    assert found.identical == len(found.pairs) == 3

@@ -61,3 +61,36 @@ def test_depth_that_grows_with_distance_is_found_out() -> None:
     found = problems(lambda *images: 255 - np.asarray(local.predict(*images)))
     assert "every set wants brighter for nearer" in found.pop("brighter for nearer")
     assert found == {}
+
+
+class Fitted:
+    """Learns one level; on two made pairs, or on their changed depth."""
+
+    def __init__(self, change: bool = False, learned: Any = None) -> None:
+        self.change, self.learned, self.level = change, learned, 0.0
+
+    def fit(self, pairs: Any) -> Any:
+        assert [pair.infocus.shape for pair in pairs] == [(240, 320, 3)] * 2
+        assert set(np.unique(pairs[0].depth)) == set(np.unique(pairs[1].depth))
+        if self.change:
+            pairs[1].depth[0, 0] += 1
+        return self.learned
+
+    def restore(self, learned: Any) -> None:
+        self.level = learned["level"]
+
+    def __call__(self, infocus: Any, defocus: Any) -> Any:
+        return np.full(infocus.shape[:2], self.level)
+
+
+def test_a_fit_is_tried_and_what_it_learned_is_used() -> None:
+    assert problems(Fitted(learned={"level": 90.0})) == {}
+    assert "levels from 300 to 300" in problems(Fitted(learned={"level": 300.0}))["a black pair"]
+
+
+def test_what_is_wrong_with_a_fit_is_found_out() -> None:
+    assert "changes the pairs" in problems(Fitted(True, {"level": 1}))["fit, on two made pairs"]
+    assert "not with --workers" in problems(Fitted())["fit, on two made pairs"]
+    found = problems(Fitted(learned={"level": "near"}))
+    assert list(found) == ["fit, on two made pairs"]
+    assert "cannot be kept" in found["fit, on two made pairs"]

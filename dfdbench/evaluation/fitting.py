@@ -1,0 +1,213 @@
+"""Fit a method to training pairs before it is run, and keep what it learned beside the run."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.datasets.folds import training_of
+from dfdbench.datasets.manifest import ALL_PAIRS, Manifest
+from dfdbench.datasets.pair_sequence import PairSequence
+from dfdbench.datasets.store import Store
+from dfdbench.errors import MethodError, ResultError, StoreError
+from dfdbench.methods.fit import Learned, restore, teach
+from dfdbench.methods.method import Method
+from dfdbench.system.files import write_whole
+
+#: What was learned, in the folder of its run.
+FIT = "fit.npz"
+TRAINING = "train"
+# NumPy takes names as arguments, of which it has some itself.
+_PREFIX = "learned."
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How a method was fitted.
+
+    Parameters
+    ----------
+    fitted_on : str
+        The pairs it saw, in the form of a result's `trained_on`.
+    seconds : float
+        How long that took.
+    learned : dict or None
+        What it learned; None where the method keeps it in itself.
+    """
+
+    fitted_on: str
+    seconds: float
+    learned: Learned | None
+
+
+def training_pairs(store: Store, split: str) -> tuple[str, PairSequence]:
+    """Return the pairs that a method may be fitted on before it is run on a split.
+
+    That is the split ``train``; where a fold or a single scene is run, all other scenes.
+
+    Returns
+    -------
+    str
+        Which pairs they are, in the form of a result's `trained_on`.
+    PairSequence
+        The pairs, read as they are asked for.
+
+    Raises
+    ------
+    MethodError
+        Where the run would test what was fitted on.
+    StoreError
+        Where there is no training split, or the store holds no pair of it.
+    """
+    name, scenes = training_scenes(store.manifest, split)
+    pairs = tuple(pair for pair in store.pairs(ALL_PAIRS) if pair.scene in scenes)
+    if not pairs:
+        raise StoreError(
+            "the method is to be fitted, and the store holds no training pair",
+            where=str(store.path),
+            expected=name,
+            fix=f"build {store.manifest.short} with its training scenes too",
+        )
+    return name, PairSequence(store, pairs)
+
+
+def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]]:
+    """Return what is fitted on before a split is run: its name, and its scenes.
+
+    Raises
+    ------
+    MethodError
+        Where the run would test what was fitted on.
+    StoreError
+        Where there is no training split.
+
+    Examples
+    --------
+    >>> from dfdbench.datasets.catalog import find_manifest
+    >>> training_scenes(find_manifest("demo"), "test")[0]
+    'demo-1, split train'
+    """
+    if _is_left_out(manifest, split):
+        return f"{manifest.stem}, all but {split}", frozenset(training_of(manifest, split))
+    splits = [item.name for item in manifest.splits]
+    if TRAINING not in splits:
+        raise StoreError(
+            "the method is to be fitted, and there is no training split",
+            where=manifest.stem,
+            expected=f"a split called {TRAINING} in the manifest",
+            got=", ".join(splits) or "no splits",
+            fix="run a fold or a single scene, --split NAME: all other scenes train",
+        )
+    train = frozenset(manifest.scenes_of(TRAINING))
+    both = [scene for scene in manifest.scenes_of(split) if scene in train]
+    if both:
+        raise MethodError(
+            "the method would be tested on what it was fitted on",
+            where=f"split {split} of {manifest.stem}",
+            expected=f"a split without scenes of {TRAINING}",
+            got=", ".join(both),
+            fix="run test, or fold by fold (--split NAME): "
+            + ", ".join(["test"] * ("test" in splits) + [fold.name for fold in manifest.folds]),
+        )
+    return f"{manifest.stem}, split {TRAINING}", train
+
+
+def _is_left_out(manifest: Manifest, split: str) -> bool:
+    # As `Manifest.scenes_of` reads a name: a fold before a split before a scene.
+    if split in {fold.name for fold in manifest.folds}:
+        return True
+    splits = {item.name for item in manifest.splits}
+    return split in manifest.scene_names and split not in splits and split != ALL_PAIRS
+
+
+def fit_method(store: Store, method: Method, split: str, seed: int) -> Fit | None:
+    """Fit a method to the training pairs that belong to a split; None where it has no fit.
+
+    Raises
+    ------
+    MethodError, StoreError
+        As of `training_pairs`, and where the fit raises or what it returns cannot be kept.
+    """
+    if method.fit is None:
+        return None
+    fitted_on, pairs = training_pairs(store, split)
+    lesson = teach(method, pairs, seed)
+    return Fit(fitted_on, lesson.seconds, lesson.learned)
+
+
+def fit_again(method: Method, folder: Path) -> Fit | None:
+    """Give a method what it learned when its run began; None where nothing of that is kept.
+
+    Raises
+    ------
+    MethodError
+        Where the method does not take it back.
+    ResultError
+        Where the file is damaged.
+    """
+    if method.fit is None or not (folder / FIT).is_file():
+        return None
+    fit = read_fit(folder)
+    if fit.learned is not None:
+        restore(method, fit.learned)
+    return fit
+
+
+def keep_fit(folder: Path, fit: Fit) -> None:
+    """Write what a method learned beside its run; nothing where it keeps that in itself."""
+    if fit.learned is not None:
+        facts = {"fitted_on": np.array(fit.fitted_on), "seconds": np.array(fit.seconds)}
+        write_whole(folder / FIT, pack(fit.learned, facts))
+
+
+def read_fit(folder: Path) -> Fit:
+    """Read what a method learned for a run.
+
+    Raises
+    ------
+    ResultError
+        Where it is damaged.
+    """
+    path = folder / FIT
+    try:
+        content = path.read_bytes()
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            return Fit(str(arrays["fitted_on"]), float(arrays["seconds"]), unpack(content))
+    except (OSError, ValueError, LookupError, EOFError, zipfile.BadZipFile) as error:
+        raise ResultError(
+            "what the method learned cannot be read",
+            where=str(path),
+            expected="numbers and arrays, as the run's first call kept them",
+            got=str(error)[:200],
+            fix="run it again with --fresh: the method is fitted anew",
+        ) from error
+
+
+def pack(learned: Learned, facts: dict[str, NDArray[Any]] | None = None) -> bytes:
+    """Return what was learned as a NumPy archive, with other facts beside it.
+
+    Examples
+    --------
+    >>> unpack(pack({"file": 0.5, "levels": np.arange(3)}))
+    {'file': 0.5, 'levels': array([0, 1, 2])}
+    """
+    file = io.BytesIO()
+    arrays = {_PREFIX + name: np.asarray(value) for name, value in learned.items()}
+    np.savez(file, **(facts or {}), **arrays)  # type: ignore[arg-type]
+    return file.getvalue()
+
+
+def unpack(content: bytes) -> Learned:
+    """Return what `pack` made an archive of."""
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        return {
+            name.removeprefix(_PREFIX): array if array.ndim else array.item()
+            for name, array in arrays.items()
+            if name.startswith(_PREFIX)
+        }

@@ -1,0 +1,196 @@
+"""A method's fit: called on training pairs; what it learned is checked and given back to it."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import DfdbenchError, MethodError, Problem
+from dfdbench.methods.importing import describe
+from dfdbench.methods.isolation import process_kept, seeded
+from dfdbench.methods.method import Method
+
+#: What a fit may return: numbers and arrays of numbers by name.
+Learned = dict[str, bool | int | float | NDArray[Any]]
+
+_EXPECTED = "a mapping of names to numbers or NumPy arrays of numbers, or None"
+
+
+class TrainingPair(Protocol):
+    """What a fit sees of a pair: images (y, x, 3) of uint8, depth levels (y, x), where known."""
+
+    @property
+    def infocus(self) -> NDArray[np.uint8]:
+        """The sharp image, RGB."""
+
+    @property
+    def defocus(self) -> NDArray[np.uint8]:
+        """The blurred image, RGB."""
+
+    @property
+    def depth(self) -> NDArray[np.uint8]:
+        """Depth levels."""
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """True where the depth is known."""
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What one call of a fit came to.
+
+    Parameters
+    ----------
+    learned : dict or None
+        Numbers and arrays by name; None where the method keeps what it learned in itself.
+    seconds : float
+        Wall-clock time of the call.
+    """
+
+    learned: Learned | None
+    seconds: float
+
+
+def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesson:
+    """Call a method's fit, check what it returns, and give it back to the method.
+
+    `random` and `numpy.random` are seeded for the call; what it prints goes to standard error,
+    since a command's tables go to standard output; what it changes of the process is put back.
+
+    Raises
+    ------
+    MethodError
+        Where the fit raises, or returns what cannot be kept.
+    DfdbenchError
+        What reading a pair raises.
+
+    Examples
+    --------
+    >>> class Mean:
+    ...     def fit(self, pairs):
+    ...         return {"level": np.mean([pair.depth[pair.valid].mean() for pair in pairs])}
+    ...
+    ...     def restore(self, learned):
+    ...         self.level = learned["level"]
+    ...
+    ...     def __call__(self, infocus, defocus):
+    ...         return np.full(infocus.shape[:2], self.level)
+    >>> from types import SimpleNamespace
+    >>> depth = np.full((2, 2), 90, np.uint8)
+    >>> pair = SimpleNamespace(depth=depth, valid=depth > 0)
+    >>> teach(Method("mean", "m:Mean", Mean()), [pair, pair]).learned
+    {'level': 90.0}
+    """
+    fit = method.fit
+    if not callable(fit):
+        raise MethodError(
+            "fit cannot be called",
+            where=method.entry,
+            expected="fit(pairs), or None where nothing is to be fitted",
+            got=type(fit).__name__,
+        )
+    try:
+        with process_kept(), seeded(seed), contextlib.redirect_stdout(sys.stderr):
+            begin = time.perf_counter()
+            returned = fit(pairs)
+            seconds = time.perf_counter() - begin
+    except DfdbenchError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise MethodError(
+            "the method cannot be fitted", where=f"{method.entry}: fit", got=describe(error)
+        ) from error
+    learned = None if returned is None else check_learned(returned, method.entry)
+    if learned is not None:
+        restore(method, learned)
+    return Lesson(learned, seconds)
+
+
+def restore(method: Method, learned: Learned) -> None:
+    """Give a method what its fit learned, here or in another process; arrays are copies.
+
+    Raises
+    ------
+    MethodError
+        Where it has no `restore`, or that raises.
+    """
+    give = getattr(method.predict, "restore", None)
+    if not callable(give):
+        raise MethodError(
+            "the method's fit returns what it learned, and nothing takes it back",
+            where=method.entry,
+            expected="restore(learned), called in each process and when a run goes on",
+            got=type(give).__name__,
+            fix="add it, or let fit return None and keep what it learned in the object",
+        )
+    copies = {
+        name: value.copy() if isinstance(value, np.ndarray) else value
+        for name, value in learned.items()
+    }
+    try:
+        with process_kept(), contextlib.redirect_stdout(sys.stderr):
+            give(copies)
+    except DfdbenchError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise MethodError(
+            "the method does not take back what it learned",
+            where=f"{method.entry}: restore",
+            got=describe(error),
+        ) from error
+
+
+def check_learned(returned: Any, entry: str) -> Learned:
+    """Return what a fit returned as numbers and arrays that a file can hold.
+
+    Raises
+    ------
+    MethodError
+        Where something of it is neither a number nor an array of numbers; all is named.
+
+    Examples
+    --------
+    >>> check_learned({"sigma": np.float32(0.5), "levels": (1, 2)}, "m:f")
+    {'sigma': 0.5, 'levels': array([1, 2])}
+    """
+    if not isinstance(returned, Mapping):
+        raise MethodError(
+            "what the fit learned cannot be kept",
+            where=f"{entry}: fit",
+            expected=_EXPECTED,
+            got=type(returned).__name__,
+        )
+    learned: Learned = {}
+    problems = []
+    for name, value in returned.items():
+        array = _as_numbers(value)
+        if array is None or not isinstance(name, str) or not name:
+            problems.append(
+                Problem(
+                    "what the fit learned cannot be kept",
+                    where=f"{entry}: fit, {name!r}",
+                    expected=_EXPECTED,
+                    got=type(value).__name__,
+                )
+            )
+        else:
+            learned[str(name)] = array if array.ndim else array.item()
+    if problems:
+        raise MethodError.of(problems)
+    return learned
+
+
+def _as_numbers(value: Any) -> NDArray[Any] | None:
+    try:
+        array = np.array(value)
+    except Exception:
+        return None
+    return array if array.dtype.kind in "biuf" else None

@@ -1,0 +1,215 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
+from dfdbench.datasets.fingerprint import array_digest
+from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.store import WHOLE, PairImages, Region, Store
+from dfdbench.errors import MethodError, ResultError, StoreError
+from dfdbench.evaluation.fitting import FIT, fit_method, read_fit, training_pairs
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.plan import RunOptions
+from dfdbench.evaluation.run import run_method
+from dfdbench.results.record_file import load_result
+from dfdbench.system.parallel import Processes
+from tests.conftest import TINY_TOML
+
+MEAN = """
+import numpy as np
+
+class Mean:
+    fits = 0
+
+    def __init__(self, recipe=None, keep=True, wrong=False):
+        self.recipe, self.keep, self.wrong, self.level = recipe, keep, wrong, None
+
+    def fit(self, pairs):
+        type(self).fits += 1
+        if self.wrong:
+            raise RuntimeError("too dark")
+        level = np.mean([pair.depth[pair.valid].mean() for pair in pairs])
+        for pair in pairs:
+            for image in (pair.infocus, pair.defocus, pair.depth, pair.valid):
+                image[:] = 0
+        if self.keep:
+            return {"level": level}
+        self.level = level
+
+    def restore(self, learned):
+        self.level = learned["level"]
+
+    def __call__(self, infocus, defocus):
+        return np.full(infocus.shape[:2], self.level)
+"""
+
+
+@pytest.fixture
+def mean(tmp_path: Path) -> str:
+    (tmp_path / "mean.py").write_text(MEAN)
+    return f"{tmp_path / 'mean.py'}:Mean"
+
+
+def mean_of(store: Store, *scenes: str) -> float:
+    pairs = [store.read(pair) for scene in scenes for pair in store.pairs(scene)]
+    return float(np.mean([pair.depth[pair.valid].mean() for pair in pairs]))
+
+
+class Guarded(Store):
+    """A store that raises where a scene is read that it guards."""
+
+    def __init__(self, place: Any, *guarded: str) -> None:
+        super().__init__(place)
+        self.guarded = guarded
+
+    def read(self, pair: Pair, region: Region = WHOLE) -> PairImages:
+        assert pair.scene not in self.guarded, f"read {pair.id}"
+        return super().read(pair, region)
+
+
+@pytest.mark.parametrize(
+    ("split", "trains", "tests", "name"),
+    [
+        ("test", ("One",), ("Two", "Three"), "tiny-1, split train"),
+        ("K1", ("Three",), ("One", "Two"), "tiny-1, all but K1"),
+        ("Two", ("One", "Three"), ("Two",), "tiny-1, all but Two"),
+    ],
+)
+def test_a_fit_sees_all_training_pairs_and_no_other(
+    tiny_store: Store, mean: str, split: str, trains: tuple[str, ...], tests: Any, name: str
+) -> None:
+    store = Guarded(tiny_store.path, *tests)
+    with pytest.raises(AssertionError, match="read Two"):
+        store.read(store.pairs("Two")[0])
+    method = load_for(store, mean, {})
+    fit = fit_method(store, method, split, 0)
+    assert fit is not None
+    assert fit.fitted_on == name
+    assert fit.learned == {"level": pytest.approx(mean_of(tiny_store, *trains))}
+    named, pairs = training_pairs(store, split)
+    assert (named, [pair.scene for pair in pairs.pairs]) == (
+        name,
+        [pair.scene for scene in trains for pair in store.pairs(scene)],
+    )
+
+
+def test_a_fit_cannot_change_the_pairs_and_its_time_is_recorded_apart(
+    tiny_store: Store, mean: str, tmp_path: Path
+) -> None:
+    before = [tiny_store.read(pair) for pair in tiny_store.pairs("all")]
+    result = run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out").result
+    after = [tiny_store.read(pair) for pair in tiny_store.pairs("all")]
+    for one, other in zip(before, after, strict=True):
+        for name in ("infocus", "defocus", "depth", "valid"):
+            assert np.array_equal(getattr(one, name), getattr(other, name))
+    assert result.complete
+    assert result.method.fitted_on == "tiny-1, split train"
+    assert result.method.fit_seconds is not None
+    assert load_result(tmp_path / "out") == result
+    depth = np.full(tiny_store.shape_of("Two"), mean_of(tiny_store, "One"), np.float32)
+    assert result.pairs[0].prediction_sha256 == array_digest("depth", ("y", "x"), depth)
+
+
+def test_a_run_that_goes_on_is_not_fitted_again(
+    tiny_store: Store, mean: str, tmp_path: Path
+) -> None:
+    fits = []
+    for options in (RunOptions(limit=2), RunOptions(), RunOptions(fresh=True), RunOptions(seed=1)):
+        method = load_for(tiny_store, mean, {})
+        run = run_method(tiny_store, method, "test", tmp_path / "out", options)
+        fits.append((type(method.predict).fits, run.reused, run.result.method.fit_seconds))  # type: ignore[attr-defined]
+    # Each load imports the file anew, so that each counts its own.
+    assert [count for count, _, _ in fits] == [1, 0, 1, 1]
+    assert [reused for _, reused, _ in fits] == [0, 2, 0, 0]
+    assert fits[0][2] == fits[1][2]
+
+
+def test_a_fit_that_keeps_it_in_itself_is_called_again_and_stays_in_its_process(
+    tiny_store: Store, mean: str, tmp_path: Path
+) -> None:
+    for reused in (0, 7):
+        method = load_for(tiny_store, mean, {"keep": False})
+        run = run_method(tiny_store, method, "test", tmp_path / "out")
+        assert (type(method.predict).fits, run.reused) == (1, reused)  # type: ignore[attr-defined]
+    assert not (tmp_path / "out" / FIT).exists()
+    with pytest.raises(MethodError, match=r"other processes[\s\S]*leave out --workers"):
+        run_method(
+            tiny_store,
+            load_for(tiny_store, mean, {"keep": False}),
+            "test",
+            tmp_path / "two",
+            pool=Processes(2),
+        )
+    assert not (tmp_path / "two").exists()
+
+
+def test_workers_are_given_what_was_learned(tiny_store: Store, mean: str, tmp_path: Path) -> None:
+    alone, together = (
+        run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / name, pool=pool)
+        for name, pool in (("alone", None), ("together", Processes(2)))
+    )
+    assert together.result.complete
+    assert [pair.scores for pair in together.result.pairs] == [
+        pair.scores for pair in alone.result.pairs
+    ]
+
+
+def test_a_fit_that_fails_leaves_no_run_behind_and_an_earlier_one_alone(
+    tiny_store: Store, mean: str, tmp_path: Path
+) -> None:
+    run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "runs/out")
+    wrong = load_for(tiny_store, mean, {"wrong": True})
+    for name in ("out", "new"):
+        with pytest.raises(MethodError, match="RuntimeError: too dark"):
+            run_method(tiny_store, wrong, "test", tmp_path / "runs" / name)
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["out"]
+    assert load_result(tmp_path / "runs/out").complete
+
+
+def test_what_was_learned_and_then_damaged_is_not_trusted(
+    tiny_store: Store, mean: str, tmp_path: Path
+) -> None:
+    run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out")
+    assert read_fit(tmp_path / "out").fitted_on == "tiny-1, split train"
+    (tmp_path / "out" / FIT).write_bytes(b"PK\x03\x04 rot")
+    with pytest.raises(ResultError, match=r"cannot be read[\s\S]*--fresh"):
+        run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out")
+    options = RunOptions(fresh=True)
+    run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out", options)
+
+
+@pytest.mark.parametrize("split", ["all", "train"])
+def test_nothing_is_tested_on_what_it_was_fitted_on(
+    tiny_store: Store, mean: str, tmp_path: Path, split: str
+) -> None:
+    with pytest.raises(MethodError, match=r"fitted on[\s\S]*One[\s\S]*test, K1, K2"):
+        run_method(tiny_store, load_for(tiny_store, mean, {}), split, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_set_without_training_pairs_says_what_to_do(
+    tiny_folder: Path, tmp_path: Path, mean: str
+) -> None:
+    text = TINY_TOML.replace('name = "train"', 'name = "learn"')
+    manifest = parse_manifest(text.encode(), "tiny-1.toml")
+    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
+    store = Store(tmp_path / "s.zarr")
+    with pytest.raises(StoreError, match=r"no training split[\s\S]*learn, test[\s\S]*--split NAME"):
+        run_method(store, load_for(store, mean, {}), "test", tmp_path / "out")
+    assert fit_method(store, load_for(store, mean, {}), "K2", 0) is not None
+
+
+def test_a_store_without_its_training_scenes_says_what_to_build(
+    tiny_folder: Path, tmp_path: Path, mean: str
+) -> None:
+    for png in (tiny_folder / "One").rglob("*.png"):
+        png.unlink()
+    manifest = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
+    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
+    store = Store(tmp_path / "s.zarr")
+    with pytest.raises(StoreError, match=r"no training pair[\s\S]*split train[\s\S]*build tiny"):
+        run_method(store, load_for(store, mean, {}), "test", tmp_path / "out")

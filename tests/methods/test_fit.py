@@ -1,0 +1,123 @@
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.errors import MethodError, StoreError
+from dfdbench.methods.check import MadePair
+from dfdbench.methods.fit import TrainingPair, restore, teach
+from dfdbench.methods.method import Method
+
+PAIR = MadePair(*(np.zeros((2, 2, 3), np.uint8),) * 2, np.full((2, 2), 9, np.uint8), np.eye(2) > 0)
+
+
+class Learning:
+    """Learns whatever it is told to return."""
+
+    def __init__(self, returned: Any = None) -> None:
+        self.returned, self.given = returned, {}
+
+    def fit(self, pairs: Sequence[TrainingPair]) -> Any:
+        if isinstance(self.returned, BaseException):
+            raise self.returned
+        return self.returned
+
+    def restore(self, learned: dict[str, Any]) -> None:
+        self.given = learned
+
+    def __call__(self, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]) -> Any:
+        return infocus[..., 0]
+
+
+def method(predict: Any) -> Method:
+    return Method("learning", "m:Learning", predict)
+
+
+def test_what_was_learned_comes_back_as_numbers_and_arrays() -> None:
+    sigmas = np.linspace(0, 1, 3)
+    learning = Learning({"sigmas": sigmas, "gain": np.float32(1.5), "count": 3, "odd": True})
+    lesson = teach(method(learning), [PAIR])
+    assert lesson.learned is not None
+    assert lesson.seconds >= 0
+    assert np.array_equal(learning.given.pop("sigmas"), sigmas)
+    assert learning.given == {"gain": 1.5, "count": 3, "odd": True}
+    assert type(learning.given["gain"]) is float
+    # What the method does with its own does not reach what is kept.
+    lesson.learned["sigmas"][0] = 7  # type: ignore[index]
+    assert sigmas[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("returned", "told"),
+    [
+        ([1.0], "a mapping of names"),
+        ({"law": object()}, "'law'"),
+        ({"name": "disk"}, "'name'"),
+        ({3: 1.0}, "fit, 3"),
+        ({"": 1.0}, "fit, ''"),
+        ({"ragged": [[1], [1, 2]]}, "'ragged'"),
+        (ValueError("too dark"), "cannot be fitted.*\n.*fit\n.*ValueError: too dark"),
+        (SystemExit(3), "cannot be fitted.*\n.*fit\n.*SystemExit: 3"),
+    ],
+)
+def test_a_fit_that_raises_or_returns_what_cannot_be_kept_says_why(
+    returned: Any, told: str
+) -> None:
+    with pytest.raises(MethodError, match=told):
+        teach(method(Learning(returned)), [PAIR])
+
+
+def test_what_reading_a_pair_raises_is_told_as_it_is() -> None:
+    with pytest.raises(StoreError, match="damaged"):
+        teach(method(Learning(StoreError("damaged"))), [PAIR])
+
+
+def test_a_fit_that_keeps_its_knowledge_in_itself_is_not_given_any() -> None:
+    learning = Learning(None)
+    learning.given = {"mine": 1}
+    assert teach(method(learning), [PAIR]).learned is None
+    assert learning.given == {"mine": 1}
+
+
+def test_nothing_that_takes_it_back_and_no_fit_to_call_are_refused() -> None:
+    class Forgetful:
+        def fit(self, pairs: Any) -> Any:
+            return {"level": 3}
+
+        def __call__(self, infocus: Any, defocus: Any) -> Any:
+            return infocus[..., 0]
+
+    class Odd(Forgetful):
+        fit = "sigma"  # type: ignore[assignment]
+
+    with pytest.raises(MethodError, match=r"nothing takes it back[\s\S]*restore\(learned\)"):
+        teach(method(Forgetful()), [PAIR])
+    with pytest.raises(MethodError, match="fit cannot be called"):
+        teach(method(Odd()), [PAIR])
+    assert method(Learning).fit is not None
+    assert method(lambda infocus, defocus: infocus).fit is None
+
+
+def test_a_restore_that_raises_says_why() -> None:
+    learning = Learning()
+    learning.restore = lambda learned: learned["sigma"]  # type: ignore[method-assign]
+    with pytest.raises(MethodError, match=r"does not take back.*\n.*restore\n.*KeyError"):
+        restore(method(learning), {"gain": 1.0})
+
+
+def test_a_fit_is_seeded_prints_to_standard_error_and_leaves_the_process_alone(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Loud(Learning):
+        def fit(self, pairs: Any) -> Any:
+            print("epoch 1")
+            np.seterr(all="raise")
+            return {"drawn": np.random.uniform()}
+
+    first, again = (teach(method(Loud()), [PAIR], seed=4).learned for _ in range(2))
+    assert first == again
+    assert np.geterr()["invalid"] == "warn"
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "epoch 1\n" * 2)
