@@ -34,6 +34,7 @@ def test_methods_keep_their_entries_since_sealed_results_name_them() -> None:
 BUILT_IN = {
     "constant": "dfdbench.methods.baselines:Constant",
     "dfd-net": "dfdbench.methods.learned:DfDNetMethod",
+    "favaro-soatto": "dfdbench.methods.favaro_soatto:FavaroSoatto",
     "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
     "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
     "local": "dfdbench.methods.baselines:Local",

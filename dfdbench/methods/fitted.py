@@ -2,46 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError, Problem
+from dfdbench.methods.fit import Learned, TrainingPair
 
 Array = NDArray[Any]
 Image = NDArray[np.uint8]
-Learned = Mapping[str, Any]
+Fit = Callable[[Sequence[TrainingPair]], Learned]
 
 #: At most so many training pairs are read, evenly spread over all.
 MOST_PAIRS = 64
 # Entries of a table of depths, and pixels of a pair that go into it.
 _ENTRIES = 256
 _PIXELS = 20_000
-
-
-class TrainingPair(Protocol):
-    """What a fit sees of a pair."""
-
-    @property
-    def infocus(self) -> Image:
-        """RGB, shape (y, x, 3)."""
-
-    @property
-    def defocus(self) -> Image:
-        """RGB, shape (y, x, 3)."""
-
-    @property
-    def depth(self) -> Image:
-        """Depth levels, shape (y, x)."""
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        """True where the depth is known, shape (y, x)."""
-
-
-Fit = Callable[[Sequence[TrainingPair]], Learned]
 
 
 def evenly_spread(count: int, most: int = MOST_PAIRS) -> list[int]:
@@ -66,6 +44,11 @@ def not_fitted(method: str) -> MethodError:
     )
 
 
+def nothing_to_fit(method: str, expected: str, got: str) -> MethodError:
+    """Return the error of a method that cannot be fitted to these pairs."""
+    return MethodError("nothing to fit to", where=method, expected=expected, got=got)
+
+
 def learned_array(learned: Learned, name: str, method: str, dimensions: int) -> Array:
     """Return an array of what a fit learned, as float64.
 
@@ -88,7 +71,7 @@ def learned_array(learned: Learned, name: str, method: str, dimensions: int) -> 
 
 def depth_table(
     measure: Callable[[Image, Image], Array], pairs: Sequence[TrainingPair], method: str
-) -> dict[str, Array]:
+) -> Learned:
     """Learn which depth goes with what a method measures.
 
     The known pixels of the training pairs are sorted by what is measured there and cut into
@@ -123,9 +106,7 @@ def depth_table(
         depths.append(pair.depth.ravel()[known])
     measured, depth = np.concatenate([[], *measures]), np.concatenate([[], *depths])
     if not depth.size:
-        raise MethodError(
-            "nothing to fit to", where=method, expected="training pairs with known depth"
-        )
+        raise nothing_to_fit(method, "training pairs with known depth", "none")
     groups = np.array_split(np.argsort(measured, kind="stable"), min(_ENTRIES, depth.size))
     return {
         "measure": np.array([measured[group].mean() for group in groups]),
@@ -138,10 +119,11 @@ def channels_of(image: Image) -> NDArray[np.float32]:
     return np.atleast_3d(image).astype(np.float32)
 
 
-def odd_window(name: str, value: Any) -> list[Problem]:
-    """Return what is wrong with the side of a window in pixels, which must be odd."""
+def odd_window(name: str, value: Any, most: int = 255) -> list[Problem]:
+    """Return what is wrong with the side of a window in pixels: odd, positive, at most `most`."""
     whole = isinstance(value, int) and not isinstance(value, bool)
-    return [] if whole and value > 0 and value % 2 else [wrong(name, "odd, positive", value)]
+    right = whole and 0 < value <= most and value % 2
+    return [] if right else [wrong(name, f"odd, 1 to {most}", value)]
 
 
 def number_within(name: str, value: Any, low: float, high: float) -> list[Problem]:

@@ -20,6 +20,7 @@ ENTRY_POINT_GROUP = "dfdbench.methods"
 _BUILT_IN = {
     "constant": "dfdbench.methods.baselines:Constant",
     "dfd-net": "dfdbench.methods.learned:DfDNetMethod",
+    "favaro-soatto": "dfdbench.methods.favaro_soatto:FavaroSoatto",
     "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
     "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
     "local": "dfdbench.methods.baselines:Local",
