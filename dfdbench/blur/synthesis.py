@@ -52,9 +52,16 @@ def synthesize(
     >>> int(near[2, 2, 0]), int(far[2, 2, 0])
     (247, 4)
     """
-    problems = _input_problems(image, depth, recipe)
+    problems = input_problems(image, depth, recipe)
     if problems:
         raise InputError.of(problems)
+    return rounded(blur_by_recipe(image, depth, recipe))
+
+
+def blur_by_recipe(
+    image: NDArray[Any], depth: NDArray[np.uint8], recipe: BlurRecipe
+) -> NDArray[np.float64]:
+    """Blur as `synthesize` does, in any unit and not rounded; the arguments are not checked."""
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
     radius = recipe.kernel_size // 2
     padded = np.pad(channels, ((radius, radius), (radius, radius), (0, 0)), mode="edge")
@@ -64,7 +71,13 @@ def synthesize(
     return _blur_pixels(rows, levels, half, channels.shape[2]).reshape(image.shape)
 
 
-def _input_problems(image: Any, depth: Any, recipe: BlurRecipe) -> list[Problem]:
+def rounded(image: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return grey levels as bytes: to float32, then half to even, then cut to 0 and 255."""
+    return np.asarray(np.clip(np.rint(image.astype(np.float32)), 0, 255), dtype=np.uint8)
+
+
+def input_problems(image: Any, depth: Any, recipe: BlurRecipe) -> list[Problem]:
+    """Return what keeps an image from being blurred by this depth map."""
     problems = []
     for name, array, dimensions in (("image", image, (2, 3)), ("depth", depth, (2,))):
         if not isinstance(array, np.ndarray) or array.dtype != np.uint8:
@@ -106,14 +119,14 @@ def _blur_pixels(
     levels: NDArray[np.int64],
     half_kernels: NDArray[np.float64],
     channels: int,
-) -> NDArray[np.uint8]:
+) -> NDArray[np.float64]:
     # The window is folded vertically first (all its columns at once, which vectorises), then
     # horizontally. The order of the sums is fixed and no fast-math is allowed, so the bytes do
     # not depend on the machine or on who else is running.
     height, width = levels.shape
     radius = half_kernels.shape[1] - 1
     span = (2 * radius + 1) * channels
-    out = np.empty((height, width * channels), np.uint8)
+    out = np.empty((height, width * channels), np.float64)
     column = np.empty(span, np.float64)
     for y in range(height):
         for x in range(width):
@@ -134,6 +147,5 @@ def _blur_pixels(
                 for offset in range(1, radius + 1):
                     step = offset * channels
                     total += kernel[offset] * (column[middle - step] + column[middle + step])
-                rounded = np.rint(np.float64(np.float32(total)))
-                out[y, left + channel] = np.uint8(min(max(rounded, 0.0), 255.0))
+                out[y, left + channel] = total
     return out

@@ -1,0 +1,212 @@
+"""Make both images of a pair as a track's formation says."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import correlate1d
+
+from dfdbench.blur.gather import blur_by_level
+from dfdbench.blur.layers import composite_layers, without_tails
+from dfdbench.blur.noise import normal_numbers, uniform_numbers
+from dfdbench.blur.point_spread import point_spread_functions
+from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.blur.synthesis import blur_by_recipe, input_problems, rounded
+from dfdbench.blur.tracks import Degradation, Formation
+from dfdbench.errors import InputError
+
+Floats = NDArray[np.float64]
+Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
+
+# A wide Gaussian's kernel reaches this many sigmas before its tails are cut.
+_REACH = 4
+# Lobes of the interpolating kernel that moves an image.
+_LOBES = 4
+_GAUSSIAN = 2
+
+
+def form_pair(
+    infocus: NDArray[np.uint8],
+    depth: NDArray[np.uint8],
+    recipe: BlurRecipe,
+    degradation: Degradation,
+    pair: str,
+) -> Images:
+    """Return the in-focus and the defocus image of a pair on a track.
+
+    Parameters
+    ----------
+    infocus : ndarray of uint8, shape (y, x, channel)
+        The data set's own in-focus image, RGB.
+    depth : ndarray of uint8, shape (y, x)
+        Depth levels, brighter for nearer.
+    recipe : BlurRecipe
+        The data set's, from which the track departs.
+    degradation : Degradation
+        The track and its severity; 0 gives the clean pair.
+    pair : str
+        The pair's name, on which all that is drawn depends.
+
+    Returns
+    -------
+    infocus, defocus : ndarray of uint8, shape (y, x, channel)
+
+    Raises
+    ------
+    InputError
+        As `dfdbench.blur.synthesis.synthesize` does.
+
+    Notes
+    -----
+    In this order, each step where the formation asks for it: decode to linear light; blur; move
+    the defocus image; change its gain; add noise to both; encode; round. What is drawn, direction,
+    gain and noise, does not depend on the severity: from one to the next only its size grows.
+
+    Examples
+    --------
+    >>> from dfdbench.blur.recipe import RECIPES
+    >>> from dfdbench.blur.tracks import find_degradation
+    >>> image, depth = np.full((9, 9, 3), 100, np.uint8), np.zeros((9, 9), np.uint8)
+    >>> gain = find_degradation("gain-3")
+    >>> infocus, defocus = form_pair(image, depth, RECIPES["published"], gain, "Art/view1")
+    >>> int(infocus[4, 4, 0]), int(defocus[4, 4, 0])
+    (100, 97)
+    """
+    problems = input_problems(infocus, depth, recipe)
+    if problems:
+        raise InputError.of(problems)
+    formation = degradation.formation
+    key = (degradation.track.name, degradation.track.version, pair)
+    light = _LINEAR[infocus] if formation.linear else infocus.astype(np.float64)
+    blurred = blur(light, depth, recipe, formation)
+    if formation.shift:
+        turn = 2 * np.pi * uniform_numbers(1, *key, "direction")[0]
+        blurred = move(blurred, formation.shift * np.sin(turn), formation.shift * np.cos(turn))
+    if formation.gain:
+        blurred *= 1 + formation.gain * (2 * uniform_numbers(1, *key, "gain")[0] - 1)
+    first = _photograph(light, formation, (*key, "infocus"))
+    return first, _photograph(blurred, formation, (*key, "defocus"))
+
+
+def blur(
+    light: Floats, depth: NDArray[np.uint8], recipe: BlurRecipe, formation: Formation
+) -> Floats:
+    """Return an image blurred by its depth map as a formation says, in its own unit, not rounded.
+
+    Parameters
+    ----------
+    light : ndarray of float64, shape (y, x, channel)
+        The in-focus image.
+    depth : ndarray of uint8, shape (y, x)
+        Depth levels, brighter for nearer.
+    recipe : BlurRecipe
+        The data set's.
+    formation : Formation
+        What differs from it.
+    """
+    own = law_of(recipe, formation)
+    if formation.layers:
+        return composite_layers(light, depth, _kernels_by_depth(own, formation.exponent))
+    if formation.exponent == _GAUSSIAN:
+        return blur_by_recipe(light, depth, own)
+    levels = np.asarray(own.level_of_depth(depth.astype(np.int64)))
+    return blur_by_level(light, levels, _kernels_by_level(own, formation.exponent))
+
+
+def law_of(recipe: BlurRecipe, formation: Formation) -> BlurRecipe:
+    """Return the blur law of a formation: the recipe's, times what the formation says.
+
+    Examples
+    --------
+    >>> from dfdbench.blur.recipe import RECIPES
+    >>> law_of(RECIPES["published"], Formation(sigma_min=2, sigma_step=2)).sigma_step
+    0.0225
+    """
+    return dataclasses.replace(
+        recipe,
+        sigma_min=recipe.sigma_min * formation.sigma_min,
+        sigma_step=recipe.sigma_step * formation.sigma_step,
+    )
+
+
+def move(image: Floats, down: float, right: float) -> Floats:
+    """Return an image moved by parts of a pixel, by a windowed sinc (Lanczos, four lobes).
+
+    Parameters
+    ----------
+    image : ndarray of float64, shape (y, x, channel)
+        Its edge pixel is repeated past the border.
+    down, right : float
+        Where to, in pixels; a few at most.
+
+    Examples
+    --------
+    >>> image = np.zeros((1, 9, 1))
+    >>> image[0, 4] = 1
+    >>> int(move(image, 0, 1)[0, :, 0].argmax())
+    5
+    """
+    for axis, distance in enumerate((down, right)):
+        extent = _LOBES + int(np.ceil(abs(distance)))
+        offsets = np.arange(-extent, extent + 1) + distance
+        window = np.where(np.abs(offsets) < _LOBES, np.sinc(offsets / _LOBES), 0)
+        taps = np.sinc(offsets) * window
+        image = correlate1d(image, taps / taps.sum(), axis=axis, mode="nearest")
+    return image
+
+
+def decode(grey: NDArray[np.floating]) -> Floats:
+    """Return linear light, 0 to 1, of grey levels 0 to 255: the sRGB curve (IEC 61966-2-1).
+
+    Examples
+    --------
+    >>> decode(np.array([0, 128, 255])).round(4).tolist()
+    [0.0, 0.2159, 1.0]
+    """
+    signal = np.asarray(grey, dtype=np.float64) / 255
+    curve = ((np.maximum(signal, 0) + 0.055) / 1.055) ** 2.4
+    return np.asarray(np.where(signal <= 0.04045, signal / 12.92, curve))
+
+
+def encode(light: Floats) -> Floats:
+    """Return grey levels of linear light, cut to 0 and 1: the inverse of `decode`, not rounded.
+
+    Examples
+    --------
+    >>> encode(np.array([-0.1, 0.2159, 2.0])).round().tolist()
+    [0.0, 128.0, 255.0]
+    """
+    light = np.clip(light, 0, 1)
+    curve = 1.055 * light ** (1 / 2.4) - 0.055
+    return np.asarray(255 * np.where(light <= 0.0031308, 12.92 * light, curve))
+
+
+_LINEAR = decode(np.arange(256.0))
+
+
+def _photograph(
+    light: Floats, formation: Formation, key: tuple[str | int, ...]
+) -> NDArray[np.uint8]:
+    variance = formation.noise**2 + formation.read_noise**2
+    if formation.full_well:
+        # Many electrons' Poisson noise is Gaussian; the least light is a little below 0 where a
+        # sharp edge was moved.
+        variance = variance + np.maximum(light, 0) / formation.full_well
+    if np.any(variance):
+        light = light + np.sqrt(variance) * normal_numbers(light.shape, *key)
+    return rounded(encode(light) if formation.linear else light)
+
+
+@lru_cache(maxsize=8)
+def _kernels_by_level(law: BlurRecipe, exponent: float) -> Floats:
+    return point_spread_functions(law.sigmas, law.kernel_size, exponent)
+
+
+@lru_cache(maxsize=8)
+def _kernels_by_depth(law: BlurRecipe, exponent: float) -> Floats:
+    size = 2 * int(np.ceil(_REACH * law.sigmas.max())) + 1
+    kernels = without_tails(point_spread_functions(law.sigmas, size, exponent))
+    return kernels[np.asarray(law.level_of_depth(np.arange(law.levels)))]

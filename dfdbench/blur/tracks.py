@@ -1,0 +1,217 @@
+"""Tracks: the same scenes made harder in a way that a method is not told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from types import MappingProxyType
+from typing import Any
+
+from dfdbench.errors import unknown_name
+
+#: How the images of a data set without a track come about: the method knows the blur.
+CLEAN = "clean"
+
+_GAUSSIAN = 2.0
+_DISK = 32.0
+
+
+@dataclass(frozen=True)
+class Formation:
+    """How a pair's two images come about, in what it differs from the data set's blur recipe.
+
+    Parameters
+    ----------
+    sigma_min, sigma_step : float
+        What the recipe's own are multiplied by.
+    exponent : float
+        p of the point-spread function, as `dfdbench.blur.point_spread` has it.
+    layers : bool
+        Layers composited from back to front, in place of each pixel's own blur.
+    shift : float
+        How far the defocus image is moved, in pixels; where to is drawn a pair.
+    gain : float
+        The defocus image's largest change in brightness, as a share; drawn a pair.
+    noise : float
+        Standard deviation of Gaussian noise on both images, in grey levels.
+    linear : bool
+        Blur in linear light: both images are decoded and encoded by the sRGB curve.
+    read_noise : float
+        Standard deviation of the noise that does not depend on the light, as a share of full
+        scale.
+    full_well : float
+        Electrons at full scale, from which shot noise follows; 0 for none.
+    """
+
+    sigma_min: float = 1.0
+    sigma_step: float = 1.0
+    exponent: float = _GAUSSIAN
+    layers: bool = False
+    shift: float = 0.0
+    gain: float = 0.0
+    noise: float = 0.0
+    linear: bool = False
+    read_noise: float = 0.0
+    full_well: float = 0.0
+
+
+@dataclass(frozen=True)
+class Track:
+    """What is taken from a method, in three severities.
+
+    A released track never changes; a change is a new version. Severity 0 is the data set itself.
+
+    Parameters
+    ----------
+    name, version : str, int
+        Stores name it by both.
+    title : str
+        What differs, in a few words.
+    steps : tuple of str
+        What differs at each severity, from 1 on.
+    severities : tuple of Formation
+        The same, as it is carried out.
+    """
+
+    name: str
+    version: int
+    title: str
+    steps: tuple[str, ...]
+    severities: tuple[Formation, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the definition by name, fit for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Degradation:
+    """A track at one of its severities.
+
+    Parameters
+    ----------
+    track : Track
+        Which.
+    severity : int
+        From 0, which is clean.
+
+    Examples
+    --------
+    >>> found = find_degradation("noise-2")
+    >>> found.label, found.formation.noise
+    ('noise-2', 3.0)
+    """
+
+    track: Track
+    severity: int
+
+    @property
+    def label(self) -> str:
+        """What follows the ``@`` in a data set's name; ``clean`` at severity 0."""
+        return f"{self.track.name}-{self.severity}" if self.severity else CLEAN
+
+    @property
+    def formation(self) -> Formation:
+        """How the images come about."""
+        return self.track.severities[self.severity - 1] if self.severity else Formation()
+
+    @property
+    def text(self) -> str:
+        """What differs, in a few words."""
+        return f"{self.track.title}: {self.track.steps[self.severity - 1]}"
+
+
+def _steps(form: str, *values: float) -> tuple[str, ...]:
+    return tuple(form.format(value) for value in values)
+
+
+_ALL = (
+    Track(
+        "noise",
+        1,
+        "Gaussian noise on both images before they are rounded",
+        _steps("sigma {:g} grey levels", 1, 3, 6),
+        tuple(Formation(noise=sigma) for sigma in (1.0, 3.0, 6.0)),
+    ),
+    Track(
+        "psf",
+        1,
+        "another point-spread function, exp(-(r / c)^p), as wide at every level as the recipe's",
+        _steps("p = {:g}", 3, 8, 32),
+        tuple(Formation(exponent=p) for p in (3.0, 8.0, _DISK)),
+    ),
+    Track(
+        "law",
+        1,
+        "the least blur and what each level adds, both drawn once a severity",
+        _steps("within {:g} %", 10, 20, 40),
+        # Drawn, not chosen: larger or smaller by half the range to the whole of it.
+        (
+            Formation(sigma_min=1.0985, sigma_step=0.9261),
+            Formation(sigma_min=1.1589, sigma_step=0.848),
+            Formation(sigma_min=1.2461, sigma_step=1.2914),
+        ),
+    ),
+    Track(
+        "occlusion",
+        1,
+        "layers composited from back to front, as light does, and wider blur",
+        _steps("blur times {:g}", 1, 1.5, 2),
+        tuple(Formation(sigma_min=k, sigma_step=k, layers=True) for k in (1.0, 1.5, 2.0)),
+    ),
+    Track(
+        "shift",
+        1,
+        "the defocus image moved against the in-focus one, another way each pair",
+        _steps("{:g} pixel", 0.25, 0.5, 1),
+        tuple(Formation(shift=pixels) for pixels in (0.25, 0.5, 1.0)),
+    ),
+    Track(
+        "gain",
+        1,
+        "the defocus image brighter or darker, drawn each pair",
+        _steps("within {:g} %", 2, 5, 10),
+        tuple(Formation(gain=share) for share in (0.02, 0.05, 0.1)),
+    ),
+    Track(
+        "camera",
+        1,
+        "a camera: linear light, a disk, layers, shot and read noise on both images",
+        _steps("read noise 10 electrons, {:,} at full scale", 10_000, 3_333, 1_000),
+        tuple(
+            Formation(
+                exponent=_DISK, layers=True, linear=True, read_noise=read, full_well=10 / read
+            )
+            for read in (0.001, 0.003, 0.01)
+        ),
+    ),
+)
+
+#: The tracks by name.
+TRACKS: Mapping[str, Track] = MappingProxyType({track.name: track for track in _ALL})
+
+
+def find_degradation(label: str) -> Degradation:
+    """Return a track at a severity, from ``TRACK-SEVERITY``.
+
+    Raises
+    ------
+    UnknownNameError
+        Where there is no such track or no such severity; near misses are named.
+
+    Examples
+    --------
+    >>> find_degradation("camera-2").track.title
+    'a camera: linear light, a disk, layers, shot and read noise on both images'
+    >>> find_degradation("camera-0").label
+    'clean'
+    """
+    for track in TRACKS.values():
+        for severity in range(len(track.severities) + 1):
+            if label == f"{track.name}-{severity}":
+                return Degradation(track, severity)
+    name = label.rpartition("-")[0] or label
+    if name not in TRACKS:
+        raise unknown_name("track", name, TRACKS, "`dfdbench list` shows them all.")
+    known = [f"{name}-{severity}" for severity in range(len(TRACKS[name].severities) + 1)]
+    raise unknown_name(f"severity of track {name}", label, known)

@@ -1,0 +1,98 @@
+"""Bring the defocus image of a pair to the in-focus image's place and brightness."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur.formation import move
+
+Floats = NDArray[np.float32]
+
+# Both images are smoothed by a Gaussian of this sigma before they are compared: what differs in
+# blur then weighs less than what differs in place.
+_SMOOTHING = 2.0
+# Newton's steps; each leaves a tenth of the shift or less.
+_STEPS = 5
+# At grey levels above this an image may have been cut off at 255.
+_BRIGHT = 250
+# Pixels at the border that are left out of comparisons.
+_BORDER = 8
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How a pair's defocus image lies to its in-focus image.
+
+    Parameters
+    ----------
+    down, right : float
+        How far the defocus image is moved, in pixels.
+    gain : float
+        How much brighter it is.
+    """
+
+    down: float
+    right: float
+    gain: float
+
+
+def find_alignment(infocus: NDArray[Any], defocus: NDArray[Any], offset: float = 0) -> Alignment:
+    """Return how a defocus image is moved and brightened against the in-focus image.
+
+    Parameters
+    ----------
+    infocus, defocus : ndarray, shape (y, x, channel)
+        Grey levels.
+    offset : float
+        Grey levels that the defocus image has besides.
+
+    Notes
+    -----
+    The smoothed defocus image is taken for a sum of the smoothed in-focus image, its two first
+    derivatives, by which it moves, and its Laplacian, by which its blur changes; least squares
+    give the factors (Lucas and Kanade 1981, with blur). Blur, being symmetric, moves nothing. The
+    gain is the ratio of sums, which blur leaves as they are.
+
+    Examples
+    --------
+    >>> image = np.random.default_rng(0).uniform(50, 200, (60, 60, 1)).astype(np.float32)
+    >>> image = cv2.GaussianBlur(image, (0, 0), 1)[..., np.newaxis].astype(float)
+    >>> found = find_alignment(image, 1.1 * move(image, 0.25, -0.5))
+    >>> round(found.down, 2), round(found.right, 2), round(found.gain, 3)
+    (0.25, -0.5, 1.1)
+    """
+    sharp = infocus.mean(axis=2, dtype=np.float32)
+    blurred = defocus.mean(axis=2, dtype=np.float64) - offset
+    smooth = cv2.GaussianBlur(sharp, (0, 0), _SMOOTHING)
+    inner = (slice(_BORDER, -_BORDER), slice(_BORDER, -_BORDER))
+    known = (smooth < _BRIGHT) & (cv2.GaussianBlur(blurred, (0, 0), _SMOOTHING) < _BRIGHT)
+    known = cv2.erode(known.astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)[inner]
+    if not known.any():
+        return Alignment(0.0, 0.0, 1.0)
+    down = np.gradient(smooth, axis=0)
+    right = np.gradient(smooth, axis=1)
+    bend = cv2.Laplacian(smooth, cv2.CV_32F)
+    terms = [smooth, down, right, bend, np.ones_like(smooth)]
+    columns = np.stack([term[inner][known] for term in terms], axis=1)
+    place = np.zeros(2)
+    for _ in range(_STEPS):
+        here = move(blurred[..., np.newaxis], *-place)[..., 0].astype(np.float32)
+        aim = cv2.GaussianBlur(here, (0, 0), _SMOOTHING)[inner][known]
+        factors = np.linalg.lstsq(columns, aim, rcond=None)[0]
+        place -= factors[1:3] / factors[0]
+    total = float(sharp[inner][known].sum(dtype=np.float64))
+    gain = float(here[inner][known].sum(dtype=np.float64)) / total if total else 1.0
+    return Alignment(float(place[0]), float(place[1]), gain)
+
+
+def undo(alignment: Alignment, defocus: NDArray[Any], offset: float = 0) -> Floats:
+    """Return the defocus image moved back and with the in-focus image's brightness, (y, x, c)."""
+    back = defocus.astype(np.float32)
+    if alignment.down or alignment.right:
+        back = move(back.astype(np.float64), -alignment.down, -alignment.right)
+    return np.asarray((back - np.float32(offset)) / np.float32(alignment.gain), np.float32)

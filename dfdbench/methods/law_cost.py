@@ -1,0 +1,251 @@
+"""What every depth level costs at every pixel under a blur law: kernels of any shape, and noise.
+
+As in `dfdbench.methods.data_cost` few kernels stand for all. Here they need not be Gaussians, the
+images may be of linear light, and a level's residual is held against the noise that it has to
+show: what the defocus image has of its own, and what is left of the in-focus image's after the
+level's blur.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur.formation import decode, encode
+from dfdbench.blur.law import BlurLaw
+from dfdbench.methods.alignment import Alignment, find_alignment, undo
+from dfdbench.methods.kernel_mixture import few_kernels
+
+Array = NDArray[Any]
+
+# Largest sum of absolute differences between a level's kernel and the sum that stands for it: at
+# most 0.05 grey levels where black meets white.
+KERNEL_TOLERANCE = 2e-4
+# Steps of the table of the sRGB curve: below a tenth of a grey level but for the darkest.
+_STEPS = 8192
+# Rounding's standard deviation: a law may be measured on too few pixels to show even that.
+_ROUNDING = 12**-0.5
+# Misfits are stored as whole multiples of 1 / STEPS grey levels: see `rounded_cost`.
+MISFIT_STEPS = 256
+
+
+@dataclass(frozen=True)
+class Blurred:
+    """A pair under a law: the in-focus image blurred by few kernels, and what each level takes.
+
+    Parameters
+    ----------
+    nodes : ndarray of float32, shape (y, x, channel, node)
+        The in-focus image blurred by each of the few kernels; light, where the law is linear.
+    aim : ndarray of float32, shape (y, x, channel)
+        The defocus image, moved back and of the in-focus image's brightness.
+    factors : ndarray of float32, shape (node, level)
+        What a level's blurred image takes of each.
+    curve : ndarray of float32
+        Grey levels of light, in even steps from 0 to 1; empty where the law is not linear.
+    variances : ndarray of float64, shape (level,)
+        Of a residual, in grey levels squared, where the level is the right one.
+    """
+
+    nodes: NDArray[np.float32]
+    aim: NDArray[np.float32]
+    factors: NDArray[np.float32]
+    curve: NDArray[np.float32]
+    variances: NDArray[np.float64]
+
+    def of_level(self, level: int) -> NDArray[np.float32]:
+        """Return the in-focus image as it would look at one level, in grey levels."""
+        image = self.nodes @ self.factors[:, level]
+        if self.curve.size:
+            image = self.curve[(np.clip(image, 0, 1) * (self.curve.size - 1) + 0.5).astype(int)]
+        return np.asarray(image, np.float32)
+
+
+def blurred_by(law: BlurLaw, infocus: Array, defocus: Array) -> Blurred:
+    """Blur an in-focus image by a law's few kernels, and align the defocus image to it.
+
+    Parameters
+    ----------
+    law : BlurLaw
+        How the defocus image came about.
+    infocus, defocus : ndarray of uint8, shape (y, x, channel)
+        The pair.
+    """
+    kernels, factors, shares = _few(law)
+    found = Alignment(0.0, 0.0, law.gain)
+    if not (law.registered and law.even):
+        found = find_alignment(infocus, defocus, law.offset)
+        found = Alignment(
+            0.0 if law.registered else found.down,
+            0.0 if law.registered else found.right,
+            law.gain if law.even else found.gain,
+        )
+    light = infocus.astype(np.float32)
+    curve = np.empty(0, np.float32)
+    if law.linear:
+        light = decode(light).astype(np.float32)
+        curve = encode(np.linspace(0, 1, _STEPS)).astype(np.float32)
+    nodes = np.stack([blur(light, kernel) for kernel in kernels], axis=-1)
+    variances = np.maximum(law.noise, _ROUNDING) ** 2 + law.infocus_noise**2 * shares
+    return Blurred(nodes, undo(found, defocus, law.offset), factors, curve, variances)
+
+
+def blur(image: NDArray[np.float32], kernel: Array) -> NDArray[np.float32]:
+    """Return an image (y, x, channel) correlated with a 2-D kernel, its edge repeated outside."""
+    rings = np.flatnonzero(np.abs(kernel).max(axis=0) > 1e-7)
+    start = int(rings[0]) if rings.size else 0
+    inner = kernel[start : kernel.shape[0] - start, start : kernel.shape[1] - start]
+    blurred = cv2.filter2D(image, cv2.CV_32F, inner, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, np.float32).reshape(image.shape)
+
+
+@lru_cache(maxsize=4)
+def _few(law: BlurLaw) -> tuple[Array, NDArray[np.float32], NDArray[np.float64]]:
+    kernels = law.kernels()
+    radius = law.kernel_size // 2
+    # A tap off an axis stands for its mirror images too, in sums over the kernel.
+    times = np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
+    quadrants = kernels[:, radius:, radius:] * times[:, np.newaxis] * times
+    chosen, factors = few_kernels(quadrants.reshape(len(kernels), -1), KERNEL_TOLERANCE)
+    shares = np.square(kernels).sum(axis=(1, 2))
+    return kernels[chosen], factors.astype(np.float32), shares
+
+
+def law_cost(
+    blurred: Blurred, unit: float, limit: int, out: NDArray[np.uint16] | None = None
+) -> tuple[NDArray[np.uint16], int]:
+    """Compute what every level costs at every pixel, for Gaussian noise.
+
+    ``cost = unit * (sum over channels of residual^2 / (2 v) + channels / 2 log v)``, less what the
+    level of least variance has of the second term.
+
+    Parameters
+    ----------
+    blurred : Blurred
+        The pair.
+    unit : float
+        Integer cost of one nat, a factor e of probability.
+    limit : int
+        Costs this far above a pixel's least are stored as `limit`, 1 to 65535.
+    out : (y, x, level) uint16, optional
+        Memory to write the costs into.
+
+    Returns
+    -------
+    unary : (y, x, level) uint16
+        Costs relative to the least of the pixel.
+    offset : int
+        Sum of the least costs of all pixels.
+    """
+    unary = _room(blurred, out)
+    channels = blurred.aim.shape[2]
+    entry = channels / 2 * np.log(blurred.variances / blurred.variances.min())
+    offset = _fill(
+        blurred.nodes,
+        blurred.aim,
+        blurred.factors,
+        blurred.curve,
+        (unit / (2 * blurred.variances)).astype(np.float32),
+        (unit * entry).astype(np.float32),
+        limit,
+        unary,
+    )
+    return unary, int(offset)
+
+
+def law_misfits(blurred: Blurred) -> NDArray[np.uint16]:
+    """Return by how much each level leaves the interval of its noise, as `rounded_cost` has it.
+
+    The interval is that of the even distribution whose variance is the level's: half a grey level
+    where there is nothing but rounding. Whole multiples of 1 / 256 grey levels, rounded up.
+    """
+    unary = _room(blurred, None)
+    bounds = np.sqrt(3 * blurred.variances).astype(np.float32)
+    _leave(blurred.nodes, blurred.aim, blurred.factors, blurred.curve, bounds, unary)
+    return unary
+
+
+def _room(blurred: Blurred, out: NDArray[np.uint16] | None) -> NDArray[np.uint16]:
+    shape = (*blurred.aim.shape[:2], blurred.factors.shape[1])
+    return np.empty(shape, np.uint16) if out is None else out
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+def _levels(nodes: Array, factors: Array, curve: Array, out: Array) -> None:
+    """Write one pixel's grey level in one channel, blurred at every level."""
+    count, levels = factors.shape
+    out[:] = 0
+    for node in range(0, count - 1, 2):
+        first, second = nodes[node], nodes[node + 1]
+        for level in range(levels):
+            out[level] += factors[node, level] * first + factors[node + 1, level] * second
+    if count % 2:
+        for level in range(levels):
+            out[level] += factors[count - 1, level] * nodes[count - 1]
+    if curve.size:
+        last = np.float32(curve.size - 1)
+        for level in range(levels):
+            light = min(max(out[level], np.float32(0)), np.float32(1))
+            out[level] = curve[np.int32(light * last + np.float32(0.5))]
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+def _fill(
+    nodes: Array,
+    aim: Array,
+    factors: Array,
+    curve: Array,
+    weights: Array,
+    entries: Array,
+    limit: int,
+    unary: Array,
+) -> int:
+    height, width, channels = aim.shape
+    levels = factors.shape[1]
+    grey = np.empty(levels, np.float32)
+    squares = np.empty(levels, np.float32)
+    offset = 0
+    for y in range(height):
+        for x in range(width):
+            squares[:] = 0
+            for channel in range(channels):
+                _levels(nodes[y, x, channel], factors, curve, grey)
+                for level in range(levels):
+                    residual = aim[y, x, channel] - grey[level]
+                    squares[level] += residual * residual
+            least = np.float32(np.inf)
+            for level in range(levels):
+                squares[level] = np.rint(weights[level] * squares[level] + entries[level])
+                least = min(least, squares[level])
+            offset += np.int64(least)
+            for level in range(levels):
+                unary[y, x, level] = np.uint16(min(squares[level] - least, np.float32(limit)))
+    return offset
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+def _leave(
+    nodes: Array, aim: Array, factors: Array, curve: Array, bounds: Array, unary: Array
+) -> None:
+    height, width, channels = aim.shape
+    levels = factors.shape[1]
+    grey = np.empty(levels, np.float32)
+    squares = np.empty(levels, np.float32)
+    for y in range(height):
+        for x in range(width):
+            squares[:] = 0
+            for channel in range(channels):
+                _levels(nodes[y, x, channel], factors, curve, grey)
+                for level in range(levels):
+                    excess = max(abs(aim[y, x, channel] - grey[level]) - bounds[level], 0.0)
+                    squares[level] += np.float32(excess * excess)
+            for level in range(levels):
+                steps = math.ceil(MISFIT_STEPS * math.sqrt(squares[level]))
+                unary[y, x, level] = np.uint16(min(steps, 65535))

@@ -1,0 +1,107 @@
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.signal
+from numpy.typing import NDArray
+
+from dfdbench.blur.gather import blur_by_level
+from dfdbench.blur.layers import composite_layers, without_tails
+from dfdbench.blur.point_spread import DISK, point_spread_functions
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
+from dfdbench.errors import InputError
+
+Floats = NDArray[np.float64]
+RECIPE = RECIPES["published"]
+# By depth level: brighter is nearer, and nearer is blurred less.
+KERNELS = {p: point_spread_functions(RECIPE.sigmas, 27, p)[::-1] for p in (2.0, 3.0, DISK)}
+
+
+def whole_layers(image: Floats, depth: NDArray[Any], kernels: Floats) -> Floats:
+    """The formula word for word: two convolutions of whole images a level."""
+    reach = kernels.shape[1] // 2
+    around = ((reach, reach), (reach, reach))
+    wide, levels = np.pad(image, (*around, (0, 0)), mode="edge"), np.pad(depth, around, mode="edge")
+    colour, covered = np.zeros_like(wide), np.zeros(levels.shape)
+    for level, kernel in enumerate(kernels):
+        mask = (levels == level).astype(float)
+        alpha = scipy.signal.fftconvolve(mask, kernel, mode="same")
+        covered = covered * (1 - alpha) + alpha
+        for channel in range(3):
+            light = scipy.signal.fftconvolve(mask * wide[..., channel], kernel, mode="same")
+            colour[..., channel] = colour[..., channel] * (1 - alpha) + light
+    inside = slice(reach, -reach)
+    return np.asarray((colour / covered[..., np.newaxis])[inside, inside], np.float64)
+
+
+def made_scene(seed: int) -> tuple[Floats, NDArray[np.uint8]]:
+    """Noise on a slanted ground, a near board before it that reaches over the border, and dots."""
+    random = np.random.default_rng(seed)
+    depth = np.linspace(20, 120, 40)[:, np.newaxis] + np.linspace(0, 40, 52)
+    depth[10:30, 25:] = 230
+    depth[random.integers(0, 40, 9), random.integers(0, 52, 9)] = random.integers(0, 256, 9)
+    image = random.integers(0, 256, (40, 52, 3)).astype(np.float64)
+    return image, depth.astype(np.uint8)
+
+
+@pytest.mark.parametrize("exponent", list(KERNELS))
+def test_it_is_the_formula(exponent: float) -> None:
+    image, depth = made_scene(int(exponent))
+    kernels = without_tails(KERNELS[exponent])
+    exact = whole_layers(image, depth, kernels)
+    assert np.abs(composite_layers(image, depth, kernels) - exact).max() < 1e-9
+
+
+@pytest.mark.parametrize("exponent", list(KERNELS))
+def test_the_tails_left_out_are_less_than_a_grey_level(exponent: float) -> None:
+    image, depth = made_scene(7)
+    ours = composite_layers(image, depth, without_tails(KERNELS[exponent]))
+    assert np.abs(ours - whole_layers(image, depth, KERNELS[exponent])).max() < 1
+
+
+@pytest.mark.parametrize("level", [0, 90, 255])
+def test_one_depth_all_over_is_the_plain_blur(level: int) -> None:
+    image, _ = made_scene(1)
+    depth = np.full(image.shape[:2], level, np.uint8)
+    layered = composite_layers(image, depth, without_tails(KERNELS[2.0]))
+    plain = synthesize(image.astype(np.uint8), depth, RECIPE)
+    assert np.abs(layered - plain).max() < 1
+
+
+def test_a_far_ground_is_not_bled_into_a_sharp_board_before_it() -> None:
+    # What the plain blur cannot do: there a pixel of the ground takes in the board's light.
+    image = np.zeros((31, 40))
+    image[:, 20:] = 200
+    depth = np.where(image > 0, 255, 0).astype(np.uint8)
+    kernels = without_tails(KERNELS[DISK])
+    layered = composite_layers(image, depth, kernels)
+    assert layered[:, :19].max() < 3
+    assert layered[:, 21:].min() > 197
+    assert blur_by_level(image, depth, kernels)[:, 15:19].min() > 10
+
+
+def test_a_white_scene_stays_white_at_borders_and_behind_edges() -> None:
+    image, depth = made_scene(3)
+    white = np.full_like(image, 255)
+    layered = composite_layers(white, depth, without_tails(KERNELS[2.0]))
+    assert np.allclose(layered, 255, rtol=1e-12)
+
+
+def test_a_grey_image_and_threads_at_work_at_once() -> None:
+    image, depth = made_scene(4)
+    kernels = without_tails(KERNELS[3.0])
+    alone = composite_layers(image, depth, kernels)
+    assert np.array_equal(composite_layers(image[..., 2], depth, kernels), alone[..., 2])
+    with ThreadPoolExecutor(4) as pool:
+        many = list(pool.map(lambda _: composite_layers(image, depth, kernels), range(8)))
+    assert all(np.array_equal(one, alone) for one in many)
+
+
+def test_wrong_input_is_named() -> None:
+    image, depth = made_scene(5)
+    with pytest.raises(InputError, match="no kernel"):
+        composite_layers(image, depth, KERNELS[2.0][:100])
+    with pytest.raises(InputError, match="sizes differ"):
+        composite_layers(image[:9], depth, KERNELS[2.0])

@@ -1,0 +1,73 @@
+import hashlib
+import json
+import re
+from dataclasses import fields
+
+import pytest
+
+from dfdbench.blur.noise import uniform_numbers
+from dfdbench.blur.point_spread import DISK
+from dfdbench.blur.tracks import CLEAN, TRACKS, Formation, find_degradation
+from dfdbench.errors import UnknownNameError
+
+
+def test_the_released_definitions_never_change() -> None:
+    # A change would be a new version of the track.
+    texts = {name: json.dumps(track.as_dict(), sort_keys=True) for name, track in TRACKS.items()}
+    hashes = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
+    assert hashes == {
+        "noise": "77ce08300408cdf691db0e5146e99ab93393f83f9dc3e0012188a27f6b1c5eb3",
+        "psf": "0425b16b514d4d4b9cc0746609811d337c0e911f1be5c010494be6733f9ffaac",
+        "law": "26d89391d06617bfcc91500ac5f5d67f230127f9c6cc493a906b80e801f0fe96",
+        "occlusion": "28968f8fcbe59f546b9bc53ab6c1b685fbd6dc4ab4096abe5c059e74cce471ff",
+        "shift": "ba67571540bda212c70e7c5d0b90ab22a2b15b45e9476167cfec1402fffd4233",
+        "gain": "107a71fff596ba7ac88fb77920d71b70726c9b4a31633a3d4a13630a17ba538f",
+        "camera": "d520aa70a0d4e06e349824c85357114ce8740807cf6f37679e96ce08a6c4deed",
+    }
+
+
+def test_severity_0_is_clean_and_each_further_one_is_another() -> None:
+    for name, track in TRACKS.items():
+        assert find_degradation(f"{name}-0").label == CLEAN
+        assert find_degradation(f"{name}-0").formation == Formation()
+        assert len({Formation(), *track.severities}) == len(track.steps) + 1 == 4
+        assert [find_degradation(f"{name}-{n}").label for n in (1, 2, 3)] == [
+            f"{name}-{n}" for n in (1, 2, 3)
+        ]
+
+
+def test_each_formation_s_field_is_used_by_some_track() -> None:
+    used = {
+        field.name
+        for field in fields(Formation)
+        for track in TRACKS.values()
+        for formation in track.severities
+        if getattr(formation, field.name) != field.default
+    }
+    assert used == {field.name for field in fields(Formation)}
+    assert TRACKS["camera"].severities[0].exponent == DISK
+
+
+def test_the_hidden_law_was_drawn_not_chosen() -> None:
+    for severity, width in enumerate((0.1, 0.2, 0.4), 1):
+        formation = TRACKS["law"].severities[severity - 1]
+        for field in ("sigma_min", "sigma_step"):
+            size, side = uniform_numbers(2, "law", 1, severity, field)
+            drawn = 1 + width * (0.5 + size / 2) * (1 if side > 0.5 else -1)
+            assert getattr(formation, field) == round(drawn, 4)
+
+
+@pytest.mark.parametrize(
+    ("label", "told"),
+    [
+        ("camra-2", "did you mean camera"),
+        ("camera-4", "camera-3"),
+        ("camera", "camera-1"),
+        ("camera-02", "camera-2"),
+        ("clean", "unknown track"),
+        ("", "unknown track"),
+    ],
+)
+def test_near_misses_are_named(label: str, told: str) -> None:
+    with pytest.raises(UnknownNameError, match=re.escape(told)):
+        find_degradation(label)
