@@ -37,8 +37,10 @@ BUILT_IN = {
     "favaro-soatto": "dfdbench.methods.favaro_soatto:FavaroSoatto",
     "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
     "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
+    "guided": "dfdbench.methods.guided:Guided",
     "local": "dfdbench.methods.baselines:Local",
     "s-transform": "dfdbench.methods.s_transform:STransform",
+    "sgm": "dfdbench.methods.sgm:SemiGlobal",
     "u-net": "dfdbench.methods.learned:UNetMethod",
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import cv2
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.methods.fit import Learned
+from dfdbench.methods.level_costs import LevelCosts
 
 Image = NDArray[np.uint8]
 
@@ -51,3 +54,11 @@ def slope(seed: int, height: int = 96, width: int = 256) -> MadePair:
 def inside(depth: NDArray[np.float32], margin: int = 14) -> NDArray[np.float32]:
     """Cut off what the image's edge has blurred."""
     return depth[margin:-margin, margin:-margin]
+
+
+@cache
+def learned_law() -> Learned:
+    """Return what a fit of level costs learns of slopes, measured once for all tests."""
+    fit = LevelCosts("mine", None, 50).fit
+    assert fit is not None
+    return fit([slope(seed) for seed in range(3)])
