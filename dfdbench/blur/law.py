@@ -9,14 +9,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.blur.point_spread import point_spread_functions
-from dfdbench.blur.recipe import LEVELS
+from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.errors import InputError, Problem
 
 #: The field that tells a law from a recipe.
 SIGMAS = "sigmas"
+#: At how many grey levels a measured law tells its noise.
+GREYS = 17
 
 
 @dataclass(frozen=True)
@@ -34,9 +36,11 @@ class BlurLaw:
         Side of the square kernels in pixels, odd.
     gain, offset : float
         The defocus image is the blurred in-focus image times `gain`, plus `offset` grey levels.
-    noise, infocus_noise : float
-        Standard deviation in grey levels of what the defocus image has besides, and of what the
-        in-focus image has, which is blurred with it.
+    noise : tuple of float
+        Standard deviation in grey levels of what the defocus image has besides, at grey levels
+        evenly from 0 to 255; between them it runs straight. One value stands for all.
+    infocus_noise : float
+        The in-focus image's noise, which is blurred with it, as a part of the defocus image's.
     linear : bool
         True: blur, gain and offset are of linear light, which the sRGB curve encodes.
     registered : bool
@@ -61,7 +65,7 @@ class BlurLaw:
     kernel_size: int = 27
     gain: float = 1.0
     offset: float = 0.0
-    noise: float = 0.0
+    noise: tuple[float, ...] = (0.0,)
     infocus_noise: float = 0.0
     linear: bool = False
     registered: bool = True
@@ -80,7 +84,12 @@ class BlurLaw:
             "kernel_size": (_is_whole(size) and 0 < size < 1000 and size % 2 == 1, "odd, positive"),
             "gain": (_is_number(self.gain) and 0 < self.gain <= 1000, "a number above 0"),
             "offset": (_is_number(self.offset), "a number"),
-            "noise": (_is_number(self.noise) and self.noise >= 0, "a number, 0 or more"),
+            "noise": (
+                isinstance(self.noise, tuple)
+                and 1 <= len(self.noise) <= LEVELS
+                and all(_is_number(sigma) and sigma >= 0 for sigma in self.noise),
+                f"1 to {LEVELS} numbers, 0 or more, at grey levels evenly from 0 to 255",
+            ),
             "infocus_noise": (
                 _is_number(self.infocus_noise) and self.infocus_noise >= 0,
                 "a number, 0 or more",
@@ -122,14 +131,17 @@ class BlurLaw:
     def as_dict(self) -> dict[str, Any]:
         """Return the fields by name, fit for JSON and TOML."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return values | {SIGMAS: list(self.sigmas)}
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in values.items()
+        }
 
     def as_toml(self) -> str:
         """Return the law as a TOML file says it, for ``--param recipe=FILE.toml``.
 
         Examples
         --------
-        >>> print(BlurLaw(sigmas=(1.0, 0.5), noise=0.25).as_toml().splitlines()[0])
+        >>> print(BlurLaw(sigmas=(1.0, 0.5), noise=(0.25,)).as_toml().splitlines()[0])
         sigmas = [1.0, 0.5]
         """
         lines = []
@@ -162,8 +174,19 @@ def law_of_fields(given: Mapping[str, Any]) -> BlurLaw:
         problems.append(Problem(what="a field of the blur law is lacking", expected=SIGMAS))
     if problems:
         raise InputError.of(problems)
-    sigmas = given[SIGMAS]
-    return BlurLaw(**{**given, SIGMAS: tuple(sigmas) if isinstance(sigmas, list) else sigmas})
+    return BlurLaw(**{name: tuple(v) if isinstance(v, list) else v for name, v in given.items()})
+
+
+def noise_at(noise: ArrayLike, grey: NDArray[Any]) -> NDArray[np.float64]:
+    """Return a law's noise at some grey levels.
+
+    Examples
+    --------
+    >>> noise_at((1.0, 3.0), np.array([0, 127.5, 255])).tolist()
+    [1.0, 2.0, 3.0]
+    """
+    values = np.asarray(noise, np.float64)
+    return np.interp(grey, np.linspace(0, LAST_LEVEL, values.size), values)
 
 
 def _is_number(value: Any) -> bool:

@@ -18,8 +18,8 @@ Floats = NDArray[np.float32]
 _SMOOTHING = 2.0
 # Newton's steps; each leaves a tenth of the shift or less.
 _STEPS = 5
-# At grey levels above this an image may have been cut off at 255.
-_BRIGHT = 250
+# Above this share of white an image may have been cut off.
+_BRIGHT = 0.96
 # Pixels at the border that are left out of comparisons.
 _BORDER = 8
 
@@ -41,15 +41,19 @@ class Alignment:
     gain: float
 
 
-def find_alignment(infocus: NDArray[Any], defocus: NDArray[Any], offset: float = 0) -> Alignment:
+def find_alignment(
+    infocus: NDArray[Any], defocus: NDArray[Any], white: float = 255, offset: float = 0
+) -> Alignment:
     """Return how a defocus image is moved and brightened against the in-focus image.
 
     Parameters
     ----------
     infocus, defocus : ndarray, shape (y, x, channel)
-        Grey levels.
+        Grey levels, or light.
+    white : float
+        At which value images are cut off.
     offset : float
-        Grey levels that the defocus image has besides.
+        What the defocus image has besides.
 
     Notes
     -----
@@ -70,7 +74,8 @@ def find_alignment(infocus: NDArray[Any], defocus: NDArray[Any], offset: float =
     blurred = defocus.mean(axis=2, dtype=np.float64) - offset
     smooth = cv2.GaussianBlur(sharp, (0, 0), _SMOOTHING)
     inner = (slice(_BORDER, -_BORDER), slice(_BORDER, -_BORDER))
-    known = (smooth < _BRIGHT) & (cv2.GaussianBlur(blurred, (0, 0), _SMOOTHING) < _BRIGHT)
+    most = _BRIGHT * white
+    known = (smooth < most) & (cv2.GaussianBlur(blurred, (0, 0), _SMOOTHING) < most)
     known = cv2.erode(known.astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)[inner]
     if not known.any():
         return Alignment(0.0, 0.0, 1.0)
@@ -92,7 +97,9 @@ def find_alignment(infocus: NDArray[Any], defocus: NDArray[Any], offset: float =
 
 def undo(alignment: Alignment, defocus: NDArray[Any], offset: float = 0) -> Floats:
     """Return the defocus image moved back and with the in-focus image's brightness, (y, x, c)."""
-    back = defocus.astype(np.float32)
+    back = np.asarray(defocus, np.float32)
     if alignment.down or alignment.right:
         back = move(back.astype(np.float64), -alignment.down, -alignment.right)
-    return np.asarray((back - np.float32(offset)) / np.float32(alignment.gain), np.float32)
+    if offset or alignment.gain != 1:
+        back = (back - offset) / alignment.gain
+    return np.asarray(back, np.float32)

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
+from dfdbench.methods.calibrated import Calibrated
+from dfdbench.methods.law_cost import blurred_by
 
 Image = NDArray[np.uint8]
+Cost = NDArray[np.float32]
 
 
 class Constant:
@@ -44,7 +49,7 @@ class Constant:
         return np.full(infocus.shape[:2], self._level, np.float32)
 
 
-class Local:
+class Local(Calibrated):
     """Depth from a small window: the blur level that explains the defocus image best.
 
     The in-focus image is blurred at every level; the squared difference to the defocus image,
@@ -53,8 +58,9 @@ class Local:
 
     Parameters
     ----------
-    recipe : BlurRecipe
-        How the defocus images were made; in a run, the data set's recipe.
+    recipe : BlurRecipe, BlurLaw or None
+        How the defocus images were made; in a run, the data set's recipe. Where that is not told,
+        the method is fitted: see `dfdbench.methods.calibration`.
     window : int
         Side of the square window in pixels, odd.
 
@@ -68,34 +74,49 @@ class Local:
     120.0
     """
 
-    def __init__(self, recipe: BlurRecipe = RECIPES["published"], window: int = 7) -> None:
+    def __init__(
+        self, recipe: BlurRecipe | BlurLaw | None = RECIPES["published"], window: int = 7
+    ) -> None:
         if not isinstance(window, int) or window < 1 or window % 2 == 0:
             raise MethodError(
                 "wrong parameter", where="window", expected="odd, positive", got=str(window)
             )
-        self._recipe = recipe
+        super().__init__(recipe)
         self._window = (window, window)
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels for two RGB images of uint8, shape (y, x, 3)."""
-        sharp, blurred = infocus.astype(np.float32), defocus.astype(np.float32)
+        blur = self.blur
         best = np.full(infocus.shape[:2], np.inf, np.float32)
         level = np.zeros(infocus.shape[:2], np.int64)
-        channel_sum = np.ones((1, infocus.shape[2]), np.float32)
-        for candidate, kernel in enumerate(self._recipe.kernels()):
-            trial = _separable(sharp, kernel, self._recipe.sigmas[candidate])
-            residual = cv2.subtract(trial, blurred)
-            squares = cv2.multiply(residual, residual)
-            cost = cv2.boxFilter(
-                cv2.transform(squares, channel_sum),
-                cv2.CV_32F,
-                self._window,
-                borderType=cv2.BORDER_REPLICATE,
-            )
+        by_law = isinstance(blur, BlurLaw)
+        squares = _by_law(blur, infocus, defocus) if by_law else _by_recipe(blur, infocus, defocus)
+        for candidate, cost in enumerate(squares):
+            cost = cv2.boxFilter(cost, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE)
             better = cost < best
             best[better] = cost[better]
             level[better] = candidate
-        return np.asarray(self._recipe.depth_of_level(level), np.float32)
+        return np.asarray(blur.depth_of_level(level), np.float32)
+
+
+def _by_recipe(recipe: BlurRecipe, infocus: Image, defocus: Image) -> Iterator[Cost]:
+    sharp, blurred = infocus.astype(np.float32), defocus.astype(np.float32)
+    channel_sum = np.ones((1, infocus.shape[2]), np.float32)
+    for candidate, kernel in enumerate(recipe.kernels()):
+        trial = _separable(sharp, kernel, recipe.sigmas[candidate])
+        residual = cv2.subtract(trial, blurred)
+        yield np.asarray(cv2.transform(cv2.multiply(residual, residual), channel_sum))
+
+
+def _by_law(law: BlurLaw, infocus: Image, defocus: Image) -> Iterator[Cost]:
+    # For Gaussian noise: of two levels that leave as much, the one that has to show more of it.
+    blurred = blurred_by(law, infocus, defocus)
+    channel_sum = np.ones((1, infocus.shape[2]), np.float32)
+    for level, spread in enumerate(blurred.spread):
+        residual = (blurred.of_level(level) - blurred.aim) / blurred.noise
+        squares = cv2.transform(cv2.multiply(residual, residual), channel_sum)
+        entry = infocus.shape[2] * math.log(spread)
+        yield np.asarray(squares / np.float32(spread) + np.float32(entry))
 
 
 def _separable(image: NDArray[np.float32], kernel: NDArray[np.float64], sigma: float) -> Image:

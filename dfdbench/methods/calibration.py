@@ -13,25 +13,26 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 
-from dfdbench.blur.formation import decode, encode
-from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.formation import encode
+from dfdbench.blur.law import GREYS, BlurLaw, noise_at
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
-from dfdbench.methods.alignment import Alignment, find_alignment, undo
+from dfdbench.methods.alignment import Alignment, find_alignment
 from dfdbench.methods.fit import Learned, TrainingPair
-from dfdbench.methods.law_cost import blur
+from dfdbench.methods.law_cost import ROUNDING, aim_of, blur, light_of
 
 Array = NDArray[Any]
 
 # Pairs that are looked at, evenly among all, and the side of the part of each: a minute's work.
-_PAIRS = 12
+_PAIRS = 16
 _SIDE = 320
-# Of them, those from which the shape is chosen.
-_SHAPE_PAIRS = 4
+# Of them, about those from which the shape is chosen.
+_FEW = 4
 _KERNEL_SIZE = 27
+_GAUSSIAN = 2.0
 # Widths that are tried; between them the residual is a smooth curve.
-_LADDER = np.geomspace(0.22, 6.4, 33)
+_LADDER = np.geomspace(0.22, 6.4, 37)
 _FINE = np.geomspace(_LADDER[0], _LADDER[-1], 16 * (_LADDER.size - 1) + 1)
 # p of the kernels that are tried.
 _EXPONENTS = (2.0, 3.0, 4.0, 6.0, 8.0, 16.0, 32.0)
@@ -40,9 +41,18 @@ _WINDOW = 11
 _SPAN = 10
 # The defocus image may be cut off above.
 _BRIGHT = 253
-_MOVED = 0.08
-_BRIGHTER = 0.004
+# What is less simple has to leave less than this part of the squared differences.
+_BETTER = 0.97
+_MUCH_BETTER = 0.8
 _ROUNDS = 3
+# Newton's steps towards the curve, the largest as a part of the width, and how many levels on
+# either side stand together before the first.
+_STEPS = 6
+_LARGEST_STEP = 0.2
+_NEAR = 6
+_AS_GOOD = 1.1
+# Fewer pixels tell nothing of the noise at a grey level.
+_FEW_PIXELS = 200
 
 
 @dataclass(frozen=True)
@@ -83,8 +93,8 @@ class Calibration:
         measured, pixels, residual = (
             np.asarray(fields.pop(name)) for name in ("measured", "pixels", "residual")
         )
-        sigmas = tuple(np.asarray(fields.pop("sigmas")).tolist())
-        return cls(BlurLaw(sigmas=sigmas, **fields), measured, pixels, residual)  # type: ignore[arg-type]
+        sigmas, noise = (tuple(np.asarray(fields.pop(n)).tolist()) for n in ("sigmas", "noise"))
+        return cls(BlurLaw(sigmas=sigmas, noise=noise, **fields), measured, pixels, residual)  # type: ignore[arg-type]
 
 
 def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
@@ -113,63 +123,93 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     if not len(pairs):
         raise MethodError("no pair to calibrate with", expected="one training pair or more")
     parts = [_part(pair, number) for number, pair in _chosen(pairs)]
-    registered, even, gain = _alignments(parts)
-    parts = [_aligned(part, registered, even, gain) for part in parts]
-    few = parts[:: max(1, len(parts) // _SHAPE_PAIRS)]
-    ways = [(exponent, linear) for linear in (False, True) for exponent in _EXPONENTS]
-    exponent, linear = min(ways, key=lambda way: _misfit(few, *way))
-    sums, pixels = _sums(parts, exponent, linear, _LADDER)
-    shares = np.square(point_spread_functions(_LADDER, _KERNEL_SIZE, exponent)).sum(axis=(1, 2))
-    channels = parts[0].defocus.shape[2]
-    infocus_noise = 0.0
-    for _ in range(_ROUNDS):
-        noisy = channels * infocus_noise**2 * pixels[:, np.newaxis] * shares
-        widths, sharpness, least = _widths(sums - noisy, pixels)
-        if not sharpness.any():
-            raise MethodError(
-                "the training pairs do not show how their blur depends on depth",
-                expected="texture at known depth, away from jumps in depth and from the border",
-                got=f"{int(pixels.sum())} pixels that count",
-            )
-        variance = np.maximum(least / np.maximum(channels * pixels, 1), 1 / 12)
-        sigmas = np.clip(_smooth(widths, sharpness / (2 * variance)), _LADDER[0], _LADDER[-1])
-        rows = CubicSpline(np.log(_LADDER), sums, axis=1)
-        left = np.array([rows(np.log(sigma))[level] for level, sigma in enumerate(sigmas)])
-        left = np.maximum(left, 0) / np.maximum(channels * pixels, 1)
-        left_of_noise = np.interp(sigmas, _LADDER, shares)
-        root = np.sqrt(pixels)
-        terms = np.stack([root, root * left_of_noise], axis=1)
-        (own, blurred), _ = nnls(terms, root * left)
-        infocus_noise = math.sqrt(blurred)
+    few = parts[:: max(1, len(parts) // _FEW)]
+    way = _way(few)
+    way = replace(way, exponent=_exponent(few, way))
+    samples = [part.sample(way) for part in parts]
+    even_noise = np.ones(GREYS)
+    sums, pixels = _sums(samples[:: len(parts) // len(few)], way, even_noise)
+    rough = _curve(sums, pixels)
+    _, noise = _residuals(samples[:: len(parts) // len(few)], way, rough)
+    sums, pixels = _sums(samples, way, noise)
+    sigmas, infocus_noise = _cleared_curve(sums, pixels, way)
+    residual, noise = _residuals(samples, way, sigmas)
+    # What is left holds what came with the in-focus image: see `BlurLaw.noise`.
+    shares = np.interp(sigmas, _LADDER, _shares(way))
+    both = float(np.average(1 + infocus_noise**2 * shares, weights=pixels))
     law = BlurLaw(
         sigmas=tuple(sigmas.tolist()),
-        exponent=exponent,
+        exponent=way.exponent,
         kernel_size=_KERNEL_SIZE,
-        gain=gain,
-        noise=math.sqrt(own),
+        gain=way.gain,
+        noise=tuple((noise / math.sqrt(both)).tolist()),
         infocus_noise=infocus_noise,
-        linear=linear,
-        registered=registered,
-        even=even,
+        linear=way.linear,
+        registered=way.registered,
+        even=way.even,
     )
-    seen = pixels > 0
-    return Calibration(
-        law, np.where(seen, widths, np.nan), pixels, np.where(seen, np.sqrt(left), np.nan)
-    )
+    widths = np.where(pixels > 0, _widths(sums)[0], np.nan)
+    return Calibration(law, widths, pixels, residual)
+
+
+@dataclass(frozen=True)
+class _Way:
+    """How defocus images may come about, but for the widths."""
+
+    exponent: float = _GAUSSIAN
+    linear: bool = False
+    registered: bool = True
+    even: bool = True
+    gain: float = 1.0
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Part of a pair, (y, x, 1), the depth levels there, and which pixels count."""
+
+    infocus: NDArray[np.uint8]
+    defocus: NDArray[np.uint8]
+    depth: NDArray[np.int64]
+    counts: NDArray[np.bool_]
+
+    def found(self, linear: bool) -> Alignment:
+        """Return how the defocus image lies to the in-focus image."""
+        images = light_of(self.infocus, linear), light_of(self.defocus, linear)
+        return find_alignment(*images, 1 if linear else 255)
+
+    def sample(self, way: _Way, turned: bool = False) -> _Sample:
+        """Return what counts of it; `turned` moves the defocus image the wrong way."""
+        how = Alignment(0.0, 0.0, way.gain)
+        if not (way.registered and way.even):
+            found = self.found(way.linear)
+            sign = 0 if way.registered else -1 if turned else 1
+            gain = way.gain if way.even else found.gain
+            how = Alignment(sign * found.down, sign * found.right, gain)
+        light = light_of(self.infocus, way.linear)
+        aim = aim_of(self.defocus, way.linear, how)[self.counts][:, 0]
+        return _Sample(light, aim, self.depth[self.counts], self.counts)
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """What counts of a part: light (y, x, 1) to blur; grey levels to explain, and their depth."""
+
+    light: NDArray[np.float32]
+    aim: NDArray[np.float32]
+    depth: NDArray[np.int64]
+    counts: NDArray[np.bool_]
+
+    def trials(self, way: _Way) -> Iterator[NDArray[np.float64]]:
+        """Yield the grey levels that each width of the ladder would give."""
+        for kernel in point_spread_functions(_LADDER, _KERNEL_SIZE, way.exponent):
+            trial = blur(self.light, kernel)[self.counts][:, 0]
+            yield encode(trial) if way.linear else trial.astype(np.float64)
 
 
 def _chosen(pairs: Sequence[TrainingPair]) -> Iterator[tuple[int, TrainingPair]]:
     places = np.unique(np.linspace(0, len(pairs) - 1, min(_PAIRS, len(pairs))).round().astype(int))
     for number, place in enumerate(places):
         yield number, pairs[int(place)]
-
-
-@dataclass(frozen=True)
-class _Part:
-    infocus: NDArray[np.float32]
-    defocus: NDArray[np.float32]
-    depth: NDArray[np.int64]
-    counts: NDArray[np.bool_]
 
 
 def _part(pair: TrainingPair, number: int) -> _Part:
@@ -182,12 +222,11 @@ def _part(pair: TrainingPair, number: int) -> _Part:
         np.asarray(array[tuple(where)])
         for array in (pair.infocus, pair.defocus, pair.depth, pair.valid)
     )
-    return _Part(
-        infocus.astype(np.float32),
-        defocus.astype(np.float32),
-        depth.astype(np.int64),
-        _flat(depth, valid) & (defocus.max(axis=2) <= _BRIGHT),
-    )
+    # One channel, the least noisy of a camera, tells as much of the blur as three.
+    middle = slice(infocus.shape[2] // 2, infocus.shape[2] // 2 + 1)
+    defocus = defocus[..., middle]
+    counts = _flat(depth, valid) & (defocus[..., 0] <= _BRIGHT)
+    return _Part(infocus[..., middle], defocus, depth.astype(np.int64), counts)
 
 
 def _flat(depth: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -201,74 +240,142 @@ def _flat(depth: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.bool
     return np.asarray(flat)
 
 
-def _alignments(parts: Sequence[_Part]) -> tuple[bool, bool, float]:
-    """Return whether pairs are registered, whether their gain is the same, and its mean."""
-    found = [find_alignment(part.infocus, part.defocus) for part in parts]
-    away = float(np.median([math.hypot(each.down, each.right) for each in found]))
-    gains = np.array([each.gain for each in found])
-    even = float(np.median(np.abs(gains - np.median(gains)))) < _BRIGHTER
-    gain = float(np.median(gains))
-    return away < _MOVED, even, gain if abs(gain - 1) >= _BRIGHTER or not even else 1.0
+def _way(few: Sequence[_Part]) -> _Way:
+    """Choose what fits better: grey levels or light, and pairs as they are or aligned."""
+    best, least = _Way(), _misfit(few, _Way())
+    gain = {
+        linear: float(np.median([part.found(linear).gain for part in few]))
+        for linear in (False, True)
+    }
+    for change in ({"linear": True}, {"gain": gain}, {"gain": gain, "even": False}):
+        way = replace(best, **{k: v[best.linear] if k == "gain" else v for k, v in change.items()})
+        misfit = _misfit(few, way)
+        if misfit < _BETTER * least:
+            best, least = way, misfit
+    # Moving an image smooths it a little: hold it against as long a move the wrong way.
+    way = replace(best, registered=False)
+    return way if _misfit(few, way) < _MUCH_BETTER * _misfit(few, way, turned=True) else best
 
 
-def _aligned(part: _Part, registered: bool, even: bool, gain: float) -> _Part:
-    found = find_alignment(part.infocus, part.defocus)
-    place = (0.0, 0.0) if registered else (found.down, found.right)
-    return replace(
-        part, defocus=undo(Alignment(*place, gain if even else found.gain), part.defocus)
-    )
+def _exponent(few: Sequence[_Part], way: _Way) -> float:
+    return min(_EXPONENTS, key=lambda exponent: _misfit(few, replace(way, exponent=exponent)))
 
 
-def _light(part: _Part, linear: bool) -> NDArray[np.float32]:
-    return decode(part.infocus).astype(np.float32) if linear else part.infocus
+def _misfit(few: Sequence[_Part], way: _Way, turned: bool = False) -> float:
+    samples = [part.sample(way, turned) for part in few]
+    return float(_widths(_sums(samples, way, np.ones(GREYS))[0])[2].sum())
+
+
+def _shares(way: _Way) -> NDArray[np.float64]:
+    """Return how much of the in-focus image's noise each width leaves, as a part of variance."""
+    kernels = point_spread_functions(_LADDER, _KERNEL_SIZE, way.exponent)
+    return np.asarray(np.square(kernels).sum(axis=(1, 2)))
 
 
 def _sums(
-    parts: Sequence[_Part], exponent: float, linear: bool, ladder: Array
+    samples: Sequence[_Sample], way: _Way, noise: Array
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the squared differences by depth level and width, and the pixels by depth level."""
-    kernels = point_spread_functions(ladder, _KERNEL_SIZE, exponent)
-    sums = np.zeros((LEVELS, ladder.size))
+    """Return squared differences, in units of the noise, by depth level and width; the pixels."""
+    sums = np.zeros((LEVELS, _LADDER.size))
     pixels = np.zeros(LEVELS, np.int64)
-    for part in parts:
-        light = _light(part, linear)
-        depth = part.depth[part.counts]
-        aim = part.defocus[part.counts]
-        pixels += np.bincount(depth, minlength=LEVELS)
-        for number, kernel in enumerate(kernels):
-            trial = blur(light, kernel)[part.counts]
-            if linear:
-                trial = encode(trial)
-            squares = np.square(trial - aim).sum(axis=1)
-            sums[:, number] += np.bincount(depth, squares, LEVELS)
+    for sample in samples:
+        weights = 1 / noise_at(noise, sample.aim) ** 2
+        pixels += np.bincount(sample.depth, minlength=LEVELS)
+        for number, trial in enumerate(sample.trials(way)):
+            squares = weights * np.square(trial - sample.aim)
+            sums[:, number] += np.bincount(sample.depth, squares, LEVELS)
     return sums, pixels
 
 
-def _misfit(parts: Sequence[_Part], exponent: float, linear: bool) -> float:
-    ladder = _LADDER[::2]
-    sums, pixels = _sums(parts, exponent, linear, ladder)
-    fine = np.geomspace(ladder[0], ladder[-1], 8 * (ladder.size - 1) + 1)
-    curves = CubicSpline(np.log(ladder), sums[pixels > 0], axis=1)(np.log(fine))
-    return float(curves.min(axis=1).sum())
+def _residuals(
+    samples: Sequence[_Sample], way: _Way, sigmas: Array
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the root mean square of what widths leave, by depth level and by grey level."""
+    place = np.interp(sigmas, _LADDER, np.arange(_LADDER.size))
+    first = np.clip(place.astype(int), 0, _LADDER.size - 2)
+    part = place - first
+    by_level, by_grey = np.zeros((2, LEVELS)), np.zeros((2, GREYS))
+    for sample in samples:
+        grey = np.rint(np.clip(sample.aim, 0, 255) * (GREYS - 1) / 255).astype(int)
+        steps, weights = first[sample.depth], part[sample.depth]
+        # Between two widths of the ladder a blurred image lies straight, near enough.
+        fit = np.zeros(sample.aim.shape)
+        for number, trial in enumerate(sample.trials(way)):
+            fit += np.where(steps == number, (1 - weights) * trial, 0)
+            fit += np.where(steps + 1 == number, weights * trial, 0)
+        squares = np.square(fit - sample.aim)
+        for sums, where in ((by_level, sample.depth), (by_grey, grey)):
+            sums[0] += np.bincount(where, squares, sums.shape[1])
+            sums[1] += np.bincount(where, minlength=sums.shape[1])
+    level, tone = (
+        np.where(sums[1] > 0, np.sqrt(sums[0] / np.maximum(sums[1], 1)), np.nan)
+        for sums in (by_level, by_grey)
+    )
+    known = np.flatnonzero(by_grey[1] >= _FEW_PIXELS)
+    tone = np.interp(np.arange(GREYS), known, tone[known]) if known.size else np.ones(GREYS)
+    return level, np.maximum(tone, ROUNDING)
 
 
-def _widths(
-    sums: Array, pixels: Array
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _cleared_curve(sums: Array, pixels: Array, way: _Way) -> tuple[NDArray[np.float64], float]:
+    """Return the widths by depth level, and the in-focus image's noise as a part of the other's."""
+    shares = _shares(way)
+    infocus_noise = 0.0
+    for _ in range(_ROUNDS):
+        sigmas = _curve(sums - infocus_noise**2 * pixels[:, np.newaxis] * shares, pixels)
+        left = _at(sums, sigmas) / np.maximum(pixels, 1)
+        root = np.sqrt(pixels)
+        terms = np.stack([root, root * np.interp(sigmas, _LADDER, shares)], axis=1)
+        own, blurred = nnls(terms, root * left)[0]
+        infocus_noise = min(math.sqrt(blurred / own), 1.0) if own else 1.0
+    return sigmas, infocus_noise
+
+
+def _curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
+    """Return the smooth curve of widths by depth level that leaves least."""
+    splines = CubicSpline(np.log(_LADDER), sums, axis=1)
+    # To begin with, neighbouring levels stand together.
+    near = np.abs(np.subtract.outer(np.arange(LEVELS), np.arange(LEVELS))) <= _NEAR
+    pooled = near @ sums
+    widths, sharpness, least = _widths(pooled)
+    known = (pixels > 0) & (sharpness > 0)
+    if not known.any():
+        raise MethodError(
+            "the training pairs do not show how their blur depends on depth",
+            expected="texture at known depth, away from jumps in depth and from the border",
+            got=f"{int(pixels.sum())} pixels that count",
+        )
+    unit = 2 * max(float(least[known].sum()) / float((near @ pixels)[known].sum()), 1e-9)
+    sigmas = _smooth(widths, np.where(known, sharpness / unit, 0))
+    for _ in range(_STEPS):
+        sigmas = np.clip(sigmas, _LADDER[0], _LADDER[-1])
+        places = np.log(sigmas)
+        slope, bend = (np.diagonal(splines(places, order)) for order in (1, 2))
+        # By the width, not its logarithm.
+        slope, bend = slope / sigmas, (bend - slope) / sigmas**2
+        weights = np.where(known & (bend > 0), bend, 0) / unit
+        step = np.where(weights > 0, -slope / np.where(bend > 0, bend, 1), 0)
+        target = sigmas + np.clip(step, -_LARGEST_STEP * sigmas, _LARGEST_STEP * sigmas)
+        sigmas = _smooth(target, weights)
+    return np.clip(sigmas, _LADDER[0], _LADDER[-1])
+
+
+def _at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
+    """Return the squared differences by depth level at one width each."""
+    curves = CubicSpline(np.log(_LADDER), sums, axis=1)(np.log(sigmas))
+    return np.maximum(np.diagonal(curves), 0)
+
+
+def _widths(sums: Array) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the width of least difference by level, how sharp it is, and the difference there."""
-    curves = CubicSpline(np.log(_LADDER), sums, axis=1)
-    values = curves(np.log(_FINE))
+    values = CubicSpline(np.log(_LADDER), sums, axis=1)(np.log(_FINE))
     best = values.argmin(axis=1)
     inner = np.clip(best, 1, _FINE.size - 2)
     rows = np.arange(len(sums))
     before, here, after = (values[rows, inner + step] for step in (-1, 0, 1))
     bend = before - 2 * here + after
-    safe = np.where(bend > 0, bend, 1)
-    step = np.where(bend > 0, np.clip(0.5 * (before - after) / safe, -1, 1), 0)
-    widths = np.exp(np.interp(inner + step, np.arange(_FINE.size), np.log(_FINE)))
     spacing = _FINE[inner] * math.log(_FINE[1] / _FINE[0])
-    sharpness = np.where((pixels > 0) & (bend > 0), bend / spacing**2, 0.0)
-    return widths, sharpness, np.maximum(values[rows, best], 0)
+    sharpness = np.where(bend > 0, bend / spacing**2, 0.0)
+    return _FINE[best], sharpness, np.maximum(values[rows, best], 0)
 
 
 def _smooth(values: Array, weights: Array) -> NDArray[np.float64]:
@@ -281,12 +388,12 @@ def _smooth(values: Array, weights: Array) -> NDArray[np.float64]:
     penalty = bends.T @ bends
     known = weights > 0
     target = np.where(known, values, 0.0)
-    best, found = math.inf, target
+    tried = []
     for strength in np.geomspace(1e-2, 1e10, 25) * np.median(weights[known]):
         hat = np.linalg.solve(np.diag(weights) + strength * penalty, np.diag(weights))
         curve = hat @ target
         freedom = max(1 - np.trace(hat) / known.sum(), 1e-6)
-        score = float((weights * np.square(target - curve)).sum()) / freedom**2
-        if score < best:
-            best, found = score, curve
-    return found
+        tried.append((float((weights * np.square(target - curve)).sum()) / freedom**2, curve))
+    # Of those about as good, the smoothest: it goes on best where levels are lacking.
+    best = min(score for score, _ in tried)
+    return next(curve for score, curve in reversed(tried) if score <= _AS_GOOD * best)

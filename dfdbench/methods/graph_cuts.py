@@ -11,10 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
+from dfdbench.methods.calibrated import Calibrated
 from dfdbench.methods.data_cost import data_cost
+from dfdbench.methods.law_cost import blurred_by, law_cost
 
 Image = NDArray[np.uint8]
 
@@ -33,11 +36,13 @@ SMOOTHNESS: Mapping[str, Callable[[int, int, int], NDArray[np.int32]]] = Mapping
 )
 # data_cost stores costs in 16 bits.
 _LARGEST_COST = 65535
+# Of `weight`, what a nat costs under a blur law.
+_PER_NAT = 3
 # Sweeps of message passing for a lower bound: on a photograph within about 0.3 % of the optimum.
 _BOUND_ITERATIONS = 10
 
 
-class GraphCuts:
+class GraphCuts(Calibrated):
     """Depth by minimising the thesis's energy: fit of the blur, and smoothness.
 
     The in-focus image is blurred at every level. A level costs a pixel ``weight`` times the
@@ -46,11 +51,13 @@ class GraphCuts:
 
     Parameters
     ----------
-    recipe : BlurRecipe
+    recipe : BlurRecipe, BlurLaw or None
         The blur that is solved with; in a run, the data set's recipe. ``text`` on a set made
-        with ``published`` gives the mismatch of the program published with the thesis.
+        with ``published`` gives the mismatch of the program published with the thesis. Where it
+        is not told, the method is fitted: see `dfdbench.methods.calibration`.
     weight : float
-        c of Eq. 4.1.
+        c of Eq. 4.1. Under a blur law, which knows its noise, a third of it is the cost of one
+        nat, a factor e of probability.
     smoothness : {"published", "truncated-absolute", "truncated-quadratic", "potts", \
 "adaptive-potts"}
         ``published`` is the program's table, the absolute difference up to 228.
@@ -62,7 +69,7 @@ class GraphCuts:
     color_space : {"ycrcb", "ycrcb-float", "rgb"}
         In which images are compared. ``ycrcb`` rounds to 8 bits, as the published program does;
         ``ycrcb-float`` is in 32-bit float, as the thesis says (4.1). A grey image has one
-        channel in all.
+        channel in all. Under a blur law it is always RGB, in which noise is alike.
     labels : int, optional
         Solve for this many evenly spaced levels only; must divide the recipe's levels.
     solver : {"split", "expansion", "message-passing"}
@@ -99,7 +106,7 @@ class GraphCuts:
 
     def __init__(
         self,
-        recipe: BlurRecipe = RECIPES["published"],
+        recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
         weight: float = 12,
         smoothness: str = "published",
         cap: int = 255,
@@ -112,6 +119,7 @@ class GraphCuts:
         published_offset: bool = False,
         lower_bound: bool = False,
     ) -> None:
+        super().__init__(recipe)
         for kind, name, known in (
             ("smoothness", smoothness, tuple(SMOOTHNESS)),
             ("color_space", color_space, COLOR_SPACES),
@@ -120,32 +128,21 @@ class GraphCuts:
         ):
             if name not in known:
                 raise unknown_name(kind, str(name), known)
-        levels = recipe.levels
-        count = levels if labels is None else labels
-        edge = 2 if smoothness == "adaptive-potts" else 1
-        problems = []
-        if not isinstance(count, int) or count < 2 or count > levels or levels % count:
-            divisors = [number for number in range(2, levels + 1) if levels % number == 0]
-            problems.append(_wrong("labels", f"one of {divisors}", labels))
-        if not 0 < weight <= 5000:
-            problems.append(_wrong("weight", "above 0, at most 5000", weight))
-        for name, number in (("cap", cap), ("scale", scale)):
-            if not isinstance(number, int) or number < 1:
-                problems.append(_wrong(name, "a whole number above 0", number))
-        if not problems:
-            step = levels // count
-            table = SMOOTHNESS[smoothness](levels, cap, scale)[::step]
-            self._limit = 4 * edge * int(table.max()) + 1
-            if self._limit > _LARGEST_COST:
-                most = (_LARGEST_COST - 1) // (4 * edge)
-                problems.append(
-                    _wrong("cap and scale", f"a largest smoothness of {most}", int(table.max()))
-                )
+        count = self.levels if labels is None else labels
+        problems = _problems(self.levels, count, weight, cap, scale)
         if problems:
             raise MethodError.of(problems)
-        self._recipe, self._weight, self._table = recipe, weight, table
+        step = self.levels // count
+        self._table = SMOOTHNESS[smoothness](self.levels, cap, scale)[::step]
+        edge = 2 if smoothness == "adaptive-potts" else 1
+        self._limit = 4 * edge * int(self._table.max()) + 1
+        if self._limit > _LARGEST_COST:
+            most = (_LARGEST_COST - 1) // (4 * edge)
+            expected = f"a largest smoothness of {most}"
+            raise MethodError.of(_wrong("cap and scale", expected, int(self._table.max())))
+        self._weight = weight
         # The middle of each group of levels stands for it.
-        self._levels = np.arange(step // 2, levels, step)
+        self._levels = np.arange(step // 2, self.levels, step)
         self._threshold = threshold if smoothness == "adaptive-potts" else None
         self._color_space = color_space
         self._solver, self._quality = solver, quality
@@ -179,7 +176,7 @@ class GraphCuts:
             gap = solution.energy - solution.lower_bound
             numbers["gap_percent"] = 100 * gap / max(solution.lower_bound, 1)
         self._memory.numbers = numbers
-        depth = self._recipe.depth_of_level(self._levels[solution.labels])
+        depth = self.blur.depth_of_level(self._levels[solution.labels])
         return np.asarray(np.minimum(depth + self._offset, 255), np.float32)
 
     def solve(self, infocus: Image, defocus: Image) -> mrf.Solution:
@@ -203,22 +200,29 @@ class GraphCuts:
 
         Its costs lie in memory that the next call in this thread writes over.
         """
-        sharp, blurred = self._channels(infocus), self._channels(defocus)
-        recipe = self._recipe
-        shape = (*sharp.shape[:2], len(self._levels))
+        shape = (*infocus.shape[:2], len(self._levels))
         memory: NDArray[np.uint16] | None = getattr(self._memory, "costs", None)
         if memory is None or memory.shape != shape:
             self._memory.costs = memory = None
             self._memory.costs = memory = np.empty(shape, np.uint16)
-        unary, offset = data_cost(
-            sharp,
-            blurred,
-            recipe.sigmas[self._levels],
-            self._weight,
-            self._limit,
-            recipe.kernel_size,
-            memory,
-        )
+        blur = self.blur
+        if isinstance(blur, BlurLaw):
+            pair = (
+                image if image.ndim == 3 else image[..., np.newaxis] for image in (infocus, defocus)
+            )
+            unary, offset = law_cost(
+                blurred_by(blur, *pair, self._levels), self._weight / _PER_NAT, self._limit, memory
+            )
+        else:
+            unary, offset = data_cost(
+                self._channels(infocus),
+                self._channels(defocus),
+                blur.sigmas[self._levels],
+                self._weight,
+                self._limit,
+                blur.kernel_size,
+                memory,
+            )
         right, down = None, None
         if self._threshold is not None:
             grey = infocus if infocus.ndim == 2 else cv2.cvtColor(infocus, cv2.COLOR_RGB2GRAY)
@@ -235,6 +239,19 @@ class GraphCuts:
             exact = cv2.cvtColor(image.astype(np.float32), cv2.COLOR_RGB2YCrCb)
             return np.asarray(exact, np.float32)
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb), np.uint8)
+
+
+def _problems(levels: int, count: Any, weight: Any, cap: Any, scale: Any) -> list[Problem]:
+    problems = []
+    if not isinstance(count, int) or count < 2 or count > levels or levels % count:
+        divisors = [number for number in range(2, levels + 1) if levels % number == 0]
+        problems.append(_wrong("labels", f"one of {divisors}", count))
+    if not 0 < weight <= 5000:
+        problems.append(_wrong("weight", "above 0, at most 5000", weight))
+    for name, number in (("cap", cap), ("scale", scale)):
+        if not isinstance(number, int) or number < 1:
+            problems.append(_wrong(name, "a whole number above 0", number))
+    return problems
 
 
 def _wrong(name: str, expected: str, got: Any) -> Problem:

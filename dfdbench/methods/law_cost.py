@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.formation import decode, encode
-from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.law import BlurLaw, noise_at
 from dfdbench.methods.alignment import Alignment, find_alignment, undo
 from dfdbench.methods.kernel_mixture import few_kernels
 
@@ -31,7 +31,7 @@ KERNEL_TOLERANCE = 2e-4
 # Steps of the table of the sRGB curve: below a tenth of a grey level but for the darkest.
 _STEPS = 8192
 # Rounding's standard deviation: a law may be measured on too few pixels to show even that.
-_ROUNDING = 12**-0.5
+ROUNDING = 12**-0.5
 # Misfits are stored as whole multiples of 1 / STEPS grey levels: see `rounded_cost`.
 MISFIT_STEPS = 256
 
@@ -50,15 +50,18 @@ class Blurred:
         What a level's blurred image takes of each.
     curve : ndarray of float32
         Grey levels of light, in even steps from 0 to 1; empty where the law is not linear.
-    variances : ndarray of float64, shape (level,)
-        Of a residual, in grey levels squared, where the level is the right one.
+    noise : ndarray of float32, shape (y, x, channel)
+        Standard deviation of the defocus image's noise, in grey levels.
+    spread : ndarray of float64, shape (level,)
+        How much more variance a residual has at each level, the in-focus image's noise counted.
     """
 
     nodes: NDArray[np.float32]
     aim: NDArray[np.float32]
     factors: NDArray[np.float32]
     curve: NDArray[np.float32]
-    variances: NDArray[np.float64]
+    noise: NDArray[np.float32]
+    spread: NDArray[np.float64]
 
     def of_level(self, level: int) -> NDArray[np.float32]:
         """Return the in-focus image as it would look at one level, in grey levels."""
@@ -68,7 +71,9 @@ class Blurred:
         return np.asarray(image, np.float32)
 
 
-def blurred_by(law: BlurLaw, infocus: Array, defocus: Array) -> Blurred:
+def blurred_by(
+    law: BlurLaw, infocus: Array, defocus: Array, levels: NDArray[np.intp] | None = None
+) -> Blurred:
     """Blur an in-focus image by a law's few kernels, and align the defocus image to it.
 
     Parameters
@@ -77,24 +82,45 @@ def blurred_by(law: BlurLaw, infocus: Array, defocus: Array) -> Blurred:
         How the defocus image came about.
     infocus, defocus : ndarray of uint8, shape (y, x, channel)
         The pair.
+    levels : ndarray of int, optional
+        The depth levels in question; default: all.
     """
     kernels, factors, shares = _few(law)
-    found = Alignment(0.0, 0.0, law.gain)
+    chosen = slice(None) if levels is None else levels
+    light = light_of(infocus, law.linear)
+    curve = encode(np.linspace(0, 1, _STEPS)) if law.linear else np.empty(0)
+    nodes = np.stack([blur(light, kernel) for kernel in kernels], axis=-1)
+    spread = 1 + law.infocus_noise**2 * shares[chosen]
+    factors = np.ascontiguousarray(factors[:, chosen])
+    aim = _aligned(law, light, defocus)
+    noise = np.maximum(noise_at(law.noise, aim), ROUNDING).astype(np.float32)
+    return Blurred(nodes, aim, factors, curve.astype(np.float32), noise, spread)
+
+
+def light_of(image: Array, linear: bool) -> NDArray[np.float32]:
+    """Return grey levels 0 to 255 as they are, or as linear light 0 to 1."""
+    return np.asarray(decode(image) if linear else image, np.float32)
+
+
+def aim_of(defocus: Array, linear: bool, how: Alignment, offset: float = 0) -> NDArray[np.float32]:
+    """Return a defocus image moved back and of the in-focus image's brightness, in grey levels."""
+    if how == Alignment(0.0, 0.0, 1.0) and not offset:
+        return np.asarray(defocus, np.float32)
+    back = undo(how, light_of(defocus, linear), offset)
+    return np.asarray(encode(back) if linear else back, np.float32)
+
+
+def _aligned(law: BlurLaw, light: NDArray[np.float32], defocus: Array) -> NDArray[np.float32]:
+    how = Alignment(0.0, 0.0, law.gain)
     if not (law.registered and law.even):
-        found = find_alignment(infocus, defocus, law.offset)
-        found = Alignment(
+        seen = light_of(defocus, law.linear)
+        found = find_alignment(light, seen, 1 if law.linear else 255, law.offset)
+        how = Alignment(
             0.0 if law.registered else found.down,
             0.0 if law.registered else found.right,
             law.gain if law.even else found.gain,
         )
-    light = infocus.astype(np.float32)
-    curve = np.empty(0, np.float32)
-    if law.linear:
-        light = decode(light).astype(np.float32)
-        curve = encode(np.linspace(0, 1, _STEPS)).astype(np.float32)
-    nodes = np.stack([blur(light, kernel) for kernel in kernels], axis=-1)
-    variances = np.maximum(law.noise, _ROUNDING) ** 2 + law.infocus_noise**2 * shares
-    return Blurred(nodes, undo(found, defocus, law.offset), factors, curve, variances)
+    return aim_of(defocus, law.linear, how, law.offset)
 
 
 def blur(image: NDArray[np.float32], kernel: Array) -> NDArray[np.float32]:
@@ -123,8 +149,8 @@ def law_cost(
 ) -> tuple[NDArray[np.uint16], int]:
     """Compute what every level costs at every pixel, for Gaussian noise.
 
-    ``cost = unit * (sum over channels of residual^2 / (2 v) + channels / 2 log v)``, less what the
-    level of least variance has of the second term.
+    ``cost = unit * (sum over channels of residual^2 / (2 s n^2) + channels / 2 log s)`` with the
+    noise n of the pixel and the spread s of the level.
 
     Parameters
     ----------
@@ -146,13 +172,14 @@ def law_cost(
     """
     unary = _room(blurred, out)
     channels = blurred.aim.shape[2]
-    entry = channels / 2 * np.log(blurred.variances / blurred.variances.min())
+    entry = channels / 2 * np.log(blurred.spread)
     offset = _fill(
         blurred.nodes,
         blurred.aim,
         blurred.factors,
         blurred.curve,
-        (unit / (2 * blurred.variances)).astype(np.float32),
+        1 / blurred.noise,
+        (unit / (2 * blurred.spread)).astype(np.float32),
         (unit * entry).astype(np.float32),
         limit,
         unary,
@@ -167,8 +194,8 @@ def law_misfits(blurred: Blurred) -> NDArray[np.uint16]:
     where there is nothing but rounding. Whole multiples of 1 / 256 grey levels, rounded up.
     """
     unary = _room(blurred, None)
-    bounds = np.sqrt(3 * blurred.variances).astype(np.float32)
-    _leave(blurred.nodes, blurred.aim, blurred.factors, blurred.curve, bounds, unary)
+    bounds = np.sqrt(3 * blurred.spread).astype(np.float32)
+    _leave(blurred.nodes, blurred.aim, blurred.factors, blurred.curve, blurred.noise, bounds, unary)
     return unary
 
 
@@ -202,6 +229,7 @@ def _fill(
     aim: Array,
     factors: Array,
     curve: Array,
+    inverse: Array,
     weights: Array,
     entries: Array,
     limit: int,
@@ -218,7 +246,7 @@ def _fill(
             for channel in range(channels):
                 _levels(nodes[y, x, channel], factors, curve, grey)
                 for level in range(levels):
-                    residual = aim[y, x, channel] - grey[level]
+                    residual = (aim[y, x, channel] - grey[level]) * inverse[y, x, channel]
                     squares[level] += residual * residual
             least = np.float32(np.inf)
             for level in range(levels):
@@ -232,7 +260,13 @@ def _fill(
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
 def _leave(
-    nodes: Array, aim: Array, factors: Array, curve: Array, bounds: Array, unary: Array
+    nodes: Array,
+    aim: Array,
+    factors: Array,
+    curve: Array,
+    noise: Array,
+    bounds: Array,
+    unary: Array,
 ) -> None:
     height, width, channels = aim.shape
     levels = factors.shape[1]
@@ -244,7 +278,8 @@ def _leave(
             for channel in range(channels):
                 _levels(nodes[y, x, channel], factors, curve, grey)
                 for level in range(levels):
-                    excess = max(abs(aim[y, x, channel] - grey[level]) - bounds[level], 0.0)
+                    bound = bounds[level] * noise[y, x, channel]
+                    excess = max(abs(aim[y, x, channel] - grey[level]) - bound, 0.0)
                     squares[level] += np.float32(excess * excess)
             for level in range(levels):
                 steps = math.ceil(MISFIT_STEPS * math.sqrt(squares[level]))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dfdbench.blur.law import SIGMAS, BlurLaw, law_of_fields
 from dfdbench.blur.recipe import RECIPES, BlurRecipe, find_recipe
 from dfdbench.errors import (
     DfdbenchError,
@@ -27,14 +28,14 @@ def read_parameters(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return parameters as a method takes them, and as a result records them.
 
-    Of these, `recipe` is made a `BlurRecipe`; a recipe in a file is recorded by what the file
-    says, so that the result can be run again without it.
+    Of these, `recipe` is made a `BlurRecipe`, or a `BlurLaw` where it has `sigmas`; a recipe in a
+    file is recorded by what the file says, so that the result can be run again without it.
 
     Parameters
     ----------
     given : mapping
-        By name. `recipe` may be a recipe's name, its fields, a TOML file of them, or a
-        `BlurRecipe`.
+        By name. `recipe` may be a recipe's name, the fields of a recipe or a law, a TOML file of
+        them, a `BlurRecipe` or a `BlurLaw`.
     fits : bool
         Whether the method has a ``fit``: its recipe may be None, which leaves the blur to the fit.
 
@@ -86,7 +87,9 @@ def files_sha256(parameters: Mapping[str, Any]) -> dict[str, str]:
     return {name: _digest(Path(text)) for name, text in _strings(parameters) if _is_there(text)}
 
 
-def _recipe_of(given: Any, where: str) -> BlurRecipe:
+def _recipe_of(given: Any, where: str) -> BlurRecipe | BlurLaw:
+    if isinstance(given, BlurLaw):
+        return given
     if not isinstance(given, str | Mapping | BlurRecipe):
         raise MethodError(
             what="not a blur recipe",
@@ -95,7 +98,8 @@ def _recipe_of(given: Any, where: str) -> BlurRecipe:
             got=repr(given),
         )
     try:
-        return find_recipe(given)
+        is_law = isinstance(given, Mapping) and SIGMAS in given
+        return law_of_fields(given) if is_law else find_recipe(given)  # type: ignore[arg-type]
     except UnknownNameError:
         raise
     except DfdbenchError as error:
@@ -124,14 +128,14 @@ def _read_fields(file: str | Path) -> dict[str, Any]:
         raise MethodError(
             what="cannot read the blur recipe",
             where=str(file),
-            expected="a TOML file with sigma_min, sigma_step, ...",
+            expected="a TOML file with sigma_min, sigma_step, ..., or with sigmas",
             got=reason,
         ) from error
 
 
 def _plain(value: Any) -> Any:
     # Fit for JSON, in which runs and results keep it.
-    if isinstance(value, BlurRecipe):
+    if isinstance(value, BlurRecipe | BlurLaw):
         return value.as_dict()
     if isinstance(value, Path):
         return str(value)

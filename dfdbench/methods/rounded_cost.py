@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError, Problem
+from dfdbench.methods.kernel_mixture import few_kernels
 
-__all__ = ["rounded_cost"]
+__all__ = ["costs_of_misfits", "rounded_cost"]
 
 # Taps below this part of a kernel's whole change no value by a hundredth of TOLERANCE.
 NEGLIGIBLE = 1e-12
@@ -99,13 +100,28 @@ def rounded_cost(
     half = half[chosen]
     lengths = (half > NEGLIGIBLE).sum(1)
     _misfits(np.ascontiguousarray(padded), planes, half, lengths, mixture, unary)
+    return unary, costs_of_misfits(unary, sharp.shape[2], unit, limit)
+
+
+def costs_of_misfits(unary: NDArray[np.uint16], channels: int, unit: float, limit: int) -> int:
+    """Turn misfits into costs where they lie, as `rounded_cost` says; return the offset.
+
+    Parameters
+    ----------
+    unary : (y, x, label) uint16
+        Misfits in whole multiples of 1 / `STEPS` grey levels.
+    channels : int
+        Of the images.
+    unit, limit
+        As for `rounded_cost`.
+    """
     least = unary.min(2).astype(np.float64)
     off = least[least > 0]
     entry, slope = float(limit), 0.0
     if off.size:
         entry = unit * math.log(least.size / off.size)
-        slope = unit * sharp.shape[2] / (2 * float(np.mean(off**2)))
-    return unary, _costs(unary, entry, slope, limit)
+        slope = unit * channels / (2 * float(np.mean(off**2)))
+    return int(_costs(unary, entry, slope, limit))
 
 
 def _check(infocus: Array, defocus: Array, kernels: Array, limit: int) -> None:
@@ -149,16 +165,7 @@ def _mixture(kernels: Array) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     # A tap off an axis stands for its mirror images too, in sums over the kernel.
     half = kernels[:, radius:] * np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
     planes = np.einsum("ia,ib->iab", half, half).reshape(len(half), -1)
-    rest, chosen = planes.copy(), list[int]()
-    while len(chosen) < min(planes.shape):
-        # The kernel that those chosen stand for worst; what is along it is taken from all.
-        chosen.append(int(np.argmax(np.square(rest).sum(1))))
-        along = rest[chosen[-1]] / np.linalg.norm(rest[chosen[-1]])
-        rest -= np.outer(rest @ along, along)
-        if np.abs(rest).sum(1).max() <= KERNEL_TOLERANCE:
-            break
-    factors = np.linalg.lstsq(planes[chosen].T, planes.T, rcond=None)[0]
-    return np.array(chosen), np.ascontiguousarray(factors)
+    return few_kernels(planes, KERNEL_TOLERANCE)
 
 
 # Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
-from dfdbench.methods.rounded_cost import rounded_cost
+from dfdbench.methods.calibrated import Calibrated
+from dfdbench.methods.law_cost import blurred_by, law_misfits
+from dfdbench.methods.rounded_cost import costs_of_misfits, rounded_cost
 
 Image = NDArray[np.uint8]
 
@@ -17,7 +20,7 @@ Image = NDArray[np.uint8]
 _UNIT = 4
 
 
-class RoundedGraphCuts:
+class RoundedGraphCuts(Calibrated):
     """Depth by the interval that rounding leaves: labels within half a grey level are free.
 
     A synthetic defocus image has no noise: it is the blurred image rounded to whole grey levels.
@@ -29,8 +32,10 @@ class RoundedGraphCuts:
 
     Parameters
     ----------
-    recipe : BlurRecipe
-        How the defocus images were made; in a run, the data set's recipe.
+    recipe : BlurRecipe, BlurLaw or None
+        How the defocus images were made; in a run, the data set's recipe. Where that is not told,
+        the method is fitted: see `dfdbench.methods.calibration`. The interval of a law is as wide
+        as its noise.
     truncation : int
         Difference in levels from which neighbours count as different surfaces.
 
@@ -56,15 +61,16 @@ class RoundedGraphCuts:
     True
     """
 
-    def __init__(self, recipe: BlurRecipe = RECIPES["published"], truncation: int = 8) -> None:
+    def __init__(
+        self, recipe: BlurRecipe | BlurLaw | None = RECIPES["published"], truncation: int = 8
+    ) -> None:
         most = (65535 - 1) // (4 * _UNIT)
         if not isinstance(truncation, int) or not 1 <= truncation <= most:
             raise MethodError(
                 "wrong parameter", where="truncation", expected=f"1 to {most}", got=str(truncation)
             )
-        self._recipe = recipe
-        self._kernels = recipe.kernels()
-        self._smoothness = mrf.truncated_absolute(recipe.levels, truncation, _UNIT)
+        super().__init__(recipe)
+        self._smoothness = mrf.truncated_absolute(self.levels, truncation, _UNIT)
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
@@ -76,8 +82,13 @@ class RoundedGraphCuts:
             infocus, defocus = infocus[..., np.newaxis], defocus[..., np.newaxis]
         # Four neighbours cannot pay for more than this: such a cost is a prohibition.
         limit = 4 * int(self._smoothness.max()) + 1
-        unary, offset = rounded_cost(infocus, defocus, self._kernels, _UNIT, limit)
+        blur = self.blur
+        if isinstance(blur, BlurLaw):
+            unary = law_misfits(blurred_by(blur, infocus, defocus))
+            offset = costs_of_misfits(unary, infocus.shape[2], _UNIT, limit)
+        else:
+            unary, offset = rounded_cost(infocus, defocus, blur.kernels(), _UNIT, limit)
         energy = mrf.Energy(unary, self._smoothness, offset=offset)
         # The cheapest labels start, so that no pixel ever has a forbidden one.
         labels = mrf.expansion(energy, unary.argmin(axis=2), max_sweeps=1).labels
-        return np.asarray(self._recipe.depth_of_level(labels.astype(np.int64)), np.float32)
+        return np.asarray(blur.depth_of_level(labels.astype(np.int64)), np.float32)
