@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fit import Learned
-from dfdbench.methods.fitted import Fit, Image, channels_of, number_within, odd_window
-from dfdbench.methods.level_costs import LevelCosts
+from dfdbench.methods.calibrated import Calibrated
+from dfdbench.methods.fitted import Image, channels_of, number_within, odd_window
+from dfdbench.methods.level_costs import level_costs
 from dfdbench.methods.winner import least_label
 
 
-class Guided:
+class Guided(Calibrated):
     """Depth by the least cost, each level's costs smoothed but for the in-focus image's edges.
 
     What a level costs a pixel is the squared difference between the defocus image and the
-    in-focus image blurred at it (`LevelCosts`). Within each window a level's costs are taken for
+    in-focus image blurred at it (`level_costs`). Within each window a level's costs are taken for
     a line over the in-focus image's grey value; a pixel's cost is the mean of the lines of all
     windows it is in. A pixel takes the level of least cost, and the minimum of a parabola.
 
@@ -72,18 +72,10 @@ class Guided:
         problems += number_within("limit", limit, 0, 10000)
         if problems:
             raise MethodError.of(problems)
-        self._costs = LevelCosts("guided", recipe, limit)
+        super().__init__(recipe)
+        self._limit = limit
         self._window = (window, window)
         self._flatness = np.float32(flatness)
-
-    @property
-    def fit(self) -> Fit | None:
-        """What measures the blur law of training pairs; None where a recipe is told."""
-        return self._costs.fit
-
-    def restore(self, learned: Learned) -> None:
-        """Take over what `fit` learned."""
-        self._costs.restore(learned)
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
@@ -91,7 +83,7 @@ class Guided:
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
-        costs = self._costs(infocus, defocus)
+        costs = level_costs(self.blur, infocus, defocus, self._limit)
         guide = channels_of(infocus).mean(2)
         mean = self._box(guide)
         spread = self._box(guide * guide) - mean * mean + self._flatness
@@ -102,7 +94,7 @@ class Guided:
             slope = (self._box(guide * cost) - mean * average) / spread
             start = average - slope * mean
             filtered[:] = self._box(slope) * guide + self._box(start)
-        return self._costs.depth_of_label(least_label(smooth))
+        return np.asarray(self.blur.depth_of_level(least_label(smooth)), np.float32)
 
     def _box(self, image: NDArray[Any]) -> NDArray[np.float32]:
         return np.asarray(

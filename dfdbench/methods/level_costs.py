@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
-from dfdbench.methods.calibration import Calibration, calibrate
 from dfdbench.methods.data_cost import data_cost
-from dfdbench.methods.fit import Learned
-from dfdbench.methods.fitted import Fit, Image, learned_array, not_fitted
 from dfdbench.methods.law_cost import blurred_by, law_cost
 
 #: Integer cost of one nat, a factor e of probability.
@@ -21,53 +16,41 @@ UNIT = 4
 _ROUNDING = 1 / 12
 
 
-class LevelCosts:
-    """The cost volume of a pair: minus the logarithm of each level's probability, cut off.
+def level_costs(
+    blur: BlurRecipe | BlurLaw, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8], limit: float
+) -> NDArray[np.uint16]:
+    """Return a pair's cost volume: minus the logarithm of each level's probability, cut off.
 
     A level costs the squared difference between the defocus image and the in-focus image blurred
     at it, summed over the channels, over twice its variance: of a recipe, that of rounding; of a
-    law, that of the noise it was measured with.
+    law, that of the noise it was measured with. Unlike the data cost of `graph-cuts` it compares
+    RGB, which is not rounded a second time.
 
     Parameters
     ----------
-    method : str
-        Whose costs they are, for errors.
-    recipe : BlurRecipe, BlurLaw or None
-        How the defocus images were made; None where that is to be fitted.
+    blur : BlurRecipe or BlurLaw
+        How the defocus image was made.
+    infocus, defocus : ndarray of uint8, shape (y, x, channel) or (y, x)
+        The pair.
     limit : float
         Nats above a pixel's least cost at which costs are cut off.
+
+    Returns
+    -------
+    ndarray of uint16, shape (y, x, label)
+        `UNIT` a nat, each pixel's least 0. The blur's ``depth_of_level`` gives a label's depth.
+
+    Examples
+    --------
+    >>> from dfdbench.blur.recipe import RECIPES
+    >>> flat = np.full((2, 3), 90, np.uint8)
+    >>> costs = level_costs(RECIPES["published"], flat, flat, 20)
+    >>> costs.shape, int(costs.max())
+    ((2, 3, 256), 0)
     """
-
-    def __init__(self, method: str, recipe: BlurRecipe | BlurLaw | None, limit: float) -> None:
-        self._method = method
-        self._told = recipe is not None
-        self._recipe = recipe
-        self._limit = round(UNIT * limit)
-
-    @property
-    def fit(self) -> Fit | None:
-        """What measures the blur law of training pairs; None where a recipe is told."""
-        return None if self._told else lambda pairs: calibrate(pairs).as_learned()
-
-    def restore(self, learned: Learned) -> None:
-        """Take over what `fit` learned."""
-        learned_array(learned, "sigmas", self._method, 1)
-        plain = {name: np.asarray(value) for name, value in learned.items()}
-        fields = {name: value if value.ndim else value.item() for name, value in plain.items()}
-        self._recipe = Calibration.of(fields).law
-
-    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.uint16]:
-        """Return the costs, (y, x, label), `UNIT` a nat, each pixel's least 0."""
-        sharp, blurred = np.atleast_3d(infocus), np.atleast_3d(defocus)
-        if isinstance(self._recipe, BlurLaw):
-            return law_cost(blurred_by(self._recipe, sharp, blurred), UNIT, self._limit)[0]
-        if self._recipe is None:
-            raise not_fitted(self._method)
-        weight, size = UNIT / (2 * _ROUNDING), self._recipe.kernel_size
-        return data_cost(sharp, blurred, self._recipe.sigmas, weight, self._limit, size)[0]
-
-    def depth_of_label(self, label: NDArray[Any]) -> NDArray[np.float32]:
-        """Return the depth level of a label or of a fraction between two."""
-        if self._recipe is None:
-            raise not_fitted(self._method)
-        return np.asarray(self._recipe.depth_of_level(label), np.float32)
+    sharp, blurred = np.atleast_3d(infocus), np.atleast_3d(defocus)
+    most = round(UNIT * limit)
+    if isinstance(blur, BlurLaw):
+        return law_cost(blurred_by(blur, sharp, blurred), UNIT, most)[0]
+    weight = UNIT / (2 * _ROUNDING)
+    return data_cost(sharp, blurred, blur.sigmas, weight, most, blur.kernel_size)[0]

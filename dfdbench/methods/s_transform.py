@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import (
@@ -37,7 +38,7 @@ class STransform:
 
     Parameters
     ----------
-    recipe : BlurRecipe, optional
+    recipe : BlurRecipe or BlurLaw, optional
         How the defocus images were made: its variances give the depth. Without it the method is
         fitted: a table of v and depth from training pairs, as the paper calibrates its lens.
     smoothing : float
@@ -71,7 +72,7 @@ class STransform:
     paper = "Subbarao and Surya, Depth from defocus: a spatial domain approach, IJCV 1994"
 
     def __init__(
-        self, recipe: BlurRecipe | None = None, smoothing: float = 2.5, window: int = 9
+        self, recipe: BlurRecipe | BlurLaw | None = None, smoothing: float = 2.5, window: int = 9
     ) -> None:
         problems = number_within("smoothing", smoothing, 0, 20) + odd_window("window", window)
         if problems:
@@ -80,14 +81,16 @@ class STransform:
         self._smoothing = float(smoothing)
         self._window = (window, window)
         self._variances: NDArray[np.float64] | None = None
-        if recipe:
-            self._variances = recipe.sigmas**2
-            self._depths = recipe.depth_of_level(np.arange(recipe.levels))
+        if recipe is not None:
+            variances = np.square(recipe.sigmas)
+            levels = np.argsort(variances, kind="stable")
+            self._variances = variances[levels]
+            self._depths = recipe.depth_of_level(levels)
 
     @property
     def fit(self) -> Fit | None:
         """What learns the table of variance and depth; None where a recipe tells it."""
-        if self._recipe:
+        if self._recipe is not None:
             return None
         return lambda pairs: depth_table(self.variance, pairs, _NAME)
 

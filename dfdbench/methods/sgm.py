@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fit import Learned
-from dfdbench.methods.fitted import Fit, Image, number_within, wrong
-from dfdbench.methods.level_costs import UNIT, LevelCosts
+from dfdbench.methods.calibrated import Calibrated
+from dfdbench.methods.fitted import Image, number_within, wrong
+from dfdbench.methods.level_costs import UNIT, level_costs
 from dfdbench.methods.winner import least_label
 
 # Sums over eight paths are kept in 16 bits.
@@ -27,11 +27,11 @@ _FROM = np.array([[0, -1], [-1, -1], [-1, 0], [-1, 1]])
 Array = NDArray[Any]
 
 
-class SemiGlobal:
+class SemiGlobal(Calibrated):
     """Depth by the sum of eight paths' least costs: smoothness along lines, not over the image.
 
     What a level costs a pixel is the squared difference between the defocus image and the
-    in-focus image blurred at it (`LevelCosts`). Along each of eight directions the least cost of
+    in-focus image blurred at it (`level_costs`). Along each of eight directions the least cost of
     a path that ends at a pixel with a level is found by dynamic programming; a step of one level
     costs `small_step`, a larger one `large_step`. A pixel takes the level of the least sum over
     the eight, and the minimum of a parabola.
@@ -84,17 +84,9 @@ class SemiGlobal:
         problems += number_within("limit", limit, 0, most)
         if problems:
             raise MethodError.of(problems)
-        self._costs = LevelCosts("sgm", recipe, limit)
+        super().__init__(recipe)
+        self._limit = limit
         self._steps = np.int32(round(UNIT * small_step)), np.int32(round(UNIT * large_step))
-
-    @property
-    def fit(self) -> Fit | None:
-        """What measures the blur law of training pairs; None where a recipe is told."""
-        return self._costs.fit
-
-    def restore(self, learned: Learned) -> None:
-        """Take over what `fit` learned."""
-        self._costs.restore(learned)
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
@@ -102,8 +94,10 @@ class SemiGlobal:
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
-        sums = path_costs(self._costs(infocus, defocus), *self._steps)
-        return self._costs.depth_of_label(least_label(np.moveaxis(sums, 2, 0)))
+        sums = path_costs(level_costs(self.blur, infocus, defocus, self._limit), *self._steps)
+        return np.asarray(
+            self.blur.depth_of_level(least_label(np.moveaxis(sums, 2, 0))), np.float32
+        )
 
 
 def path_costs(costs: NDArray[np.uint16], small: int, large: int) -> NDArray[np.uint16]:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.methods.fit import Learned
-from dfdbench.methods.level_costs import LevelCosts
+from dfdbench.methods.calibration import calibrate
+from dfdbench.methods.fit import Learned, check_learned
 
 Image = NDArray[np.uint8]
 
@@ -58,7 +58,5 @@ def inside(depth: NDArray[np.float32], margin: int = 14) -> NDArray[np.float32]:
 
 @cache
 def learned_law() -> Learned:
-    """Return what a fit of level costs learns of slopes, measured once for all tests."""
-    fit = LevelCosts("mine", None, 50).fit
-    assert fit is not None
-    return fit([slope(seed) for seed in range(3)])
+    """Return what a calibrated method learns of slopes, measured once for all tests."""
+    return check_learned(calibrate([slope(seed) for seed in range(3)]).as_learned(), "mine")

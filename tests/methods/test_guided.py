@@ -1,5 +1,3 @@
-from typing import Any
-
 import cv2
 import numpy as np
 import pytest
@@ -8,6 +6,7 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError
 from dfdbench.methods.baselines import Local
 from dfdbench.methods.guided import Guided
+from dfdbench.methods.level_costs import level_costs
 from tests.methods.made_planes import inside, learned_law, pair_of, plane, slope, texture
 
 PUBLISHED = RECIPES["published"]
@@ -35,9 +34,8 @@ def test_it_keeps_an_edge_that_the_image_shows_better_than_a_window_does() -> No
 
 def test_where_all_windows_count_as_flat_it_averages_twice() -> None:
     pair = plane(120)
-    flat: Any = Guided(PUBLISHED, flatness=1e6, window=5)
-    costs = flat._costs(pair.infocus, pair.defocus).astype(np.float32)
-    twice = costs
+    flat = Guided(PUBLISHED, flatness=1e6, window=5)
+    twice = level_costs(PUBLISHED, pair.infocus, pair.defocus, 15).astype(np.float32)
     for _ in range(2):
         bands = [
             cv2.boxFilter(
