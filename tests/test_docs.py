@@ -56,3 +56,13 @@ def test_coverage_from_python_is_as_shown(
     first, second = capsys.readouterr().out.splitlines()
     assert first == "True 0.0 []"
     assert 0.9 < float(second) <= 1
+
+
+def test_the_tracks_picture_is_drawn(tiny_store: Store, tmp_path: Path) -> None:
+    module = runpy.run_path(str(DOCS / "tracks_figure.py"))
+    pair = tiny_store.pairs("all")[2]
+    clean, *harder = module["defocus_images"](tiny_store, tiny_store.read(pair), "noise")
+    assert (clean == tiny_store.read(pair).defocus).all()
+    assert len(harder) == 3
+    module["main"](str(tiny_store.path), str(tmp_path / "tracks.png"), pair.id)
+    assert (tmp_path / "tracks.png").stat().st_size > 1000

@@ -1,5 +1,6 @@
 """The README's examples run, and its numbers are what its commands print."""
 
+import json
 import os
 import re
 import subprocess
@@ -71,6 +72,20 @@ def test_the_table_is_what_the_command_prints(place: Path) -> None:
         # Float32 filters differ in the last digits between processors.
         assert found[key] == pytest.approx(values, abs=5e-4), key
     assert (place / "results/demo-1-test/local/figures/worst.png").exists()
+
+
+@pytest.mark.slow
+def test_the_tracks_commands_run(place: Path) -> None:
+    build, run, info = blocks("console")[2].splitlines()
+    built = dfdbench(place, build)
+    assert built.returncode == 0, built.stderr
+    (fingerprint,) = re.findall(r"fingerprint +(\w+)", built.stdout)
+    pinned = json.loads((README.parent / "leaderboard/fingerprints.json").read_text("utf-8"))
+    assert fingerprint in pinned["demo-1@camera-2"]
+    outcome = dfdbench(place, run)
+    assert outcome.returncode == 0, outcome.stderr
+    assert (place / "results/demo-1@camera-2-test/constant/result.json").exists()
+    assert "not told: a track" in dfdbench(place, info).stdout
 
 
 def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:

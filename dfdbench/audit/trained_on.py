@@ -12,13 +12,14 @@ from dfdbench.audit.level_ranges import as_ranges
 from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of
 from dfdbench.datasets.folds import training_of
 from dfdbench.datasets.store import Store, open_store
+from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.tables.wording import percent
 
 #: How `trained_on` names scenes: a manifest's name and version, then a split, or the fold or
 #: scene that was left out.
 FORM = '"MANIFEST, split NAME" or "MANIFEST, all but FOLD"'
-_PATTERN = re.compile(r"(?P<manifest>[\w.-]+), (?P<how>split|all but) (?P<name>[\w.-]+)(,.*)?")
+_PATTERN = re.compile(r"(?P<manifest>[\w.@-]+), (?P<how>split|all but) (?P<name>[\w.-]+)(,.*)?")
 
 
 class Training(StrEnum):
@@ -130,8 +131,10 @@ def training_side(trained_on: str, store: Store) -> Side | None:
     said = _PATTERN.fullmatch(trained_on.strip())
     if not said:
         return None
-    known = (store.manifest.stem, store.manifest.name, store.manifest.short)
-    training = store if said["manifest"] in known else open_store(said["manifest"])
+    # The depths of a set are the same on every track of it.
+    own, base = store.manifest, part_name(said["manifest"])[0]
+    known = (own.file_stem, own.name, part_name(own.short)[0])
+    training = store if base in known else open_store(said["manifest"])
     scenes = training.manifest.scenes_of(said["name"])
     name = said["name"]
     if said["how"] == "all but":

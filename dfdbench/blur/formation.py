@@ -190,12 +190,11 @@ _LINEAR = decode(np.arange(256.0))
 def _photograph(
     light: Floats, formation: Formation, key: tuple[str | int, ...]
 ) -> NDArray[np.uint8]:
-    variance = formation.noise**2 + formation.read_noise**2
+    variance = np.array(formation.noise**2 + formation.read_noise**2)
     if formation.full_well:
-        # Many electrons' Poisson noise is Gaussian; the least light is a little below 0 where a
-        # sharp edge was moved.
+        # Many electrons' Poisson noise is Gaussian; its variance is their number.
         variance = variance + np.maximum(light, 0) / formation.full_well
-    if np.any(variance):
+    if variance.any():
         light = light + np.sqrt(variance) * normal_numbers(light.shape, *key)
     return rounded(encode(light) if formation.linear else light)
 
@@ -209,4 +208,5 @@ def _kernels_by_level(law: BlurRecipe, exponent: float) -> Floats:
 def _kernels_by_depth(law: BlurRecipe, exponent: float) -> Floats:
     size = 2 * int(np.ceil(_REACH * law.sigmas.max())) + 1
     kernels = without_tails(point_spread_functions(law.sigmas, size, exponent))
-    return kernels[np.asarray(law.level_of_depth(np.arange(law.levels)))]
+    by_depth: Floats = kernels[np.asarray(law.level_of_depth(np.arange(law.levels)))]
+    return by_depth

@@ -55,8 +55,8 @@ def blur_by_level(
     rows = np.ascontiguousarray(padded, dtype=np.float64).reshape(padded.shape[0], -1)
     # A weight a channel, so that a row of the window is one run of products.
     spread = np.repeat(np.asarray(kernels, dtype=np.float64), channels.shape[2], axis=2)
-    levels = np.asarray(levels, dtype=np.int64)
-    blurred = _gather(rows, levels, spread, reaches(kernels), channels.shape[2])
+    own = np.asarray(levels, dtype=np.int64)
+    blurred = _gather(rows, own, spread, reaches(kernels), channels.shape[2])
     return blurred.reshape(image.shape)
 
 

@@ -12,6 +12,9 @@ from dfdbench.errors import InputError
 #: A kernel ends where it falls below this share of its peak: of a Gaussian at 3.7 sigma, a
 #: thousandth of its light.
 TAIL = 1e-3
+#: Depths further apart than this are different surfaces where they meet; nearer ones are one that
+#: slants.
+GAP = 8
 
 
 def without_tails(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -31,7 +34,7 @@ def without_tails(kernels: NDArray[np.float64]) -> NDArray[np.float64]:
 def composite_layers(
     image: NDArray[np.float64], depth: NDArray[np.integer], kernels: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Blur a layer a depth level, and lay them over one another, the nearest last.
+    """Blur a layer a depth level, and lay surfaces over one another, the nearest last.
 
     Parameters
     ----------
@@ -55,26 +58,34 @@ def composite_layers(
     Notes
     -----
     With m_d the mask of the pixels at depth d, K_d the kernel of that depth and * a convolution,
-    over all depths from the farthest to the nearest::
+    a layer covers a_d = K_d * m_d of a pixel and shows the colour c_d = K_d * (m_d I). At each
+    pixel the depths that reach it, a_d > 0, from the farthest to the nearest, are cut into
+    surfaces S wherever two successive ones lie more than `GAP` apart. From the farthest surface to
+    the nearest::
 
-        a_d = K_d * m_d                       what the layer covers
-        C  <-  (1 - a_d) C + K_d * (m_d I)    its colour over what lies behind it
-        A  <-  (1 - a_d) A + a_d              what all layers so far cover
+        s  =   min(1, sum of a_d over S)                     what the surface covers
+        C  <-  (1 - s) C + s (sum of c_d) / (sum of a_d)     its colour over what lies behind
+        A  <-  (1 - s) A + s                                 what all surfaces so far cover
 
-    and the image is C / A, as in Ikoma et al. 2021. What lies hidden behind a nearer layer is not
-    known, so that where that layer's rim lets it shine through A stays below 1; without the
-    division such places would be dark. A layer of one depth all over is that depth's plain blur.
+    and the image is C / A. What lies hidden behind a nearer surface is not known, so that where
+    that surface's rim lets it shine through A may stay below 1; without the division such places
+    would be dark. A surface of one depth is that depth's plain blur.
 
-    A pixel's light is spread over its neighbours, layer by layer, and each layer is composited
+    Composited level by level instead, with no surfaces (Ikoma et al. 2021 divide by the blurred
+    sum of the masks, for that reason), a slanted plane would cover itself: of the many thin layers
+    that reach a pixel the nearer ones would weigh up to e times as much as the farther ones, as if
+    the kernel were lopsided.
+
+    A pixel's light is spread over its neighbours, layer by layer, and each layer is added
     where it reaches: the work grows with the kernels' area, not with the number of levels. The
     order of the sums is fixed, so that the last bit is the same on any machine.
 
     Examples
     --------
     >>> image, depth = np.zeros((5, 9)), np.zeros((5, 9), int)
-    >>> image[:, 4:], depth[:, 4:] = 90, 1  # bright and near, in focus, beside dark and far
-    >>> kernels = np.zeros((2, 3, 3))
-    >>> kernels[0], kernels[1, 1, 1] = 1 / 9, 1
+    >>> image[:, 4:], depth[:, 4:] = 90, 50  # bright and near, in focus, beside dark and far
+    >>> kernels = np.zeros((51, 3, 3))
+    >>> kernels[0], kernels[50, 1, 1] = 1 / 9, 1
     >>> composite_layers(image, depth, kernels)[2].round().tolist()
     [0.0, 0.0, 0.0, 0.0, 90.0, 90.0, 90.0, 90.0, 90.0]
     """
@@ -113,14 +124,27 @@ def _composite(
     height, width = shape
     planes = pixels.shape[1] + 1
     layer = np.zeros((height, width * planes), np.float64)
+    surface = np.zeros((height, width * planes), np.float64)
     total = np.zeros((height, width * planes), np.float64)
+    latest = np.zeros((height, width), np.int64)
     first, last = np.empty(height, np.int64), np.empty(height, np.int64)
     for level in range(quadrants.shape[0]):
         own = order[starts[level] : starts[level + 1]]
         if own.size:
             first[:], last[:] = width, 0
             _spread(pixels, own, quadrants[level], layer, first, last, radius, planes)
-            _lay_over(layer, total, first, last, planes)
+            for y in range(height):
+                for x in range(first[y], last[y]):
+                    if layer[y, x * planes] != 0.0:
+                        if level - latest[y, x] > GAP:
+                            _lay_over(surface[y], total[y], x * planes, planes)
+                        for i in range(x * planes, (x + 1) * planes):
+                            surface[y, i] += layer[y, i]
+                            layer[y, i] = 0.0
+                        latest[y, x] = level
+    for y in range(height):
+        for x in range(width):
+            _lay_over(surface[y], total[y], x * planes, planes)
     return total.reshape((height, width, planes))
 
 
@@ -173,17 +197,12 @@ def _spread(
 
 @njit(cache=True, nogil=True)
 def _lay_over(
-    layer: NDArray[np.float64],
-    total: NDArray[np.float64],
-    first: NDArray[np.int64],
-    last: NDArray[np.int64],
-    planes: int,
+    surface: NDArray[np.float64], total: NDArray[np.float64], begin: int, planes: int
 ) -> None:
-    """Put the layer over what lies behind it, and empty it for the next."""
-    for y in range(layer.shape[0]):
-        for x in range(first[y] * planes, last[y] * planes, planes):
-            if layer[y, x] != 0.0:
-                behind = 1.0 - layer[y, x]
-                for i in range(x, x + planes):
-                    total[y, i] = behind * total[y, i] + layer[y, i]
-                    layer[y, i] = 0.0
+    """Put a pixel's surface over what lies behind it, and empty it for the next."""
+    light = surface[begin]
+    if light != 0.0:
+        covered = min(1.0, light)
+        for i in range(begin, begin + planes):
+            total[i] = (1.0 - covered) * total[i] + covered / light * surface[i]
+            surface[i] = 0.0

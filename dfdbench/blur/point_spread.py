@@ -64,7 +64,7 @@ def point_spread_functions(
     distances, where = np.unique(squares, return_inverse=True)
     times = np.full(squares.shape, 4.0)
     times[0], times[:, 0], times[0, 0] = 2, 2, 1
-    counts = np.bincount(where.ravel(), weights=times.ravel())
+    counts = np.bincount(where.ravel(), weights=times.ravel()).astype(np.float64)
     gaussians = counts * np.exp(-distances / (2 * sigmas[:, np.newaxis] ** 2))
     variances = _variances(gaussians, distances)
     scales = _scales(variances, distances, counts, exponent)

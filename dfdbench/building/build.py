@@ -11,9 +11,11 @@ import xarray
 from numpy.typing import NDArray
 from upath import UPath
 
+from dfdbench.blur.formation import form_pair
 from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.building.plan import NamedRecipe
+from dfdbench.blur.tracks import find_degradation
+from dfdbench.building.plan import NamedRecipe, refuse_recipe_on_track
 from dfdbench.building.sources.interface import SceneImages, Source
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
@@ -64,7 +66,7 @@ def build_store(
     Parameters
     ----------
     manifest : Manifest
-        What belongs to the data set.
+        What belongs to the data set, and the track that it is on, if any.
     source : Source
         Where its images come from.
     place : str, Path or UPath
@@ -84,6 +86,8 @@ def build_store(
         source's defocus is captured and a recipe named, or neither.
     StoreError
         Where the store cannot be written, or another build is writing it.
+    InputError
+        Where a recipe is named for a data set on a track.
     """
     made_by = _recipe_of(manifest, source, recipe)
     available = set(source.available_pairs())
@@ -131,7 +135,7 @@ class _SceneBuilder:
             digest = self.writer.digest_of_finished(scene, signature)
             if digest:
                 return _Outcome(scene, digest, kept=True)
-            dataset = scene_dataset(self.manifest, self.source.read(scene), self.blur)
+            dataset = scene_dataset(self.manifest, scene, self.source.read(scene), self.blur)
             return _Outcome(scene, self.writer.write(scene, dataset, signature))
         except SourceError as error:
             # Told together with those of the other scenes.
@@ -139,11 +143,12 @@ class _SceneBuilder:
 
 
 def scene_dataset(
-    manifest: Manifest, images: SceneImages, blur: BlurRecipe | None
+    manifest: Manifest, scene: str, images: SceneImages, blur: BlurRecipe | None
 ) -> xarray.Dataset:
     """Return a scene's arrays; defocus images that were not captured are made.
 
-    Where the depth grows with distance it is inverted before the blur (Eq. 7.1 of the thesis).
+    Where the depth grows with distance it is inverted before the blur (Eq. 7.1 of the thesis). On a
+    track the in-focus images change as well.
 
     Raises
     ------
@@ -151,7 +156,7 @@ def scene_dataset(
         Where there are a recipe and captured images, or neither.
     """
     axes = manifest.axes
-    defocus = images.defocus
+    infocus, defocus = images.infocus, images.defocus
     if (defocus is None) == (blur is None):
         raise SourceError(
             "either the source captures defocus or a recipe makes it",
@@ -160,10 +165,10 @@ def scene_dataset(
             fix="the source's captures_defocus must say what its read gives",
         )
     if blur is not None:
-        defocus = _synthesised(manifest, images, blur)
+        infocus, defocus = _synthesised(manifest, scene, images, blur)
     pair_axes, depth_axes = tuple(axes), tuple(manifest.depth.axes)
     variables: dict[str, tuple[tuple[str, ...], Any]] = {
-        "infocus": ((*pair_axes, "y", "x", "channel"), images.infocus),
+        "infocus": ((*pair_axes, "y", "x", "channel"), infocus),
         "defocus": ((*pair_axes, "y", "x", "channel"), defocus),
         "depth": ((*depth_axes, "y", "x"), images.depth),
         "valid": ((*depth_axes, "y", "x"), images.valid),
@@ -175,12 +180,18 @@ def scene_dataset(
 
 def _attributes(manifest: Manifest, source: Source, made_by: NamedRecipe | None) -> dict[str, Any]:
     recipe = {"name": made_by.name, "parameters": made_by.blur.as_dict()} if made_by else None
+    track: dict[str, Any] = {}
+    if manifest.on_track:
+        # What a track's images were made by is what it does not tell.
+        recipe = None
+        track = {"track_version": find_degradation(manifest.degradation).track.version}
     return {
         "recipe": recipe or {"name": "", "parameters": {}},
         "degradation": manifest.degradation,
         "depth_unit": manifest.depth.unit,
         "depth_grows_with": manifest.depth.grows_with,
         "options": dict(source.options),
+        **track,
     }
 
 
@@ -204,6 +215,7 @@ def _recipe_of(
 ) -> NamedRecipe | None:
     """Return the blur recipe; None where the defocus images are captured."""
     asked = recipe.name if isinstance(recipe, NamedRecipe) else recipe
+    refuse_recipe_on_track(manifest, asked)
     name = asked or manifest.recipe
     if source.captures_defocus and name:
         # A store must not name a blur that its images do not have.
@@ -220,7 +232,12 @@ def _recipe_of(
     return recipe if isinstance(recipe, NamedRecipe) else NamedRecipe.find(name)
 
 
-def _synthesised(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> NDArray[np.uint8]:
+def _synthesised(
+    manifest: Manifest, scene: str, images: SceneImages, blur: BlurRecipe
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return a scene's in-focus and defocus images; the former change on a track only."""
+    on = find_degradation(manifest.degradation) if manifest.on_track else None
+    infocus = images.infocus if on is None else np.zeros_like(images.infocus)
     defocus = np.zeros_like(images.infocus)
     for place in np.ndindex(images.available.shape):
         if images.available[place]:
@@ -228,5 +245,12 @@ def _synthesised(manifest: Manifest, images: SceneImages, blur: BlurRecipe) -> N
             depth = images.depth[tuple(at[axis] for axis in manifest.depth.axes)]
             if manifest.depth.grows_with == "distance":
                 depth = LAST_LEVEL - depth
-            defocus[place] = synthesize(images.infocus[place], depth, blur)
-    return defocus
+            if on is None:
+                defocus[place] = synthesize(images.infocus[place], depth, blur)
+            else:
+                values = tuple((axis, manifest.axes[axis][index]) for axis, index in at.items())
+                name = Pair(scene, values).id
+                infocus[place], defocus[place] = form_pair(
+                    images.infocus[place], depth, blur, on, name
+                )
+    return infocus, defocus

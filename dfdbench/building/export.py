@@ -30,8 +30,8 @@ def export_png(
     as Middlebury's site names them, ``SCENE/Illum1/Exp2/view1.png`` and ``SCENE/disp1.png``. The
     defocus image lies beside the in-focus one and is named after its recipe,
     ``view1_lin_0.32_2.88.png`` for ``published`` as in the thesis; where it was captured,
-    ``exposure_ms10_defocus.png``. Decoded, the files equal the store's arrays. Files that are
-    there already with the same content are left as they are.
+    ``exposure_ms10_defocus.png``; on a track, ``view1_camera-2.png``. Decoded, the files equal the
+    store's arrays. Files that are there already with the same content are left as they are.
 
     Parameters
     ----------
@@ -57,6 +57,8 @@ def export_png(
     """
     recipe = store.recipe
     blurred = blur_name(recipe) if recipe else "defocus"
+    if store.manifest.on_track:
+        blurred = store.manifest.degradation
     pairs = store.pairs(split)
     if not pairs:
         raise StoreError(f"the store holds no pair of split {split}", where=str(store.path))

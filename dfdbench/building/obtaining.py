@@ -86,7 +86,7 @@ def refuse_to_fetch(manifest: Manifest, folder: Path | None, asked: Sequence[str
 
 def download_folder(manifest: Manifest, cache: Path | None = None) -> Path:
     """Return where a data set's downloads lie."""
-    return cache_folder(cache) / DOWNLOADS / manifest.stem
+    return cache_folder(cache) / DOWNLOADS / manifest.file_stem
 
 
 def fetch_source(

@@ -90,7 +90,8 @@ def plan_build(
     UnknownNameError
         Where there is no such recipe.
     InputError
-        Where the data set's default place would get another recipe or other steps.
+        Where the data set's default place would get another recipe or other steps; where a
+        recipe is named with a track.
 
     Examples
     --------
@@ -99,9 +100,27 @@ def plan_build(
     'text'
     """
     named = None if recipe is None else NamedRecipe.find(recipe)
+    refuse_recipe_on_track(manifest, recipe)
     if store is None:
         _refuse_another_set(manifest, recipe, steps)
     return BuildPlan(manifest, as_location(store or default_store(manifest, cache)), named, steps)
+
+
+def refuse_recipe_on_track(manifest: Manifest, recipe: str | None) -> None:
+    """Refuse a blur recipe where the data set's track has a blur of its own.
+
+    Raises
+    ------
+    InputError
+        Where both are named.
+    """
+    if recipe is not None and manifest.on_track:
+        raise InputError(
+            "a track says itself how its images come about",
+            where=f"{manifest.short}, --recipe",
+            got=recipe,
+            fix=f"leave out --recipe, or the track, @{manifest.degradation}",
+        )
 
 
 def _refuse_another_set(

@@ -22,7 +22,12 @@ if TYPE_CHECKING:
 
 
 def build(
-    name: Annotated[str, typer.Argument(help="A data set's name or a manifest's path.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="A data set's name or a manifest's path; NAME@TRACK-SEVERITY on a track."
+        ),
+    ],
     source: Annotated[
         Path | None,
         typer.Option(help="Folder with the files, in the site's layout or its zip archives."),

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.filesize import decimal
 
+from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.cli.options import Cache, Workers, pool_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.catalog import find_manifest, released_manifests, typed_name
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_place import default_store, is_place
+from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import InputError, unknown_name
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.tables.table import Table
@@ -26,7 +28,7 @@ cache_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_
 
 
 def list_datasets(cache: Cache = None) -> None:
-    """List the data sets and the registered methods."""
+    """List the data sets, their tracks and the registered methods."""
     from dfdbench.methods.registry import registered_methods
 
     rows = tuple(
@@ -43,13 +45,23 @@ def list_datasets(cache: Cache = None) -> None:
     print_table(
         Table("data sets", ("name", "manifest", "scenes", "pairs", "built", ""), rows, "llrrll")
     )
+    tracks = tuple(
+        (f"{track.name}-{severity}", step, track.title if severity == 1 else "")
+        for track in TRACKS.values()
+        for severity, step in enumerate(track.steps, 1)
+    )
+    note = "Of any set with synthetic blur: dfdbench build demo@noise-1"
+    print_table(Table("tracks", ("track", "", ""), tracks, "lll", (note,)))
     methods = tuple(sorted(registered_methods().items()))
     print_table(Table("methods", ("name", "entry"), methods, "ll"))
 
 
 def info(
     name: Annotated[
-        str, typer.Argument(help="A data set's name, a manifest's path, or a store's place.")
+        str,
+        typer.Argument(
+            help="A data set's name, with its track, a manifest's path, or a store's place."
+        ),
     ],
     pairs: Annotated[
         str | None, typer.Option(help="List the pairs of this split, fold or scene, one a line.")
@@ -136,6 +148,9 @@ def clear_cache(
         for manifest in released_manifests()
     }
     for name in names or ():
+        if name not in known | shorts.keys() and part_name(name)[1]:
+            stem = find_manifest(name).stem
+            shorts[name] = (stem, f"{stem}.zarr", f"{stem}.zarr.partial")
         if name not in known | shorts.keys():
             raise unknown_name("entry of the cache", name, known | shorts.keys())
     wanted = {full for name in names or KINDS for full in shorts.get(name, (name,))}
@@ -174,8 +189,8 @@ def _show_store(store: Store) -> None:
         f"  manifest     {store.manifest.stem}  sha256 {attributes['manifest_sha256']}",
         f"  recipe       {recipe['name']}: {parameters}"
         if recipe["name"]
-        else "  recipe       none: both images are captured",
-        f"  degradation  {attributes['degradation']}",
+        else f"  recipe       {_without_recipe(store.manifest)}",
+        f"  degradation  {_degradation_text(store.manifest)}",
         f"  depth        {_depth_text(store.manifest)}",
         f"  options      {options or 'none'}",
         f"  built by     dfdbench {attributes['dfdbench_version']}",
@@ -201,6 +216,22 @@ def _show_store(store: Store) -> None:
     print_table(Table("scenes", heading, tuple(rows), "lrrll"))
 
 
+def _recipe_text(manifest: Manifest) -> str:
+    told = None if manifest.on_track else manifest.recipe
+    return told or _without_recipe(manifest)
+
+
+def _without_recipe(manifest: Manifest) -> str:
+    return "not told: a track" if manifest.on_track else "none: both images are captured"
+
+
+def _degradation_text(manifest: Manifest) -> str:
+    if not manifest.on_track:
+        return manifest.degradation
+    found = find_degradation(manifest.degradation)
+    return f"{found.label}, version {found.track.version}: {found.text}"
+
+
 def _depth_text(manifest: Manifest) -> str:
     return f"brighter is {manifest.depth.direction}; {manifest.depth.unit}"
 
@@ -217,7 +248,8 @@ def _show_manifest(manifest: Manifest, cache: Path | None) -> None:
         f"  manifest   {manifest.stem}  sha256 {manifest.sha256}",
         f"  scenes     {manifest.scene_count}",
         f"  pairs      {manifest.pair_count}",
-        f"  recipe     {manifest.recipe or 'none: both images are captured'}",
+        f"  recipe     {_recipe_text(manifest)}",
+        f"  images     {_degradation_text(manifest)}",
         f"  depth      {_depth_text(manifest)}",
     ]
     lines += [

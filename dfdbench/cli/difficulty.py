@@ -43,9 +43,11 @@ def difficulty(
     manifest = store.manifest
     manifest.scenes_of(split)
     pairs = store.pairs(split)
-    if store.recipe is None or not pairs:
-        what = "no synthetic blur: captured images" if store.recipe is None else "no pair of split"
-        raise InputError(f"{what} {split}", where=str(store.path))
+    if store.recipe is None:
+        why = "its track tells none" if manifest.on_track else "captured images"
+        raise InputError(f"no blur recipe is known: {why}", where=str(store.path))
+    if not pairs:
+        raise InputError(f"no pair of split {split}", where=str(store.path))
     for scene in dict.fromkeys(pair.scene for pair in pairs):
         depth_maps(store, scene)
     found: dict[Pair, Difficulty] = {}

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest, read_manifest
+from dfdbench.datasets.tracked import part_name, with_track
 from dfdbench.errors import unknown_name
 
 
@@ -34,20 +35,31 @@ def find_manifest(name: str) -> Manifest:
     ----------
     name : str
         A short name (``"middlebury"``), a full one (``"middlebury-third"``), one with its
-        version (``"middlebury-third-1"``), or the path of a TOML file of one's own.
+        version (``"middlebury-third-1"``), or the path of a TOML file of one's own; with
+        ``@TRACK-SEVERITY`` behind it, the data set on that track.
 
     Raises
     ------
     UnknownNameError
-        Where there is no such manifest; near misses are named.
+        Where there is no such manifest, track or severity; near misses are named.
     ManifestError
         Where the file named is not a right manifest.
+    InputError
+        Where a track is named of a set whose defocus images are captured.
 
     Examples
     --------
     >>> find_manifest("middlebury").stem
     'middlebury-third-1'
+    >>> find_manifest("demo@camera-2").stem
+    'demo-1@camera-2'
     """
+    base, label = part_name(name)
+    found = _find(base)
+    return with_track(found, label) if base != name else found
+
+
+def _find(name: str) -> Manifest:
     if name.endswith(".toml"):
         return read_manifest(Path(name))
     manifests = released_manifests()

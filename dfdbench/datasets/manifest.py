@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
+from dfdbench.blur.tracks import CLEAN
 from dfdbench.errors import unknown_name
 from dfdbench.system.record import Record
 
@@ -139,6 +140,7 @@ class Pair:
 class Manifest(StrictRecord):
     """A data set in full: sources, scenes, axes, exclusions, splits, folds, recipe.
 
+    `degradation` is ``clean`` in every file; `dfdbench.datasets.tracked.with_track` names another.
     Obtained from `dfdbench.datasets.manifest_file.read_manifest` or
     `dfdbench.datasets.catalog.find_manifest`, which check it.
     """
@@ -154,7 +156,7 @@ class Manifest(StrictRecord):
     description: str
     reader: str
     recipe: str | None = None
-    degradation: Literal["clean"]
+    degradation: Annotated[str, Field(pattern=f"^{CLEAN}$")]
     network_crop: Count
     axes: dict[str, Annotated[list[int], Field(min_length=1)]]
     default_lighting: dict[str, int] | None = None
@@ -177,9 +179,19 @@ class Manifest(StrictRecord):
         return hashlib.sha256(self.toml.encode()).hexdigest()
 
     @property
-    def stem(self) -> str:
-        """Name and version, as in the manifest's file name."""
+    def file_stem(self) -> str:
+        """Name and version, as in the manifest's file name: the same for every track."""
         return f"{self.name}-{self.version}"
+
+    @property
+    def stem(self) -> str:
+        """Name and version, and the track where there is one: what stores and results have."""
+        return self.file_stem + (f"@{self.degradation}" if self.on_track else "")
+
+    @property
+    def on_track(self) -> bool:
+        """Whether a track makes the images: then nobody is told by what blur."""
+        return self.degradation != CLEAN
 
     @property
     def scene_names(self) -> tuple[str, ...]:

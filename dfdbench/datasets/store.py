@@ -20,6 +20,7 @@ from dfdbench.datasets.catalog import find_manifest, typed_name
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store_place import default_store, is_place
+from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import DfdbenchError, StoreError, UnknownNameError, unknown_name
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
 
@@ -88,7 +89,7 @@ class Store:
                 where=str(self.path),
                 fix="run the dfdbench build that began it again: it goes on from there",
             )
-        self.manifest = parse_manifest(self.attributes["manifest"].encode(), self.path.name)
+        self.manifest = _manifest_in(self.attributes, self.path)
         self._arrays: dict[str, zarr.Array[Any]] = {}
         groups = set(_group_names(self.path, self._root))
         #: The scenes that were built, in the manifest's order.
@@ -101,12 +102,17 @@ class Store:
 
     @property
     def recipe_name(self) -> str:
-        """The blur recipe's name; empty where the defocus images were captured."""
+        """The blur recipe's name; empty where the defocus images were captured.
+
+        On a track, which does not tell its blur, ``of track NAME-SEVERITY``.
+        """
+        if self.manifest.on_track:
+            return f"of track {self.manifest.degradation}"
         return str(self.attributes["recipe"]["name"])
 
     @property
     def recipe(self) -> BlurRecipe | None:
-        """The blur recipe, None where the defocus images were captured."""
+        """The blur recipe; None where the defocus images were captured, and on a track."""
         parameters = self.attributes["recipe"]["parameters"]
         return find_recipe(parameters) if parameters else None
 
@@ -253,6 +259,22 @@ def _manifest_of(name: str) -> Manifest:
             expected="a data set's name, or a store's path",
             fix="`dfdbench list` shows the names; stores end in .zarr",
         ) from None
+
+
+def _manifest_in(attributes: dict[str, Any], location: UPath) -> Manifest:
+    manifest = parse_manifest(attributes["manifest"].encode(), location.name)
+    degradation = str(attributes.get("degradation", manifest.degradation))
+    if degradation == manifest.degradation:
+        return manifest
+    try:
+        return with_track(manifest, degradation)
+    except DfdbenchError as error:
+        raise StoreError(
+            "the store is on a track that this version does not know",
+            where=str(location),
+            got=degradation,
+            fix="use the version of dfdbench that built it, or build it again",
+        ) from error
 
 
 def _open_scene(location: UPath, name: str) -> xarray.Dataset:

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.tracked import part_name
 from dfdbench.system.cache import STORES, cache_folder
 
 
@@ -22,4 +23,5 @@ def is_place(name: str) -> bool:
     >>> is_place("demo"), is_place("demo-1.zarr"), is_place("s3://bucket/demo")
     (False, True, True)
     """
-    return (name.endswith(".zarr") or os.sep in name) and not name.endswith(".toml")
+    base, _ = part_name(name)
+    return (base.endswith(".zarr") or os.sep in base) and not base.endswith(".toml")

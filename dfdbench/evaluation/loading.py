@@ -40,6 +40,14 @@ def load_for(
 
 def _recipe_of(store: Store) -> BlurRecipe:
     recipe = store.recipe
+    if recipe is None and store.manifest.on_track:
+        raise MethodError(
+            "the method asks for the blur recipe, and a track does not tell it",
+            where=str(store.path),
+            expected="a method that learns or calibrates the blur from training pairs",
+            got=store.manifest.short,
+            fix="--param recipe=published gives it one, which is not how these images were made",
+        )
     if recipe is None:
         raise MethodError(
             "the method asks for a blur recipe, and there is none",

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.tracked import part_name, with_track
 from dfdbench.errors import DfdbenchError, Problem, unknown_name
 from dfdbench.leaderboard.folder import UNDEFINED, known_fingerprints, known_undefined
 from dfdbench.metrics.protocol import RELEASED, label_of
@@ -49,7 +50,16 @@ def _other_data(result: Result, manifest: Manifest, folder: Path, where: str) ->
             got=dataset.manifest_sha256,
         )
     known = known_fingerprints(folder).get(dataset.name)
-    if known and dataset.recipe["name"] == manifest.recipe and dataset.fingerprint not in known:
+    # Built with another recipe it is a board of its own; a track can be built one way only.
+    told = "" if manifest.on_track else manifest.recipe
+    if manifest.on_track and dataset.recipe != {"name": "", "parameters": {}}:
+        yield Problem(
+            "a track tells no blur recipe",
+            where=f"{where}: dataset.recipe",
+            expected='name "", no parameters',
+            got=str(dataset.recipe),
+        )
+    elif known and dataset.recipe["name"] == told and dataset.fingerprint not in known:
         yield Problem(
             f"fingerprint of other data than {dataset.name}",
             where=f"{where}: dataset",
@@ -92,9 +102,10 @@ def _other_protocols(result: Result, where: str) -> Iterator[Problem]:
 def _released(name: str) -> Manifest:
     # By its full name alone: another name or a file of one's own would make a board of its own.
     known = {manifest.stem: manifest for manifest in released_manifests()}
-    if name not in known:
+    base, label = part_name(name)
+    if base not in known:
         raise unknown_name("data set", name, known)
-    return known[name]
+    return with_track(known[base], label) if label else known[base]
 
 
 def _other_facts(result: Result, manifest: Manifest, where: str) -> Iterator[Problem]:

@@ -114,11 +114,17 @@ def _with_safe_name(record: dict[str, Any]) -> dict[str, Any]:
     return record
 
 
+#: A data set's name, with its track where it is on one; as safe in a path as a `Name`.
+DataName = Annotated[
+    str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*(@[a-z]+-[1-9])?$", max_length=120)
+]
+
+
 class DatasetRecord(Record):
     """Which data the run used; names are such as may become part of a path."""
 
-    name: Name
-    short: Name
+    name: DataName
+    short: DataName
     manifest_sha256: Sha256
     fingerprint: Sha256
     split: Name

@@ -144,7 +144,8 @@ def require_trainable(task: Task) -> dict[str, Any]:
             raise InputError(
                 "redraw_depth needs a data set with a blur recipe",
                 where="redraw_depth",
-                got=f"{task.store.manifest.short}: captured defocus",
+                got=f"{task.store.manifest.short}: "
+                + ("its track tells none" if task.store.manifest.on_track else "captured defocus"),
             )
         margin = margin_of(task.store.recipe)
     scenes = dict.fromkeys(pair.scene for pair in task.train)

@@ -71,7 +71,7 @@ def time_steps(manifest: Manifest, source: Source, store: Path) -> tuple[dict[st
             times = [time.perf_counter()]
             signature, images = source.signature(scene), source.read(scene)
             times.append(time.perf_counter())
-            dataset = scene_dataset(manifest, images, RECIPE)
+            dataset = scene_dataset(manifest, scene, images, RECIPE)
             times.append(time.perf_counter())
             writer.scenes.write(scene, dataset, signature)
             times.append(time.perf_counter())

@@ -43,7 +43,7 @@ def store_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
             infocus[0, 0, 0] = random.integers(0, 256, (370, 463, 3))
             images = SceneImages(infocus, depth, depth > 0, available)
             digests[scene] = writer.scenes.write(
-                scene, scene_dataset(manifest, images, recipe), "0" * 64
+                scene, scene_dataset(manifest, scene, images, recipe), "0" * 64
             )
         writer.finish(digests, [])
     return path

@@ -21,7 +21,7 @@ def made_scene(shape: tuple[int, int] = (60, 80)) -> Images:
     image = scipy.ndimage.gaussian_filter(random.uniform(-1, 1, (*shape, 3)), (1.5, 1.5, 0))
     depth = np.linspace(30, 120, shape[0])[:, np.newaxis] + np.zeros(shape[1])
     depth[shape[0] // 3 :, shape[1] // 2 :] = 220
-    return np.uint8(120 + 60 * image / image.std() / 3), depth.astype(np.uint8)
+    return (120 + 20 * image / image.std()).astype(np.uint8), depth.astype(np.uint8)
 
 
 IMAGE, DEPTH = made_scene()
@@ -152,18 +152,18 @@ PINNED = {
     "law-1": "7360d7378f7c9f24",
     "law-2": "ee0d44015e3ad0c2",
     "law-3": "a73deab39ab29d51",
-    "occlusion-1": "70592033772ef47c",
-    "occlusion-2": "0463073164ec0be2",
-    "occlusion-3": "6f4f1a3098ec9b2f",
+    "occlusion-1": "fca6ca462b509291",
+    "occlusion-2": "21f976ee28c3c168",
+    "occlusion-3": "4b804d6b64402b77",
     "shift-1": "84e252e6bbd22371",
     "shift-2": "27284254f27b758b",
     "shift-3": "72f8c76b4de97f9b",
     "gain-1": "7d805095303e3351",
     "gain-2": "1cddea9294c3bf64",
     "gain-3": "70db627697b6ba91",
-    "camera-1": "f2c66f9377d279e9",
-    "camera-2": "a24cf4349390d82f",
-    "camera-3": "ab70052bf1e11551",
+    "camera-1": "b9bbd097653b1af6",
+    "camera-2": "28e80a3d5ef6ab8f",
+    "camera-3": "d7b627f8c6c4bbc5",
 }
 
 

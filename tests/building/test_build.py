@@ -180,7 +180,7 @@ def test_depth_that_grows_with_distance_is_inverted_before_the_blur() -> None:
     infocus = random.integers(0, 256, (2, 1, 2, 12, 13, 3)).astype(np.uint8)
     depth = random.integers(0, 256, (2, 12, 13)).astype(np.uint8)
     images = SceneImages(infocus, depth, depth > 0, np.ones((2, 1, 2), bool))
-    scene = scene_dataset(manifest, images, RECIPES["published"])
+    scene = scene_dataset(manifest, "One", images, RECIPES["published"])
     expected = synthesize(infocus[1, 0, 1], 255 - depth[1], RECIPES["published"])
     assert np.array_equal(scene["defocus"].values[1, 0, 1], expected)
     assert np.array_equal(scene["depth"].values, depth)

@@ -29,7 +29,33 @@ def test_list_and_version(dfdbench: Command) -> None:
     listed = dfdbench("list")
     for name in ("demo-1", "middlebury-third-1", "realworld-1", "constant", "local"):
         assert name in listed.out
+    for label in ("noise-1", "camera-3"):
+        assert label in listed.out
     assert dfdbench("--version").out.startswith("dfdbench ")
+
+
+def test_info_on_a_track_tells_what_differs_and_no_recipe(
+    dfdbench: Command, tiny_toml: str, tiny_folder: Path, tmp_path: Path
+) -> None:
+    name, place = f"{tiny_toml}@shift-2", str(tmp_path / "tiny-1@shift-2.zarr")
+    shown = dfdbench("info", name).out
+    assert "shift-2, version 1: the defocus image moved" in shown
+    assert "recipe     not told" in shown
+    built = dfdbench("build", name, "--source", str(tiny_folder), "--store", place)
+    assert built.status == 0, built.err
+    stored = dfdbench("info", place).out
+    assert "shift-2, version 1: the defocus image moved" in stored
+    assert "published" not in stored
+
+
+def test_the_cache_clears_a_track_by_its_name(
+    dfdbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path))
+    for name in ("demo-1.zarr", "demo-1@noise-1.zarr"):
+        (tmp_path / "stores" / name).mkdir(parents=True)
+    assert "removed 1 entries" in dfdbench("cache", "clear", "demo@noise-1", "--yes").out
+    assert [path.name for path in (tmp_path / "stores").iterdir()] == ["demo-1.zarr"]
 
 
 def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -> None:
@@ -46,6 +72,11 @@ def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -
     [
         (["info", "midlebury"], "did you mean middlebury"),
         (["info", "middlebury", "--pairs", "tst"], "did you mean test"),
+        (["info", "demo@camra-2"], "did you mean camera"),
+        (["build", "demo@camera-5"], "did you mean camera-"),
+        (["build", "realworld@camera-1"], "has no tracks"),
+        (["build", "demo@law-1", "--recipe", "text"], "leave out --recipe"),
+        (["run", "--method", "constant", "--dataset", "demo@law-1"], "dfdbench build demo@law-1"),
         (["build", "middlebury", "--offline"], "--source DIR"),
         (["build", "realworld"], "dfdbench build realworld --source DIR"),
         (["build", "demo", "--recipe", "text"], "--store PATH"),

@@ -4,13 +4,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard.data_set_problems import data_set_problems
-from dfdbench.leaderboard.folder import UNDEFINED
+from dfdbench.leaderboard.folder import FINGERPRINTS, UNDEFINED
 from dfdbench.leaderboard.submission import submit
-from dfdbench.results.record import PairScores, Result, average
+from dfdbench.results.record import DatasetRecord, PairScores, Result, average
 from tests.made_results import make_demo_result
 
 WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
@@ -65,3 +66,54 @@ def test_a_row_is_of_a_released_set_by_its_full_name(
     other = result.dataset.model_copy(update={"name": name})
     with pytest.raises(ResultError, match="unknown data set"):
         submit(result.model_copy(update={"dataset": other}), tmp_path, WHEN)
+
+
+def on_track(label: str, **changes: Any) -> Result:
+    result = make_demo_result(lambda pair: 0.1)
+    facts = {
+        "name": f"demo-1@{label}",
+        "short": f"demo@{label}",
+        "degradation": label,
+        "recipe": {"name": "", "parameters": {}},
+    }
+    dataset = result.dataset.model_copy(update={**facts, **changes})
+    return result.model_copy(update={"dataset": dataset})
+
+
+def test_a_track_has_a_folder_and_a_fingerprint_of_its_own(tmp_path: Path) -> None:
+    (path,) = submit(on_track("camera-2"), tmp_path, WHEN)
+    assert path.parent == tmp_path / "results/demo-1@camera-2-test/thesis"
+    pinned = {"demo-1": ["2" * 64], "demo-1@camera-2": ["3" * 64]}
+    (tmp_path / FINGERPRINTS).write_text(json.dumps(pinned))
+    with pytest.raises(
+        ResultError, match=r"(?s)other data than demo-1@camera-2.*build demo@camera-2"
+    ):
+        submit(on_track("camera-2"), tmp_path, WHEN)
+    submit(on_track("camera-2", fingerprint="3" * 64), tmp_path, WHEN)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"recipe": {"name": "published", "parameters": {}}}, "tells no blur recipe"),
+        ({"degradation": "clean"}, "not what the manifest"),
+        ({"name": "demo-1"}, "not what the manifest"),
+        ({"name": "demo-1@camera-7"}, "unknown severity"),
+        ({"name": "realworld-2@camera-2"}, "captured"),
+    ],
+)
+def test_a_row_on_a_track_says_what_the_track_says(
+    tmp_path: Path, changes: dict[str, Any], told: str
+) -> None:
+    with pytest.raises(ResultError, match=told):
+        submit(on_track("camera-2", **changes), tmp_path, WHEN)
+
+
+@pytest.mark.parametrize(
+    "name", ["demo-1@../x-1", "demo-1@camera-0", "demo-1@camera-2\n", "demo-1@a/b-1", "@camera-2"]
+)
+def test_a_name_on_a_track_is_safe_in_a_path(name: str) -> None:
+    content = json.loads(on_track("camera-2").dataset.model_dump_json())
+    assert DatasetRecord.model_validate(content).name == "demo-1@camera-2"
+    with pytest.raises(ValidationError, match="name"):
+        DatasetRecord.model_validate({**content, "name": name})

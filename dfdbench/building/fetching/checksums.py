@@ -22,7 +22,7 @@ def sha256(content: bytes) -> str:
 
 def lock_name(manifest: Manifest) -> str:
     """Return the name of a data set's lock file, such as ``middlebury-third-1.lock``."""
-    return f"{manifest.stem}.lock"
+    return f"{manifest.file_stem}.lock"
 
 
 def known_checksums(manifest: Manifest, folder: Path | None = None) -> dict[str, str]:

@@ -1,0 +1,68 @@
+"""A data set on a track, by the name that a user types: ``demo@camera-2``."""
+
+from __future__ import annotations
+
+import re
+
+from dfdbench.blur.tracks import CLEAN, find_degradation
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.errors import InputError
+
+#: What stands between a data set's name and its track's.
+AT = "@"
+_NAME = re.compile(rf"(?P<base>.+){AT}(?P<label>[^{AT}/\\]*)")
+_FILES = (".toml", ".zarr")
+
+
+def part_name(name: str) -> tuple[str, str]:
+    """Return a data set's name and its track with the severity, empty where none is named.
+
+    Examples
+    --------
+    >>> part_name("demo@camera-2"), part_name("demo"), part_name("me@home/mine.toml")
+    (('demo', 'camera-2'), ('demo', ''), ('me@home/mine.toml', ''))
+    >>> part_name("mine.toml@noise-1"), part_name("demo@camera")
+    (('mine.toml', 'noise-1'), ('demo', 'camera'))
+    """
+    parts = None if name.endswith(_FILES) else _NAME.fullmatch(name)
+    return (parts["base"], parts["label"]) if parts else (name, "")
+
+
+def with_track(manifest: Manifest, label: str) -> Manifest:
+    """Return a data set as a track makes it: the same but for its images, and its name.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The data set, without a track.
+    label : str
+        ``TRACK-SEVERITY``; severity 0 is the data set itself.
+
+    Raises
+    ------
+    UnknownNameError
+        Where there is no such track or severity; near misses are named.
+    InputError
+        Where the data set's defocus images are captured.
+
+    Examples
+    --------
+    >>> from dfdbench.datasets.catalog import find_manifest
+    >>> demo = find_manifest("demo")
+    >>> with_track(demo, "camera-2").stem, with_track(demo, "camera-0").stem
+    ('demo-1@camera-2', 'demo-1')
+    """
+    found = find_degradation(label)
+    if manifest.recipe is None:
+        raise InputError(
+            f"{manifest.short} has no tracks: its defocus images are captured, and a track makes "
+            "them",
+            where=f"{manifest.short}{AT}{label}",
+            expected="a data set with synthetic blur",
+            fix=f"leave out {AT}{label}, or name a synthetic set: `dfdbench list`",
+        )
+    if found.label == CLEAN:
+        return manifest
+    return manifest.model_copy(
+        update={"degradation": found.label, "short": f"{manifest.short}{AT}{found.label}"}
+    )

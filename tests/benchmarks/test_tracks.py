@@ -1,0 +1,53 @@
+"""A pair on each track against the clean blur, in one run, on one thread."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.blur.formation import form_pair
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
+from dfdbench.blur.tracks import TRACKS, find_degradation
+
+RECIPE = RECIPES["published"]
+#: How many times the clean blur's time a pair may take.
+MOST = 4.0
+LABELS = [f"{name}-{severity}" for name in TRACKS for severity in (1, 2, 3)]
+Pair = tuple[NDArray[np.uint8], NDArray[np.uint8]]
+
+
+@pytest.fixture(scope="module")
+def pair() -> Pair:
+    """Noise on a slanted ground with boards before it: each of the 256 levels lies on a line."""
+    image = np.random.default_rng(0).integers(0, 256, (370, 463, 3)).astype(np.uint8)
+    y, x = np.mgrid[:370, :463]
+    depth = 0.3 * y + 0.1 * x + 90 * ((y // 90 + x // 110) % 2)
+    return image, depth.astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def clean_seconds(pair: Pair) -> float:
+    times = []
+    for _ in range(6):
+        begun = time.perf_counter()
+        synthesize(*pair, RECIPE)
+        times.append(time.perf_counter() - begun)
+    return min(times)
+
+
+@pytest.mark.benchmark(group="a pair 370 x 463 x 3 on a track")
+def test_clean(benchmark: Any, pair: Pair) -> None:
+    benchmark.pedantic(synthesize, args=(*pair, RECIPE), rounds=5, warmup_rounds=1)
+
+
+@pytest.mark.benchmark(group="a pair 370 x 463 x 3 on a track")
+@pytest.mark.parametrize("label", LABELS)
+def test_a_track(benchmark: Any, pair: Pair, clean_seconds: float, label: str) -> None:
+    arguments = (*pair, RECIPE, find_degradation(label), "Art/view1")
+    benchmark.pedantic(form_pair, args=arguments, rounds=5, warmup_rounds=1)
+    assert benchmark.stats["min"] < MOST * clean_seconds

@@ -1,0 +1,134 @@
+"""Data sets built on tracks, and what reads them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+
+from dfdbench.audit.trained_on import training_side
+from dfdbench.blur.formation import form_pair
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.tracks import find_degradation
+from dfdbench.building.build import build_store
+from dfdbench.building.export import export_png
+from dfdbench.building.plan import plan_build
+from dfdbench.building.sources import open_source
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store
+from dfdbench.datasets.tracked import with_track
+from dfdbench.errors import InputError, MethodError, StoreError
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.run import run_method
+from dfdbench.system.parallel import Threads
+
+
+def built(
+    manifest: Manifest, label: str, files: Path, place: Path, threads: int = 1
+) -> tuple[Store, str]:
+    tracked = with_track(manifest, label)
+    report = build_store(tracked, open_source(tracked, files), place, pool=Threads(threads))
+    return Store(place), report.fingerprint
+
+
+@pytest.mark.parametrize("label", ["camera-2", "shift-1", "occlusion-3"])
+def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store, tmp_path: Path, label: str
+) -> None:
+    store, fingerprint = built(tiny_manifest, label, tiny_folder, tmp_path / "a.zarr")
+    assert store.manifest == with_track(tiny_manifest, label)
+    assert store.pairs("all") == tiny_store.pairs("all")
+    assert fingerprint == store.fingerprint != tiny_store.fingerprint
+    assert (store.recipe, store.recipe_name) == (None, f"of track {label}")
+    assert store.attributes["recipe"] == {"name": "", "parameters": {}}
+    assert (store.attributes["degradation"], store.attributes["track_version"]) == (label, 1)
+    told = str({k: v for k, v in store.attributes.items() if k != "manifest"})
+    assert "published" not in told
+    for pair in store.pairs("all"):
+        plain, found = tiny_store.read(pair), store.read(pair)
+        recipe, track = RECIPES["published"], find_degradation(label)
+        infocus, defocus = form_pair(plain.infocus, plain.depth, recipe, track, pair.id)
+        assert np.array_equal(found.infocus, infocus)
+        assert np.array_equal(found.defocus, defocus)
+        assert np.array_equal(found.depth, plain.depth)
+    _, at_once = built(tiny_manifest, label, tiny_folder, tmp_path / "b.zarr", threads=4)
+    assert at_once == fingerprint
+
+
+def test_severity_0_is_the_clean_store_in_every_byte(
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store, tmp_path: Path
+) -> None:
+    store, fingerprint = built(tiny_manifest, "camera-0", tiny_folder, tmp_path / "a.zarr")
+    assert fingerprint == tiny_store.fingerprint
+    assert store.attributes == tiny_store.attributes
+
+
+def test_one_track_s_store_is_not_replaced_by_another_s(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    place = tmp_path / "a.zarr"
+    _, fingerprint = built(tiny_manifest, "noise-1", tiny_folder, place)
+    for label in ("noise-2", "noise-0"):
+        with pytest.raises(StoreError, match="holds another data set"):
+            built(tiny_manifest, label, tiny_folder, place)
+    assert Store(place).fingerprint == fingerprint
+
+
+def test_a_recipe_and_a_track_exclude_each_other(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    tracked = with_track(tiny_manifest, "law-1")
+    with pytest.raises(InputError, match="--recipe"):
+        plan_build(tracked, tmp_path / "a.zarr", "published")
+    with pytest.raises(InputError, match="--recipe"):
+        build_store(tracked, open_source(tracked, tiny_folder), tmp_path / "a.zarr", "published")
+    assert not (tmp_path / "a.zarr").exists()
+
+
+def test_a_store_of_a_track_unknown_here_says_so(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    built(tiny_manifest, "gain-1", tiny_folder, tmp_path / "a.zarr")
+    zarr.open_group(tmp_path / "a.zarr", mode="r+").attrs["degradation"] = "lens-1"
+    with pytest.raises(StoreError, match=r"(?s)does not know.*lens-1"):
+        Store(tmp_path / "a.zarr")
+
+
+def test_a_method_that_asks_for_the_recipe_is_refused(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    store, _ = built(tiny_manifest, "psf-2", tiny_folder, tmp_path / "a.zarr")
+    with pytest.raises(MethodError, match="a track does not tell it"):
+        load_for(store, "local", {})
+    assert load_for(store, "local", {"recipe": "published"}).parameters == {"recipe": "published"}
+
+
+def test_a_run_s_result_bears_the_track_and_tells_no_recipe(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    store, _ = built(tiny_manifest, "gain-3", tiny_folder, tmp_path / "a.zarr")
+    done = run_method(store, load_for(store, "constant", {}), "test", tmp_path / "run")
+    dataset = done.result.dataset
+    assert (dataset.name, dataset.short) == ("tiny-1@gain-3", "tiny@gain-3")
+    assert (dataset.degradation, dataset.recipe["name"]) == ("gain-3", "")
+    assert done.result.method.trained_on == "tiny-1@gain-3, split train"
+    assert done.result.complete
+
+
+@pytest.mark.parametrize("name", ["tiny-1@noise-2", "tiny@noise-2", "tiny-1", "tiny"])
+def test_the_depths_trained_on_are_the_same_on_any_track(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path, name: str
+) -> None:
+    store, _ = built(tiny_manifest, "camera-1", tiny_folder, tmp_path / "a.zarr")
+    side = training_side(f"{name}, split train", store)
+    assert side is not None
+    assert list(side.scenes) == ["One"]
+
+
+def test_an_export_names_the_defocus_image_by_the_track(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    store, _ = built(tiny_manifest, "camera-1", tiny_folder, tmp_path / "a.zarr")
+    export_png(store, tmp_path / "png", "One")
+    assert (tmp_path / "png/One/Illum1/Exp0/view1_camera-1.png").exists()
+    assert not list((tmp_path / "png").rglob("*_lin_*"))
