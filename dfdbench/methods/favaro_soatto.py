@@ -172,13 +172,14 @@ class FavaroSoatto:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
         if self._operators is None:
             raise not_fitted(_NAME)
-        padded = [
-            np.pad(_grey(image), side // 2, mode="edge").astype(np.float32)
-            for image, side in zip((infocus, defocus), self._sides, strict=True)
-        ]
+        side, small = self._sides
+        sharp, blurred = (
+            np.pad(_grey(image), width // 2, mode="edge").astype(np.float32)
+            for image, width in ((infocus, side), (defocus, small))
+        )
         shape = infocus.shape[:2]
         costs = np.empty((len(self._operators), *shape), np.float32)
-        _residuals(*padded, *self._sides, self._operators, costs)
+        _residuals(sharp, blurred, side, small, self._operators, costs)
         window = (self._window, self._window)
         for cost in costs:
             cv2.boxFilter(cost, cv2.CV_32F, window, cost, borderType=cv2.BORDER_REPLICATE)

@@ -178,16 +178,15 @@ def _units() -> NDArray[np.float64]:
 
 
 def _gaussian(sigma: float) -> NDArray[np.float64]:
-    return point_spread_functions(np.array([sigma]), _SIZE)[0]
+    return np.asarray(point_spread_functions(np.array([sigma]), _SIZE)[0], np.float64)
 
 
 def _transfer(kernels: Array, axis: Array) -> NDArray[np.float64]:
     """Return what symmetric kernels leave of each frequency, (kernel, frequency)."""
     radius = kernels.shape[1] // 2
     waves = np.cos(np.outer(axis, np.arange(-radius, radius + 1)))
-    return np.einsum("kyx,vy,hx->kvh", kernels, waves, waves, optimize=True).reshape(
-        len(kernels), -1
-    )
+    kept = np.einsum("kyx,vy,hx->kvh", kernels, waves, waves, optimize=True)
+    return np.asarray(kept.reshape(len(kernels), -1), np.float64)
 
 
 def _filtered(image: NDArray[np.float32], kernel: Array) -> NDArray[np.float32]:

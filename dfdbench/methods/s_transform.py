@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
+from dfdbench.methods.fit import Learned
 from dfdbench.methods.fitted import (
     Fit,
     Image,
-    Learned,
     channels_of,
     depth_table,
     learned_array,

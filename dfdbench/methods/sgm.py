@@ -86,7 +86,7 @@ class SemiGlobal(Calibrated):
             raise MethodError.of(problems)
         super().__init__(recipe)
         self._limit = limit
-        self._steps = np.int32(round(UNIT * small_step)), np.int32(round(UNIT * large_step))
+        self._steps = round(UNIT * small_step), round(UNIT * large_step)
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""

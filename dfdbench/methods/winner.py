@@ -33,7 +33,7 @@ def least_label(costs: NDArray[Any]) -> NDArray[np.float64]:
     labels = costs.argmin(axis=0)
     inner = np.clip(labels, 1, max(len(costs) - 2, 1))
     if len(costs) < 3:
-        return labels.astype(np.float64)
+        return np.asarray(labels, np.float64)
     before, least, after = (
         np.take_along_axis(costs, (inner + step)[np.newaxis], 0)[0].astype(np.float64)
         for step in (-1, 0, 1)

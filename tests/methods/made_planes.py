@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,7 +34,7 @@ def texture(seed: int, height: int = 64, width: int = 80) -> Image:
     blurs = [noise, *(cv2.GaussianBlur(noise, (0, 0), 2.0**octave) for octave in range(4))]
     bands = [(fine - coarse) / (fine - coarse).std() for fine, coarse in pairwise(blurs)]
     image = 120 + 18 * np.sum(bands, axis=0)[16:-16, 16:-16]
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(image), 0, 255), np.uint8)
 
 
 def pair_of(infocus: Image, depth: Image, recipe: BlurRecipe = RECIPES["published"]) -> MadePair:
@@ -51,7 +52,7 @@ def slope(seed: int, height: int = 96, width: int = 256) -> MadePair:
     return pair_of(texture(seed, height, width), np.broadcast_to(levels, (height, width)).copy())
 
 
-def inside(depth: NDArray[np.float32], margin: int = 14) -> NDArray[np.float32]:
+def inside(depth: NDArray[Any], margin: int = 14) -> NDArray[Any]:
     """Cut off what the image's edge has blurred."""
     return depth[margin:-margin, margin:-margin]
 
