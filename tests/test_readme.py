@@ -89,7 +89,7 @@ def test_the_tracks_commands_run(place: Path) -> None:
 
 
 def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    exec(blocks("python")[2], {})
+    exec(blocks("python")[3], {})
     assert float(capsys.readouterr().out) < 0.01
 
 
@@ -97,5 +97,13 @@ def test_pairs_are_read_as_shown(
     place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DFDBENCH_CACHE", str(place / "cache"))
-    exec(blocks("python")[1], {})
+    exec(blocks("python")[2], {})
     assert capsys.readouterr().out == "54 (240, 320, 3) (32, 32) 3\n"
+
+
+def test_the_fitted_method_runs(place: Path) -> None:
+    (place / "fitted.py").write_text(blocks("python")[1])
+    outcome = dfdbench(place, blocks("console")[2].strip() + " --limit 2 --no-predictions")
+    assert outcome.returncode == 0, outcome.stderr
+    assert "fitted       on demo-1, split train" in outcome.stderr
+    assert (place / "results/demo-1-test/fitted-Fitted/fit.npz").exists()

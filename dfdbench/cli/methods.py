@@ -90,12 +90,29 @@ def run(
     summary = summarise(done.result, shown)
     if not no_predictions:
         draw_run(data, summary, folder)
+    _keep_law(loaded.predict, folder, figure=not no_predictions)
     _print_tables(summary, data.manifest, format)
     _tell_where_it_lies(done, figures=not no_predictions)
     if submit:
         _submit(done.result)
     if any(pair.status == "failed" for pair in done.result.pairs):
         raise typer.Exit(1)
+
+
+def _keep_law(predict: Any, folder: Path, figure: bool) -> None:
+    calibration = getattr(predict, "calibration", None)
+    if calibration is None:
+        return
+    from dfdbench.figures.calibration import law_figure
+    from dfdbench.figures.style import write_figure
+    from dfdbench.methods.calibration import Calibration
+    from dfdbench.system.files import write_whole
+
+    # Another's method may have something else of that name.
+    if isinstance(calibration, Calibration):
+        write_whole(folder / "law.toml", calibration.law.as_toml())
+        if figure:
+            write_figure(law_figure(calibration), folder / "figures" / "law.png")
 
 
 def _tell_what_was_reused(done: Run) -> None:

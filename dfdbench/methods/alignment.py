@@ -20,6 +20,9 @@ _SMOOTHING = 2.0
 _STEPS = 5
 # Above this share of white an image may have been cut off.
 _BRIGHT = 0.96
+# Pixels that a pair may be moved by, and times that it may be brighter.
+_FARTHEST = 6.0
+_LARGEST_GAIN = 4.0
 # Pixels at the border that are left out of comparisons.
 _BORDER = 8
 
@@ -89,9 +92,15 @@ def find_alignment(
         here = move(blurred[..., np.newaxis], *-place)[..., 0].astype(np.float32)
         aim = cv2.GaussianBlur(here, (0, 0), _SMOOTHING)[inner][known]
         factors = np.linalg.lstsq(columns, aim, rcond=None)[0]
-        place -= factors[1:3] / factors[0]
-    total = float(sharp[inner][known].sum(dtype=np.float64))
-    gain = float(here[inner][known].sum(dtype=np.float64)) / total if total else 1.0
+        step = factors[1:3] / factors[0] if factors[0] > 0 else np.full(2, np.inf)
+        if not (np.abs(place - step) <= _FARTHEST).all():
+            # Images without texture, or of two scenes: nothing tells their place.
+            return Alignment(0.0, 0.0, 1.0)
+        place -= step
+    total, other = (float(image[inner][known].sum(dtype=np.float64)) for image in (sharp, here))
+    gain = other / total if total > 0 else 1.0
+    if not 1 / _LARGEST_GAIN <= gain <= _LARGEST_GAIN:
+        gain = 1.0
     return Alignment(float(place[0]), float(place[1]), gain)
 
 

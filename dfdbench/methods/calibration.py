@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 from dfdbench.blur.formation import encode
 from dfdbench.blur.law import GREYS, BlurLaw, noise_at
 from dfdbench.blur.point_spread import point_spread_functions
-from dfdbench.blur.recipe import LEVELS
+from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.errors import MethodError
 from dfdbench.methods.alignment import Alignment, find_alignment
 from dfdbench.methods.fit import Learned, TrainingPair
@@ -50,7 +50,9 @@ _ROUNDS = 3
 _STEPS = 6
 _LARGEST_STEP = 0.2
 _NEAR = 6
-_AS_GOOD = 1.1
+_AS_GOOD = 1.5
+# As a part of white.
+_LEAST_OFFSET = 0.002
 # Fewer pixels tell nothing of the noise at a grey level.
 _FEW_PIXELS = 200
 
@@ -130,6 +132,10 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     even_noise = np.ones(GREYS)
     sums, pixels = _sums(samples[:: len(parts) // len(few)], way, even_noise)
     rough = _curve(sums, pixels)
+    line = _line(samples, way, rough)
+    if way.even and abs(line[1]) > _LEAST_OFFSET * _white(way):
+        way = replace(way, gain=way.gain * line[0], offset=way.offset + way.gain * line[1])
+        samples = [part.sample(way) for part in parts]
     _, noise = _residuals(samples[:: len(parts) // len(few)], way, rough)
     sums, pixels = _sums(samples, way, noise)
     sigmas, infocus_noise = _cleared_curve(sums, pixels, way)
@@ -142,6 +148,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
         exponent=way.exponent,
         kernel_size=_KERNEL_SIZE,
         gain=way.gain,
+        offset=way.offset,
         noise=tuple((noise / math.sqrt(both)).tolist()),
         infocus_noise=infocus_noise,
         linear=way.linear,
@@ -161,6 +168,7 @@ class _Way:
     registered: bool = True
     even: bool = True
     gain: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -175,7 +183,7 @@ class _Part:
     def found(self, linear: bool) -> Alignment:
         """Return how the defocus image lies to the in-focus image."""
         images = light_of(self.infocus, linear), light_of(self.defocus, linear)
-        return find_alignment(*images, 1 if linear else 255)
+        return find_alignment(*images, 1 if linear else LAST_LEVEL)
 
     def sample(self, way: _Way, turned: bool = False) -> _Sample:
         """Return what counts of it; `turned` moves the defocus image the wrong way."""
@@ -186,7 +194,7 @@ class _Part:
             gain = way.gain if way.even else found.gain
             how = Alignment(sign * found.down, sign * found.right, gain)
         light = light_of(self.infocus, way.linear)
-        aim = aim_of(self.defocus, way.linear, how)[self.counts][:, 0]
+        aim = aim_of(self.defocus, way.linear, how, way.offset)[self.counts][:, 0]
         return _Sample(light, aim, self.depth[self.counts], self.counts)
 
 
@@ -243,12 +251,17 @@ def _flat(depth: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.bool
 def _way(few: Sequence[_Part]) -> _Way:
     """Choose what fits better: grey levels or light, and pairs as they are or aligned."""
     best, least = _Way(), _misfit(few, _Way())
-    gain = {
+    gains = {
         linear: float(np.median([part.found(linear).gain for part in few]))
         for linear in (False, True)
     }
-    for change in ({"linear": True}, {"gain": gain}, {"gain": gain, "even": False}):
-        way = replace(best, **{k: v[best.linear] if k == "gain" else v for k, v in change.items()})
+    changes: tuple[Callable[[_Way], _Way], ...] = (
+        lambda way: replace(way, linear=True),
+        lambda way: replace(way, gain=gains[way.linear]),
+        lambda way: replace(way, gain=gains[way.linear], even=False),
+    )
+    for change in changes:
+        way = change(best)
         misfit = _misfit(few, way)
         if misfit < _BETTER * least:
             best, least = way, misfit
@@ -287,22 +300,46 @@ def _sums(
     return sums, pixels
 
 
-def _residuals(
+def _fits(
     samples: Sequence[_Sample], way: _Way, sigmas: Array
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the root mean square of what widths leave, by depth level and by grey level."""
+) -> Iterator[tuple[_Sample, NDArray[np.float64]]]:
+    """Yield each sample and the grey levels that widths by depth level give for it."""
     place = np.interp(sigmas, _LADDER, np.arange(_LADDER.size))
     first = np.clip(place.astype(int), 0, _LADDER.size - 2)
     part = place - first
-    by_level, by_grey = np.zeros((2, LEVELS)), np.zeros((2, GREYS))
     for sample in samples:
-        grey = np.rint(np.clip(sample.aim, 0, 255) * (GREYS - 1) / 255).astype(int)
         steps, weights = first[sample.depth], part[sample.depth]
         # Between two widths of the ladder a blurred image lies straight, near enough.
         fit = np.zeros(sample.aim.shape)
         for number, trial in enumerate(sample.trials(way)):
             fit += np.where(steps == number, (1 - weights) * trial, 0)
             fit += np.where(steps + 1 == number, weights * trial, 0)
+        yield sample, fit
+
+
+def _white(way: _Way) -> float:
+    return 1.0 if way.linear else float(LAST_LEVEL)
+
+
+def _line(samples: Sequence[_Sample], way: _Way, sigmas: Array) -> tuple[float, float]:
+    """Return gain and offset of the defocus images against what widths give, in their light."""
+    terms, sums = np.zeros((2, 2)), np.zeros(2)
+    for sample, fit in _fits(samples, way, sigmas):
+        columns = np.stack([light_of(fit, way.linear), np.ones(fit.shape)], axis=1)
+        terms += columns.T @ columns
+        sums += columns.T @ light_of(sample.aim, way.linear)
+    gain, offset = np.linalg.lstsq(terms, sums, rcond=None)[0]
+    return float(gain), float(offset)
+
+
+def _residuals(
+    samples: Sequence[_Sample], way: _Way, sigmas: Array
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the root mean square of what widths leave, by depth level and by grey level."""
+    by_level, by_grey = np.zeros((2, LEVELS)), np.zeros((2, GREYS))
+    for sample, fit in _fits(samples, way, sigmas):
+        shown = np.clip(sample.aim, 0, LAST_LEVEL)
+        grey = np.rint(shown * (GREYS - 1) / LAST_LEVEL).astype(int)
         squares = np.square(fit - sample.aim)
         for sums, where in ((by_level, sample.depth), (by_grey, grey)):
             sums[0] += np.bincount(where, squares, sums.shape[1])

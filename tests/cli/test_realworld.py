@@ -59,7 +59,13 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     rows = [line.split() for line in ran.out.splitlines()]
     near_right = next(row for row in rows if row[:1] == ["oblique-near-right"])
     assert near_right[-1] == "1/14"
-    asked = dfdbench("run", "--method", "local", "--dataset", "realworld", "--split", "k34")
+    Path("asking.py").write_text(
+        "class Asking:\n"
+        "    def __init__(self, recipe): ...\n"
+        "    def __call__(self, infocus, defocus): ...\n"
+    )
+    method = "asking.py:Asking"
+    asked = dfdbench("run", "--method", method, "--dataset", "realworld", "--split", "k34")
     assert (asked.status, "captured defocus" in asked.err) == (2, True)
     assert "| texture | scenes |" in dfdbench(*run, "--format", "markdown").out
     lines = csv.DictReader(io.StringIO(dfdbench(*run, "--format", "csv").out))

@@ -1,0 +1,143 @@
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.blur.formation import decode, encode, move
+from dfdbench.blur.gather import blur_by_level
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import LEVELS
+from dfdbench.errors import MethodError
+from dfdbench.methods.calibrated import Calibrated
+from dfdbench.methods.calibration import Calibration, calibrate
+from dfdbench.methods.check import MadePair
+from dfdbench.methods.registry import load, load_method
+
+DEPTHS = np.arange(LEVELS)
+RISING = 3.0 - 2.4 * DEPTHS / 255
+# A lens that focuses inside the range: both nearer and farther is blurred more.
+FOCUSED = np.hypot(0.5, 0.014 * (DEPTHS - 140))
+
+
+def scene(number: int, shape: tuple[int, int] = (160, 200)) -> tuple[NDArray, NDArray]:  # type: ignore[type-arg]
+    random = np.random.default_rng(number)
+    image = random.integers(30, 226, (*shape, 3)).astype(np.uint8)
+    image = cv2.GaussianBlur(image, (0, 0), 0.8)
+    blocks = random.integers(5, 251, (shape[0] // 40, shape[1] // 40))
+    return image, np.kron(blocks, np.ones((40, 40))).astype(np.uint8)
+
+
+def pairs(law: BlurLaw, count: int = 6, shift: float = 0, noise: float = 0) -> list[MadePair]:
+    made = []
+    for number in range(count):
+        image, depth = scene(number)
+        light = decode(image) if law.linear else image.astype(np.float64)
+        blurred = blur_by_level(light, depth.astype(np.int64), law.kernels())
+        if shift:
+            blurred = move(blurred, shift * np.sin(number), shift * np.cos(number))
+        gain = law.gain if law.even else 1 + 0.05 * np.sin(number)
+        blurred = gain * blurred + law.offset
+        grey = encode(blurred) if law.linear else blurred
+        images = [image, grey]
+        if noise:
+            random = np.random.default_rng(100 + number)
+            images = [each + noise * random.normal(size=image.shape) for each in images]
+        infocus, defocus = (np.clip(np.rint(i), 0, 255).astype(np.uint8) for i in images)
+        made.append(MadePair(infocus, defocus, depth, depth > 0))
+    return made
+
+
+@pytest.mark.parametrize("curve", [RISING, FOCUSED], ids=["rising", "focused inside"])
+@pytest.mark.parametrize("exponent", [2.0, 8.0])
+def test_the_widths_and_the_shape_are_found(curve: NDArray[np.float64], exponent: float) -> None:
+    law = BlurLaw(tuple(curve.tolist()), exponent)
+    found = calibrate(pairs(law))
+    assert found.law.exponent == exponent
+    assert (found.law.linear, found.law.registered, found.law.even) == (False, True, True)
+    seen = found.pixels > 0
+    assert 20 < seen.sum() < 200
+    # Levels that the pairs lack lie on the curve too.
+    error = np.abs(np.array(found.law.sigmas) - curve)
+    assert error[10:246].max() < 0.12
+    assert np.sqrt(np.mean(error[seen] ** 2)) < 0.03
+    assert max(found.law.noise) < 1
+
+
+def test_gain_and_offset_are_found() -> None:
+    law = BlurLaw(tuple(RISING.tolist()), gain=0.9, offset=12.0)
+    found = calibrate(pairs(law)).law
+    assert (found.gain, found.offset) == pytest.approx((0.9, 12.0), abs=0.3)
+    assert found.gain == pytest.approx(0.9, abs=0.01)
+    assert np.abs(np.array(found.sigmas) - RISING)[10:246].max() < 0.1
+
+
+def test_pairs_that_are_moved_or_brightened_each_its_own_way_are_told() -> None:
+    moved = calibrate(pairs(BlurLaw(tuple(RISING.tolist())), shift=0.6)).law
+    assert (moved.registered, moved.even) == (False, True)
+    bright = calibrate(pairs(BlurLaw(tuple(RISING.tolist()), even=False))).law
+    assert (bright.registered, bright.even) == (True, False)
+    for law in (moved, bright):
+        assert np.abs(np.array(law.sigmas) - RISING)[10:246].max() < 0.15
+
+
+def test_light_and_noise_are_told_from_grey_levels_without() -> None:
+    law = BlurLaw(tuple(RISING.tolist()), exponent=32.0, linear=True)
+    assert calibrate(pairs(law)).law.linear
+    noisy = calibrate(pairs(BlurLaw(tuple(RISING.tolist())), noise=4)).law
+    assert not noisy.linear
+    assert np.median(noisy.noise) == pytest.approx(4, rel=0.15)
+    assert noisy.registered
+
+
+def test_it_is_kept_and_taken_back_whole() -> None:
+    found = calibrate(pairs(BlurLaw(tuple(RISING.tolist())), 2))
+    again = Calibration.of(found.as_learned())
+    assert again.law == found.law
+    for name in ("measured", "pixels", "residual"):
+        assert np.array_equal(getattr(again, name), getattr(found, name), equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        [],
+        [
+            MadePair(
+                *(np.full((60, 60, 3), 90, np.uint8),) * 2,
+                np.full((60, 60), 9, np.uint8),
+                np.ones((60, 60), bool),
+            )
+        ],
+    ],
+    ids=["none", "without texture"],
+)
+def test_pairs_that_show_nothing_are_refused(made: Sequence[MadePair]) -> None:
+    with pytest.raises(MethodError, match="training pair"):
+        calibrate(made)
+
+
+@pytest.mark.parametrize("name", ["local", "graph-cuts", "graph-cuts-rounded"])
+def test_a_method_that_is_fitted_finds_depth_where_no_line_would(name: str) -> None:
+    law = BlurLaw(tuple(FOCUSED.tolist()), exponent=8.0)
+    method = load_method(name, {"recipe": None}, {})
+    assert isinstance(method.predict, Calibrated)
+    with pytest.raises(MethodError, match="not told the blur, and was not fitted"):
+        method.predict(*scene(9)[:1] * 2)
+    assert method.fit is not None
+    method.predict.restore(dict(calibrate(pairs(law)).as_learned()))
+    infocus, defocus, depth, _ = pairs(law, 1)[0]
+    # The same blur on both sides of the focus: either level is right.
+    found = FOCUSED[np.asarray(method.predict(infocus, defocus)).astype(int)]
+    assert np.median(np.abs(found - FOCUSED[depth])) < 0.03
+    assert load_method(name, {}, {}).fit is None
+
+
+def test_a_law_can_be_given_by_a_file(tmp_path: object) -> None:
+    law = BlurLaw(tuple(RISING.tolist()))
+    infocus, defocus, depth, _ = pairs(law, 1)[0]
+    told = load("graph-cuts", recipe=law)(infocus, defocus)
+    fields = load("graph-cuts", recipe=law.as_dict())(infocus, defocus)
+    assert np.array_equal(told, fields)
+    assert np.median(np.abs(told - depth.astype(float))) <= 1
