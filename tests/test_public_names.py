@@ -34,9 +34,14 @@ def test_methods_keep_their_entries_since_sealed_results_name_them() -> None:
 BUILT_IN = {
     "constant": "dfdbench.methods.baselines:Constant",
     "dfd-net": "dfdbench.methods.learned:DfDNetMethod",
+    "favaro-soatto": "dfdbench.methods.favaro_soatto:FavaroSoatto",
     "graph-cuts": "dfdbench.methods.graph_cuts:GraphCuts",
     "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
+    "guided": "dfdbench.methods.guided:Guided",
     "local": "dfdbench.methods.baselines:Local",
+    "rational-filters": "dfdbench.methods.rational_filters:RationalFilters",
+    "s-transform": "dfdbench.methods.s_transform:STransform",
+    "sgm": "dfdbench.methods.sgm:SemiGlobal",
     "u-net": "dfdbench.methods.learned:UNetMethod",
 }
 

@@ -1,0 +1,259 @@
+"""Favaro and Soatto's operators: which pairs of patches a depth makes possible, by training."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numba
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from dfdbench.errors import MethodError
+from dfdbench.methods.fit import Learned, TrainingPair
+from dfdbench.methods.fitted import (
+    Image,
+    evenly_spread,
+    learned_array,
+    not_fitted,
+    nothing_to_fit,
+    odd_window,
+    wrong,
+)
+from dfdbench.methods.winner import least_label
+
+_NAME = "favaro-soatto"
+_LEVELS = 256
+# Of a training pair and a group of levels. With 64 pairs the sums of the integer products stay
+# below 2^53: exact in float64, whatever order they are added in.
+_PATCHES = 500
+# What weights are rounded to: as fine as it has to be, since images have whole grey levels.
+_STEP = 2.0**-14
+
+Array = NDArray[Any]
+
+
+class FavaroSoatto:
+    """Depth by the operators of training patches: no point-spread function is known or estimated.
+
+    A sharp patch and the blurred patch at its middle, stacked to one vector, lie in a subspace
+    that belongs to the depth, since the one determines the other. Of each group of depth levels
+    the training pairs' vectors give, by a singular value decomposition, the orthogonal
+    complement of that subspace. A pixel takes the group whose complement has the least part of
+    its own vector, summed over a window, and the minimum of a parabola through that and its
+    neighbours.
+
+    Parameters
+    ----------
+    sharp_patch, blurred_patch : int
+        Sides of the two patches in pixels, odd, the blurred one the smaller. The sharp patch
+        should reach as far as the blur does.
+    groups : int
+        How many groups the 256 levels are divided into, 2 to 128.
+    window : int
+        Side of the window that residuals are summed over, in pixels, odd.
+
+    Raises
+    ------
+    MethodError
+        For a parameter out of range, all of them named; at a call before a fit.
+
+    Notes
+    -----
+    Favaro and Soatto 2005, sections 3 and 4. There both images are blurred and patches of one
+    size; here one is sharp, so that it may be taken larger, and the complement has as many
+    dimensions as the blurred patch has pixels: that many numbers follow from the sharp patch.
+    The mean of the sharp patch is taken from both. Groups of which the training pairs show
+    hardly a patch are never answered.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> from dfdbench.blur import RECIPES, synthesize
+    >>> image = np.random.default_rng(0).integers(0, 256, (64, 120, 3)).astype(np.uint8)
+    >>> depth = np.repeat(np.array([[40, 120, 200]], np.uint8), 64, 0).repeat(40, 1)
+    >>> defocus = synthesize(image, depth, RECIPES["published"])
+    >>> pair = SimpleNamespace(infocus=image, defocus=defocus, depth=depth, valid=depth > 0)
+    >>> method = FavaroSoatto()
+    >>> method.restore(method.fit([pair]))
+    >>> bool(np.abs(method(image, defocus)[32, 20::40] - [40, 120, 200]).max() < 5)
+    True
+    """
+
+    paper = "Favaro and Soatto, A geometric approach to shape from defocus, PAMI 2005"
+
+    def __init__(
+        self, sharp_patch: int = 13, blurred_patch: int = 3, groups: int = 64, window: int = 7
+    ) -> None:
+        problems = odd_window("sharp_patch", sharp_patch, most=21)
+        problems += odd_window("blurred_patch", blurred_patch, most=21)
+        if not problems and not 1 < blurred_patch < sharp_patch:
+            expected = f"above 1, smaller than sharp_patch, {sharp_patch}"
+            problems.append(wrong("blurred_patch", expected, blurred_patch))
+        if not isinstance(groups, int) or not 2 <= groups <= _LEVELS // 2:
+            problems.append(wrong("groups", f"2 to {_LEVELS // 2}", groups))
+        problems += odd_window("window", window)
+        if problems:
+            raise MethodError.of(problems)
+        self._sides = sharp_patch, blurred_patch
+        self._groups, self._window = groups, window
+        self._operators: NDArray[np.float32] | None = None
+
+    def fit(self, pairs: Sequence[TrainingPair]) -> Learned:
+        """Learn the operators: ``operators``, (group, dimension, pixel), and each one's ``depth``.
+
+        Raises
+        ------
+        MethodError
+            Where no group of levels has patches enough.
+        """
+        sharp, blurred = self._sides
+        size = sharp**2 + blurred**2
+        moments = np.zeros((self._groups, size, size))
+        counts, depths = np.zeros(self._groups, np.int64), np.zeros(self._groups, np.int64)
+        for index in evenly_spread(len(pairs)):
+            pair = pairs[index]
+            vectors = self._vectors(pair.infocus, pair.defocus)
+            groups = pair.depth.astype(np.int64) * self._groups // _LEVELS
+            known = np.zeros_like(pair.valid)
+            # Patches that lie within the image.
+            inside = (slice(sharp // 2, -(sharp // 2)),) * 2
+            known[inside] = pair.valid[inside]
+            for group in np.unique(groups[known]):
+                rows, columns = np.nonzero(known & (groups == group))
+                taken = evenly_spread(rows.size, _PATCHES)
+                rows, columns = rows[taken], columns[taken]
+                stacked = np.concatenate(
+                    [patches[rows, columns].reshape(rows.size, -1) for patches in vectors], axis=1
+                )
+                # Whole numbers: the sharp patch's mean is taken away, times its pixels.
+                stacked = sharp**2 * stacked - stacked[:, : sharp**2].sum(1, keepdims=True)
+                moments[group] += stacked.T @ stacked
+                counts[group] += rows.size
+                depths[group] += pair.depth[rows, columns].sum(dtype=np.int64)
+        enough = np.flatnonzero(counts >= 2 * size)
+        if not enough.size:
+            raise nothing_to_fit(
+                _NAME,
+                f"a group of levels with {2 * size} patches of known depth",
+                f"at most {counts.max()}",
+            )
+        operators = [_complement(moments[group], *self._sides) for group in enough]
+        return {
+            "operators": np.array(operators, np.float32),
+            "depth": depths[enough] / counts[enough],
+        }
+
+    def restore(self, learned: Learned) -> None:
+        """Take over what `fit` learned."""
+        operators = learned_array(learned, "operators", _NAME, 3).astype(np.float32)
+        self._depths = learned_array(learned, "depth", _NAME, 1)
+        sharp, blurred = self._sides
+        if operators.shape != (self._depths.size, blurred**2 - 1, sharp**2 + blurred**2):
+            raise MethodError(
+                "operators of other patches",
+                where=_NAME,
+                expected=f"{blurred**2 - 1} x {sharp**2 + blurred**2} numbers for each depth",
+                got=f"shape {operators.shape}",
+                fix="fit the method again",
+            )
+        # Up to a multiple of four with zeros, as the loops want it.
+        spare = -operators.shape[2] % 4
+        self._operators = np.pad(operators, ((0, 0), (0, 0), (0, spare)))
+
+    def warm_up(self, infocus: Image, defocus: Image) -> None:
+        """Compile what the first call would compile."""
+        self(infocus[:32, :32].copy(), defocus[:32, :32].copy())
+
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
+        if self._operators is None:
+            raise not_fitted(_NAME)
+        side, small = self._sides
+        sharp, blurred = (
+            np.pad(_grey(image), width // 2, mode="edge").astype(np.float32)
+            for image, width in ((infocus, side), (defocus, small))
+        )
+        shape = infocus.shape[:2]
+        costs = np.empty((len(self._operators), *shape), np.float32)
+        _residuals(sharp, blurred, side, small, self._operators, costs)
+        window = (self._window, self._window)
+        for cost in costs:
+            cv2.boxFilter(cost, cv2.CV_32F, window, cost, borderType=cv2.BORDER_REPLICATE)
+        best = least_label(costs)
+        # Between two groups, but not out into depths that no training pair has shown.
+        own, width = self._depths[np.rint(best).astype(np.int64)], _LEVELS / self._groups
+        depth = np.interp(best, np.arange(self._depths.size), self._depths)
+        return np.clip(depth, own - width, own + width).astype(np.float32)
+
+    def _vectors(self, infocus: Image, defocus: Image) -> list[NDArray[np.float64]]:
+        return [
+            sliding_window_view(np.pad(_grey(image), side // 2, mode="edge"), (side, side))
+            for image, side in zip((infocus, defocus), self._sides, strict=True)
+        ]
+
+
+def _grey(image: Image) -> NDArray[np.float64]:
+    # A sum, not a mean: whole numbers. A grey image counts as three equal channels.
+    channels = np.atleast_3d(image).astype(np.float64)
+    return np.asarray(channels.sum(2) * (3 // channels.shape[2]))
+
+
+def _complement(moment: Array, side: int, small: int) -> Array:
+    """Return the directions in which the vectors have least, as rows for images with their mean."""
+    sharp, dimensions = side**2, small**2 - 1
+    # Without its mean a sharp patch has nothing along its ones: no property of the depth.
+    ones = np.zeros(len(moment))
+    ones[:sharp] = 1 / math.sqrt(sharp)
+    lifted = moment + np.trace(moment) * np.outer(ones, ones)
+    rows = np.linalg.eigh(lifted)[1][:, :dimensions].T
+    # A vector's mean is taken away by these weights themselves, so that raw patches will do.
+    rows[:, :sharp] -= rows.sum(1, keepdims=True) / sharp
+    # Any rotation of the rows spans the same. This one is unique, where that of a decomposition
+    # depends on how many threads its library has; what is left of that the rounding takes.
+    turn, triangle = np.linalg.qr(rows[:, sharp : sharp + dimensions])
+    rows = np.sign(np.diag(triangle))[:, np.newaxis] * (turn.T @ rows)
+    rounded = np.rint(rows / _STEP) * _STEP
+    rounded[:, sharp // 2] -= rounded.sum(1)
+    # No minus zeros, whose bytes differ.
+    return np.asarray(rounded + 0.0)
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+def _residuals(
+    sharp: Array, blurred: Array, side: int, small: int, operators: Array, out: Array
+) -> None:
+    # One image row is in work at a time: of all its vectors a pixel is a row of memory.
+    groups, height, width = out.shape
+    dimensions, size = operators.shape[1:]
+    vectors = np.zeros((size, width), np.float32)
+    along = np.empty(width, np.float32)
+    for y in range(height):
+        for pixel in range(side * side):
+            row, column = pixel // side, pixel % side
+            vectors[pixel] = sharp[y + row, column : column + width]
+        for pixel in range(small * small):
+            row, column = pixel // small, pixel % small
+            vectors[side * side + pixel] = blurred[y + row, column : column + width]
+        for group in range(groups):
+            total = out[group, y]
+            total[:] = 0
+            for dimension in range(dimensions):
+                weights = operators[group, dimension]
+                along[:] = 0
+                # Four pixels at a time quarter the trips to `along`.
+                for pixel in range(0, size, 4):
+                    first, second = vectors[pixel], vectors[pixel + 1]
+                    third, fourth = vectors[pixel + 2], vectors[pixel + 3]
+                    for x in range(width):
+                        along[x] += (
+                            weights[pixel] * first[x]
+                            + weights[pixel + 1] * second[x]
+                            + weights[pixel + 2] * third[x]
+                            + weights[pixel + 3] * fourth[x]
+                        )
+                for x in range(width):
+                    total[x] += along[x] * along[x]

@@ -1,0 +1,138 @@
+"""What the methods that are fitted have in common: which pairs they look at, and what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import MethodError, Problem
+from dfdbench.methods.fit import Learned, TrainingPair
+
+Array = NDArray[Any]
+Image = NDArray[np.uint8]
+Fit = Callable[[Sequence[TrainingPair]], Learned]
+
+#: At most so many training pairs are read, evenly spread over all.
+MOST_PAIRS = 64
+# Entries of a table of depths, and pixels of a pair that go into it.
+_ENTRIES = 256
+_PIXELS = 20_000
+
+
+def evenly_spread(count: int, most: int = MOST_PAIRS) -> list[int]:
+    """Return the indices of at most `most` of `count` things, evenly spread.
+
+    Examples
+    --------
+    >>> evenly_spread(10, 4), evenly_spread(2, 4)
+    ([1, 3, 6, 8], [0, 1])
+    """
+    number = min(count, most)
+    return [(2 * index + 1) * count // (2 * number) for index in range(number)]
+
+
+def not_fitted(method: str) -> MethodError:
+    """Return the error of a method that was neither told the blur nor fitted."""
+    return MethodError(
+        "the method knows no blur yet",
+        where=method,
+        expected="a recipe, or a fit to training pairs",
+        fix="give recipe=NAME, or call restore(fit(pairs)) first",
+    )
+
+
+def nothing_to_fit(method: str, expected: str, got: str) -> MethodError:
+    """Return the error of a method that cannot be fitted to these pairs."""
+    return MethodError("nothing to fit to", where=method, expected=expected, got=got)
+
+
+def learned_array(learned: Learned, name: str, method: str, dimensions: int) -> Array:
+    """Return an array of what a fit learned, as float64.
+
+    Raises
+    ------
+    MethodError
+        Where it is not there, of other dimensions, or not finite.
+    """
+    found = np.asarray(learned.get(name, ()), np.float64)
+    if found.ndim != dimensions or not found.size or not np.isfinite(found).all():
+        raise MethodError(
+            "not what this method learns",
+            where=f"{method}: {name}",
+            expected=f"finite numbers, {dimensions} dimensions",
+            got=f"shape {found.shape}" if name in learned else "nothing",
+            fix="fit the method again",
+        )
+    return found
+
+
+def depth_table(
+    measure: Callable[[Image, Image], Array], pairs: Sequence[TrainingPair], method: str
+) -> Learned:
+    """Learn which depth goes with what a method measures.
+
+    The known pixels of the training pairs are sorted by what is measured there and cut into
+    groups of equal number; a group's median depth goes with its mean measure. Nothing is assumed
+    of the curve, not even that it rises.
+
+    Parameters
+    ----------
+    measure : callable
+        ``measure(infocus, defocus)``, float, shape (y, x).
+    pairs : sequence
+        Training pairs.
+    method : str
+        Its name, for errors.
+
+    Returns
+    -------
+    dict
+        ``measure``, ascending, and ``depth``: one-dimensional, of equal length.
+
+    Raises
+    ------
+    MethodError
+        Where no pair has a pixel of known depth.
+    """
+    measures, depths = [], []
+    for index in evenly_spread(len(pairs)):
+        pair = pairs[index]
+        known = np.flatnonzero(pair.valid)
+        known = known[evenly_spread(known.size, _PIXELS)]
+        measures.append(measure(pair.infocus, pair.defocus).ravel()[known])
+        depths.append(pair.depth.ravel()[known])
+    measured, depth = np.concatenate([[], *measures]), np.concatenate([[], *depths])
+    if not depth.size:
+        raise nothing_to_fit(method, "training pairs with known depth", "none")
+    groups = np.array_split(np.argsort(measured, kind="stable"), min(_ENTRIES, depth.size))
+    return {
+        "measure": np.array([measured[group].mean() for group in groups]),
+        "depth": np.array([np.median(depth[group]) for group in groups]),
+    }
+
+
+def channels_of(image: Image) -> NDArray[np.float32]:
+    """Return an image in float32 with an axis of channels, shape (y, x, channel)."""
+    return np.atleast_3d(image).astype(np.float32)
+
+
+def odd_window(name: str, value: Any, most: int = 255) -> list[Problem]:
+    """Return what is wrong with the side of a window in pixels: odd, positive, at most `most`."""
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    right = whole and 0 < value <= most and value % 2
+    return [] if right else [wrong(name, f"odd, 1 to {most}", value)]
+
+
+def number_within(name: str, value: Any, low: float, high: float) -> list[Problem]:
+    """Return what is wrong with a number that must be above `low`, at most `high`."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    right = number and low < value <= high
+    return [] if right else [wrong(name, f"above {low:g}, at most {high:g}", value)]
+
+
+def wrong(name: str, expected: str, got: Any) -> Problem:
+    """Return the problem of a parameter."""
+    return Problem("wrong parameter", where=name, expected=expected, got=repr(got))

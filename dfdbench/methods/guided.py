@@ -1,0 +1,103 @@
+"""A cost volume smoothed by the guided filter: every level by itself, then the winner."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.errors import MethodError
+from dfdbench.methods.calibrated import Calibrated
+from dfdbench.methods.fitted import Image, channels_of, number_within, odd_window
+from dfdbench.methods.level_costs import level_costs
+from dfdbench.methods.winner import least_label
+
+
+class Guided(Calibrated):
+    """Depth by the least cost, each level's costs smoothed but for the in-focus image's edges.
+
+    What a level costs a pixel is the squared difference between the defocus image and the
+    in-focus image blurred at it (`level_costs`). Within each window a level's costs are taken for
+    a line over the in-focus image's grey value; a pixel's cost is the mean of the lines of all
+    windows it is in. A pixel takes the level of least cost, and the minimum of a parabola.
+
+    Parameters
+    ----------
+    recipe : BlurRecipe or BlurLaw, optional
+        How the defocus images were made; without it the law is fitted.
+    window : int
+        Side of the square window in pixels, odd.
+    flatness : float
+        Variance in squared grey levels below which a window counts as flat, and its costs are
+        but averaged; epsilon of the paper.
+    limit : float
+        Nats above a pixel's least at which costs are cut off, so that one pixel that no level
+        explains cannot outvote a window.
+
+    Raises
+    ------
+    MethodError
+        For a parameter out of range, all of them named; at a call without recipe or fit.
+
+    Notes
+    -----
+    He, Sun and Tang 2013, with a grey guide, by box filters; for cost volumes: Hosni et al., Fast
+    cost-volume filtering for visual correspondence and beyond, PAMI 2013.
+
+    Examples
+    --------
+    >>> from dfdbench.blur import RECIPES, synthesize
+    >>> image = np.random.default_rng(0).integers(0, 256, (40, 40, 3)).astype(np.uint8)
+    >>> defocus = synthesize(image, np.full((40, 40), 120, np.uint8), RECIPES["published"])
+    >>> found = Guided(RECIPES["published"])(image, defocus)
+    >>> bool(np.abs(found - 120).max() < 2)
+    True
+    """
+
+    paper = "He, Sun and Tang, Guided image filtering, PAMI 2013"
+
+    def __init__(
+        self,
+        recipe: BlurRecipe | BlurLaw | None = None,
+        window: int = 7,
+        flatness: float = 100.0,
+        limit: float = 15.0,
+    ) -> None:
+        problems = odd_window("window", window)
+        problems += number_within("flatness", flatness, 0, 1e6)
+        problems += number_within("limit", limit, 0, 10000)
+        if problems:
+            raise MethodError.of(problems)
+        super().__init__(recipe)
+        self._limit = limit
+        self._window = (window, window)
+        self._flatness = np.float32(flatness)
+
+    def warm_up(self, infocus: Image, defocus: Image) -> None:
+        """Compile what the first call would compile."""
+        self(infocus[:32, :32].copy(), defocus[:32, :32].copy())
+
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
+        costs = level_costs(self.blur, infocus, defocus, self._limit)
+        guide = channels_of(infocus).mean(2)
+        mean = self._box(guide)
+        spread = self._box(guide * guide) - mean * mean + self._flatness
+        smooth = np.empty((costs.shape[2], *costs.shape[:2]), np.float32)
+        for label, filtered in enumerate(smooth):
+            cost = costs[:, :, label].astype(np.float32)
+            average = self._box(cost)
+            slope = (self._box(guide * cost) - mean * average) / spread
+            start = average - slope * mean
+            filtered[:] = self._box(slope) * guide + self._box(start)
+        return np.asarray(self.blur.depth_of_level(least_label(smooth)), np.float32)
+
+    def _box(self, image: NDArray[Any]) -> NDArray[np.float32]:
+        return np.asarray(
+            cv2.boxFilter(image, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE),
+            np.float32,
+        )

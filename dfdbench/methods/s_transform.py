@@ -1,0 +1,126 @@
+"""The S-transform: how much the blur's variance grew, from a Laplacian and a difference."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.errors import MethodError
+from dfdbench.methods.fit import Learned
+from dfdbench.methods.fitted import (
+    Fit,
+    Image,
+    channels_of,
+    depth_table,
+    learned_array,
+    not_fitted,
+    number_within,
+    odd_window,
+)
+
+_NAME = "s-transform"
+# In squared grey levels a square pixel and window: where the Laplacian has less, there is no
+# texture, and the variance is taken for the middle one.
+_NO_TEXTURE = 1e-3
+_MIDDLE_VARIANCE = 3.0
+
+
+class STransform:
+    """Depth from the variance that the blur adds, in closed form.
+
+    Where an image is a cubic polynomial, a blur of variance v along each axis adds v / 2 times
+    its Laplacian, whatever the blur's shape. So the difference of the two images tells v: the
+    least squares over a window of ``defocus - infocus = v / 2 * laplacian``, with the Laplacian of
+    both images' mean.
+
+    Parameters
+    ----------
+    recipe : BlurRecipe or BlurLaw, optional
+        How the defocus images were made: its variances give the depth. Without it the method is
+        fitted: a table of v and depth from training pairs, as the paper calibrates its lens.
+    smoothing : float
+        Standard deviation in pixels of the Gaussian that both images are smoothed with first,
+        so that they come near to polynomials.
+    window : int
+        Side of the square window in pixels, odd.
+
+    Raises
+    ------
+    MethodError
+        For a parameter out of range, all of them named; at a call without recipe or fit.
+
+    Notes
+    -----
+    In the paper the variance is that of both axes together, 2 v. It smooths with a polynomial fit;
+    here a Gaussian does. It takes the root of a quotient of sums of squares; least squares also
+    tell its sign, and noise of the difference does not add to it.
+
+    Examples
+    --------
+    >>> from dfdbench.blur import RECIPES, synthesize
+    >>> image = np.random.default_rng(0).integers(0, 256, (60, 60, 3)).astype(np.uint8)
+    >>> image = cv2.GaussianBlur(image, (0, 0), 3)
+    >>> defocus = synthesize(image, np.full((60, 60), 120, np.uint8), RECIPES["published"])
+    >>> found = STransform(RECIPES["published"])(image, defocus)
+    >>> bool(abs(np.median(found) - 120) < 10)
+    True
+    """
+
+    paper = "Subbarao and Surya, Depth from defocus: a spatial domain approach, IJCV 1994"
+
+    def __init__(
+        self, recipe: BlurRecipe | BlurLaw | None = None, smoothing: float = 2.5, window: int = 9
+    ) -> None:
+        problems = number_within("smoothing", smoothing, 0, 20) + odd_window("window", window)
+        if problems:
+            raise MethodError.of(problems)
+        self._recipe = recipe
+        self._smoothing = float(smoothing)
+        self._window = (window, window)
+        self._variances: NDArray[np.float64] | None = None
+        if recipe is not None:
+            variances = np.square(recipe.sigmas)
+            levels = np.argsort(variances, kind="stable")
+            self._variances = variances[levels]
+            self._depths = recipe.depth_of_level(levels)
+
+    @property
+    def fit(self) -> Fit | None:
+        """What learns the table of variance and depth; None where a recipe tells it."""
+        if self._recipe is not None:
+            return None
+        return lambda pairs: depth_table(self.variance, pairs, _NAME)
+
+    def restore(self, learned: Learned) -> None:
+        """Take over what `fit` learned."""
+        self._variances = learned_array(learned, "measure", _NAME, 1)
+        self._depths = learned_array(learned, "depth", _NAME, 1)
+
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
+        if self._variances is None:
+            raise not_fitted(_NAME)
+        depth = np.interp(self.variance(infocus, defocus), self._variances, self._depths)
+        return np.asarray(depth, np.float32)
+
+    def variance(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return what the blur adds to the variance along an axis, square pixels, shape (y, x)."""
+        sharp, blurred = (self._smoothed(image) for image in (infocus, defocus))
+        edge = cv2.BORDER_REPLICATE
+        mean = (sharp + blurred) / 2
+        laplacian = np.atleast_3d(cv2.Laplacian(mean, cv2.CV_32F, borderType=edge))
+        along, square = (
+            cv2.boxFilter(products.sum(2), cv2.CV_32F, self._window, borderType=edge)
+            for products in ((blurred - sharp) * laplacian, laplacian**2)
+        )
+        rest = _NO_TEXTURE * _MIDDLE_VARIANCE
+        return np.asarray((2 * along + rest) / (square + _NO_TEXTURE), np.float32)
+
+    def _smoothed(self, image: Image) -> NDArray[np.float32]:
+        smooth = cv2.GaussianBlur(
+            channels_of(image), (0, 0), self._smoothing, borderType=cv2.BORDER_REPLICATE
+        )
+        return np.asarray(np.atleast_3d(smooth), np.float32)

@@ -1,0 +1,168 @@
+"""Semi-global matching over the cost of each depth level."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.errors import MethodError
+from dfdbench.methods.calibrated import Calibrated
+from dfdbench.methods.fitted import Image, number_within, wrong
+from dfdbench.methods.level_costs import UNIT, level_costs
+from dfdbench.methods.winner import least_label
+
+# Sums over eight paths are kept in 16 bits.
+_MOST = 65535 // 8
+# Above any cost of a path.
+_FAR = np.int32(2**29)
+# The four directions that a sweep from the upper left comes from, as rows and columns; a sweep
+# from the lower right comes from the other four.
+_FROM = np.array([[0, -1], [-1, -1], [-1, 0], [-1, 1]])
+
+Array = NDArray[Any]
+
+
+class SemiGlobal(Calibrated):
+    """Depth by the sum of eight paths' least costs: smoothness along lines, not over the image.
+
+    What a level costs a pixel is the squared difference between the defocus image and the
+    in-focus image blurred at it (`level_costs`). Along each of eight directions the least cost of
+    a path that ends at a pixel with a level is found by dynamic programming; a step of one level
+    costs `small_step`, a larger one `large_step`. A pixel takes the level of the least sum over
+    the eight, and the minimum of a parabola.
+
+    Parameters
+    ----------
+    recipe : BlurRecipe or BlurLaw, optional
+        How the defocus images were made; without it the law is fitted.
+    small_step, large_step : float
+        P1 and P2 of the paper, in nats (factors e of probability); the second not below the
+        first.
+    limit : float
+        Nats above a pixel's least at which costs are cut off.
+
+    Raises
+    ------
+    MethodError
+        For a parameter out of range, all of them named; at a call without recipe or fit.
+
+    Notes
+    -----
+    Hirschmüller 2008, Eq. 13 and 14, with a constant P2.
+
+    Examples
+    --------
+    >>> from dfdbench.blur import RECIPES, synthesize
+    >>> image = np.random.default_rng(0).integers(0, 256, (40, 40, 3)).astype(np.uint8)
+    >>> defocus = synthesize(image, np.full((40, 40), 120, np.uint8), RECIPES["published"])
+    >>> found = SemiGlobal(RECIPES["published"])(image, defocus)
+    >>> bool(np.abs(found - 120).mean() < 1)
+    True
+    """
+
+    paper = (
+        "Hirschmüller, Stereo processing by semiglobal matching and mutual information, PAMI 2008"
+    )
+
+    def __init__(
+        self,
+        recipe: BlurRecipe | BlurLaw | None = None,
+        small_step: float = 0.5,
+        large_step: float = 15.0,
+        limit: float = 100.0,
+    ) -> None:
+        most = _MOST // (2 * UNIT)
+        problems = number_within("small_step", small_step, 0, most)
+        problems += number_within("large_step", large_step, 0, most)
+        if not problems and large_step < small_step:
+            problems.append(wrong("large_step", f"small_step, {small_step}, or more", large_step))
+        problems += number_within("limit", limit, 0, most)
+        if problems:
+            raise MethodError.of(problems)
+        super().__init__(recipe)
+        self._limit = limit
+        self._steps = round(UNIT * small_step), round(UNIT * large_step)
+
+    def warm_up(self, infocus: Image, defocus: Image) -> None:
+        """Compile what the first call would compile."""
+        self(infocus[:32, :32].copy(), defocus[:32, :32].copy())
+
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
+        sums = path_costs(level_costs(self.blur, infocus, defocus, self._limit), *self._steps)
+        return np.asarray(
+            self.blur.depth_of_level(least_label(np.moveaxis(sums, 2, 0))), np.float32
+        )
+
+
+def path_costs(costs: NDArray[np.uint16], small: int, large: int) -> NDArray[np.uint16]:
+    """Return the sum over eight directions of the least cost of a path to each pixel and label.
+
+    Parameters
+    ----------
+    costs : ndarray of uint16, shape (y, x, label)
+        At most 8191 less `large`.
+    small, large : int
+        P1 and P2.
+
+    Notes
+    -----
+    ``L_r(p, d) = C(p, d) + min(L_r(p - r, d), L_r(p - r, d - 1) + P1, L_r(p - r, d + 1) + P1,
+    min_i L_r(p - r, i) + P2) - min_i L_r(p - r, i)``, Eq. 13 of the paper.
+
+    Examples
+    --------
+    >>> path_costs(np.array([[[0, 2], [3, 0]]], np.uint16), 1, 1).tolist()
+    [[[1, 16], [24, 1]]]
+    """
+    sums = np.zeros(costs.shape, np.uint16)
+    _sweeps(costs, np.int32(small), np.int32(large), sums)
+    return sums
+
+
+@numba.njit(cache=True, nogil=True)
+def _sweeps(costs: Array, small: Any, large: Any, sums: Array) -> None:
+    height, width, labels = costs.shape
+    # Two rows of path costs a direction, one spare label at either end.
+    paths = np.full((2, 4, width, labels + 2), _FAR, np.int32)
+    least = np.zeros((2, 4, width), np.int32)
+    start = np.zeros(labels + 2, np.int32)
+    for backwards in range(2):
+        for row in range(height):
+            y = height - 1 - row if backwards else row
+            now, before = row % 2, (row + 1) % 2
+            for column in range(width):
+                x = width - 1 - column if backwards else column
+                for direction in range(4):
+                    there = column + _FROM[direction, 1]
+                    level = now if _FROM[direction, 0] == 0 else before
+                    begins = there < 0 or there >= width or (level == before and row == 0)
+                    least[now, direction, column] = _step(
+                        costs[y, x],
+                        start if begins else paths[level, direction, there],
+                        0 if begins else least[level, direction, there],
+                        small,
+                        large,
+                        paths[now, direction, column],
+                        sums[y, x],
+                    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _step(
+    cost: Array, before: Array, least: Any, small: Any, large: Any, now: Array, total: Array
+) -> Any:
+    """Write the path costs of one pixel and direction, add them to the sums, return their least."""
+    best, jump = _FAR, least + large
+    for label in range(cost.size):
+        way = min(min(before[label], before[label + 2]) + small, before[label + 1])
+        value = np.int32(np.int32(cost[label]) + min(way, jump) - least)
+        now[label + 1] = value
+        total[label] += np.uint16(value)
+        best = min(best, value)
+    return best

@@ -1,0 +1,63 @@
+"""Fronto-parallel planes and slopes of made texture, as pairs to predict and to fit to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.synthesis import synthesize
+from dfdbench.methods.calibration import calibrate
+from dfdbench.methods.fit import Learned, check_learned
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class MadePair:
+    infocus: Image
+    defocus: Image
+    depth: Image
+    valid: NDArray[np.bool_]
+
+
+def texture(seed: int, height: int = 64, width: int = 80) -> Image:
+    """Return noise in which every octave has about the same contrast, as photographs have."""
+    random = np.random.default_rng(seed)
+    noise = random.standard_normal((height + 32, width + 32, 3)).astype(np.float32)
+    blurs = [noise, *(cv2.GaussianBlur(noise, (0, 0), 2.0**octave) for octave in range(4))]
+    bands = [(fine - coarse) / (fine - coarse).std() for fine, coarse in pairwise(blurs)]
+    image = 120 + 18 * np.sum(bands, axis=0)[16:-16, 16:-16]
+    return np.asarray(np.clip(np.rint(image), 0, 255), np.uint8)
+
+
+def pair_of(infocus: Image, depth: Image, recipe: BlurRecipe = RECIPES["published"]) -> MadePair:
+    return MadePair(infocus, synthesize(infocus, depth, recipe), depth, np.ones(depth.shape, bool))
+
+
+def plane(level: int, seed: int = 0, height: int = 64, width: int = 80) -> MadePair:
+    infocus = texture(seed, height, width)
+    return pair_of(infocus, np.full(infocus.shape[:2], level, np.uint8))
+
+
+def slope(seed: int, height: int = 96, width: int = 256) -> MadePair:
+    """Return a pair whose depth rises by less than a level a pixel, over nearly all levels."""
+    levels = np.linspace(4, 251, width).astype(np.uint8)
+    return pair_of(texture(seed, height, width), np.broadcast_to(levels, (height, width)).copy())
+
+
+def inside(depth: NDArray[Any], margin: int = 14) -> NDArray[Any]:
+    """Cut off what the image's edge has blurred."""
+    return depth[margin:-margin, margin:-margin]
+
+
+@cache
+def learned_law() -> Learned:
+    """Return what a calibrated method learns of slopes, measured once for all tests."""
+    return check_learned(calibrate([slope(seed) for seed in range(3)]).as_learned(), "mine")

@@ -1,0 +1,83 @@
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.errors import MethodError
+from dfdbench.methods.favaro_soatto import FavaroSoatto
+from tests.methods.made_planes import MadePair, inside, pair_of, plane, slope
+
+
+@cache
+def fitted() -> FavaroSoatto:
+    method = FavaroSoatto()
+    method.restore(method.fit([slope(seed) for seed in range(4)]))
+    return method
+
+
+@pytest.mark.parametrize("level", [20, 60, 120, 200, 240])
+def test_a_plane_is_found(level: int) -> None:
+    pair = plane(level, seed=50)
+    found = inside(fitted()(pair.infocus, pair.defocus))
+    assert np.abs(found - level).mean() < 5
+
+
+def test_a_law_and_a_shape_that_nobody_told_are_learned() -> None:
+    # A blur that grows with nearness, and a defocus image darker and lighter than the other.
+    recipe = BlurRecipe(0.4, 0.01, invert=False)
+
+    def changed(seed: int) -> MadePair:
+        made = slope(seed)
+        pair = pair_of(made.infocus, made.depth, recipe)
+        gain = (0.8 * pair.defocus + 15).astype(np.uint8)
+        return MadePair(pair.infocus, gain, pair.depth, pair.valid)
+
+    method = FavaroSoatto()
+    method.restore(method.fit([changed(seed) for seed in range(4)]))
+    pair = changed(9)
+    assert np.abs(inside(method(pair.infocus, pair.defocus) - pair.depth)).mean() < 5
+
+
+def test_pixels_of_unknown_depth_are_not_learned_from() -> None:
+    pair = slope(1)
+    spoilt = pair.depth.copy()
+    spoilt[:48] = 3
+    half = pair.valid.copy()
+    half[:48] = False
+    learned = FavaroSoatto(groups=16).fit([MadePair(pair.infocus, pair.defocus, spoilt, half)])
+    whole = MadePair(pair.infocus, pair.defocus, pair.depth, half)
+    assert np.array_equal(learned["operators"], FavaroSoatto(groups=16).fit([whole])["operators"])
+
+
+def test_an_operator_has_unit_rows_and_is_blind_to_brightness() -> None:
+    operators: Any = FavaroSoatto(groups=4).fit([slope(seed) for seed in range(2)])["operators"]
+    assert operators.shape == (4, 8, 13**2 + 3**2)
+    assert np.all(operators.sum(2, dtype=np.float64) == 0)
+    np.testing.assert_allclose(np.linalg.norm(operators, axis=2), 1, atol=0.1)
+
+
+def test_depths_that_were_never_seen_are_never_answered() -> None:
+    method = FavaroSoatto()
+    seen = [plane(level, seed) for seed, level in enumerate((100, 110, 120))]
+    method.restore(method.fit(seen))
+    pair = plane(30, seed=9)
+    found = method(pair.infocus, pair.defocus)
+    assert 100 <= found.min() <= found.max() <= 120
+
+
+def test_operators_of_other_patches_are_refused() -> None:
+    learned = FavaroSoatto(sharp_patch=9, groups=4).fit([slope(0)])
+    with pytest.raises(MethodError, match="other patches"):
+        FavaroSoatto(groups=4).restore(learned)
+
+
+def test_wrong_parameters_are_all_named() -> None:
+    with pytest.raises(MethodError) as caught:
+        FavaroSoatto(sharp_patch=4, blurred_patch=0, groups=1, window=2)
+    named = [problem.where for problem in caught.value.problems]
+    assert named == ["sharp_patch", "blurred_patch", "groups", "window"]
+    for size in (1, 5):
+        with pytest.raises(MethodError, match="blurred_patch"):
+            FavaroSoatto(sharp_patch=5, blurred_patch=size)

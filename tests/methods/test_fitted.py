@@ -1,0 +1,149 @@
+"""What is asked of every method that is told the blur or fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.errors import MethodError
+from dfdbench.methods.fit import restore, teach
+from dfdbench.methods.fitted import depth_table, evenly_spread, learned_array
+from dfdbench.methods.method import Predict
+from dfdbench.methods.registry import load, load_method
+from tests.methods.made_planes import MadePair, slope, texture
+
+NAMES = ["favaro-soatto", "guided", "rational-filters", "s-transform", "sgm"]
+
+
+@cache
+def ready(name: str) -> Predict:
+    """Return the method, told the blur, or fitted where it takes no recipe."""
+    if name != "favaro-soatto":
+        return load(name, recipe=RECIPES["published"])
+    method = load_method(name, {}, {})
+    teach(method, [slope(seed) for seed in range(2)])
+    return method.predict
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 2), (33, 47), (40, 7)])
+def test_any_size_gives_a_depth_map(name: str, shape: tuple[int, int]) -> None:
+    image = texture(3, *shape)
+    found = ready(name)(image, image)
+    assert (found.shape, found.dtype) == (shape, np.float32)
+    assert np.isfinite(found).all()
+    assert 0 <= found.min() <= found.max() <= 255
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_grey_image_counts_as_much_as_three_equal_channels(name: str) -> None:
+    pair = slope(1, 40, 60)
+    three = [np.repeat(image[..., :1], 3, axis=2) for image in (pair.infocus, pair.defocus)]
+    one = [image[..., 0].copy() for image in (pair.infocus, pair.defocus)]
+    method = ready(name)
+    first, second = method(*three), method(*one)
+    assert second.shape == (40, 60)
+    assert np.abs(first - second).mean() < 6
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("value", [0, 128, 255])
+def test_an_image_without_texture_gives_levels(name: str, value: int) -> None:
+    flat = np.full((20, 30, 3), value, np.uint8)
+    found = ready(name)(flat, flat)
+    assert np.isfinite(found).all()
+    assert 0 <= found.min() <= found.max() <= 255
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_number_of_threads_changes_no_byte(name: str) -> None:
+    pair = slope(2, 70, 90)
+    method = ready(name)
+    before = cv2.getNumThreads()
+    try:
+        cv2.setNumThreads(1)
+        alone = method(pair.infocus, pair.defocus)
+        cv2.setNumThreads(2)
+        together = method(pair.infocus, pair.defocus)
+    finally:
+        cv2.setNumThreads(before)
+    assert alone.tobytes() == together.tobytes()
+
+
+# The others learn a blur law: `tests/methods/test_calibration.py`.
+@pytest.mark.parametrize("name", ["favaro-soatto", "s-transform"])
+def test_what_is_learned_is_all_that_is_needed_and_the_same_each_time(name: str) -> None:
+    pairs = [slope(seed) for seed in range(2)]
+    first, other = load_method(name, {}, {}), load_method(name, {}, {})
+    learned = teach(first, pairs).learned
+    again = teach(other, pairs).learned
+    assert learned is not None
+    assert again is not None
+    assert same(learned, again)
+    fresh = load_method(name, {}, {})
+    restore(fresh, learned)
+    pair = slope(7, 40, 60)
+    found = [method.predict(pair.infocus, pair.defocus) for method in (first, fresh)]
+    assert np.array_equal(*found)
+
+
+def same(first: Mapping[str, Any], second: Mapping[str, Any]) -> bool:
+    equal = (np.asarray(first[key]).tobytes() == np.asarray(second[key]).tobytes() for key in first)
+    return set(first) == set(second) and all(equal)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_neither_told_nor_fitted_says_what_to_do(name: str) -> None:
+    image = texture(0, 20, 20)
+    with pytest.raises(MethodError, match="restore"):
+        load(name)(image, image)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_pairs_of_unknown_depth_are_refused(name: str) -> None:
+    pair = slope(1, 40, 60)
+    unknown = MadePair(pair.infocus, pair.defocus, pair.depth, np.zeros_like(pair.valid))
+    for pairs in ([], [unknown]):
+        with pytest.raises(MethodError, match=r"nothing to fit to|no pair|do not show"):
+            load(name).fit(pairs)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_another_method_learned_is_refused(name: str) -> None:
+    method = load_method(name, {}, {})
+    with pytest.raises(MethodError, match=r"not what this method learns|does not take back"):
+        restore(method, {"other": np.ones(3)})
+
+
+def test_a_table_follows_a_curve_that_turns_and_leaves_unknown_pixels_out() -> None:
+    random = np.random.default_rng(0)
+    depth = random.integers(0, 256, (300, 300)).astype(np.uint8)
+    valid = random.random((300, 300)) < 0.5
+    depth[~valid] = 0
+    infocus = np.abs(depth[..., np.newaxis].astype(int) - 100).astype(np.uint8)
+    infocus[~valid] = 255
+    pair = MadePair(infocus, infocus, depth, valid)
+    table = depth_table(lambda sharp, _: sharp[..., 0].astype(float), [pair], "mine")
+    measure, found = np.asarray(table["measure"]), np.asarray(table["depth"])
+    assert measure.max() <= 155
+    far = measure > 101
+    np.testing.assert_allclose(found[far], measure[far] + 100, atol=2)
+
+
+@pytest.mark.parametrize("count", [1, 5, 64, 65, 1000])
+def test_indices_are_spread_over_all(count: int) -> None:
+    found = evenly_spread(count, 64)
+    assert len(found) == len(set(found)) == min(count, 64)
+    assert min(found) + max(found) in (count - 1, count)
+
+
+@pytest.mark.parametrize("value", [[[1.0]], [np.nan], []])
+def test_an_array_of_another_shape_or_with_gaps_is_refused(value: Any) -> None:
+    with pytest.raises(MethodError, match="mine: table"):
+        learned_array({"table": np.array(value)}, "table", "mine", 1)

@@ -1,0 +1,69 @@
+import cv2
+import numpy as np
+import pytest
+
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.errors import MethodError
+from dfdbench.methods.baselines import Local
+from dfdbench.methods.guided import Guided
+from dfdbench.methods.level_costs import level_costs
+from tests.methods.made_planes import inside, learned_law, pair_of, plane, slope, texture
+
+PUBLISHED = RECIPES["published"]
+
+
+@pytest.mark.parametrize("level", [5, 60, 120, 200, 250])
+def test_a_plane_is_found(level: int) -> None:
+    pair = plane(level)
+    found = inside(Guided(PUBLISHED)(pair.infocus, pair.defocus))
+    assert np.abs(found - level).mean() < 1.5
+
+
+def test_it_keeps_an_edge_that_the_image_shows_better_than_a_window_does() -> None:
+    infocus = texture(4)
+    infocus[:, 40:] = np.clip(infocus[:, 40:].astype(int) + 90, 0, 255)
+    depth = np.full((64, 80), 60, np.uint8)
+    depth[:, 40:] = 190
+    pair = pair_of(infocus, depth)
+    errors = [
+        np.abs(method(pair.infocus, pair.defocus) - depth)[:, 30:50].mean()
+        for method in (Guided(PUBLISHED), Local(PUBLISHED))
+    ]
+    assert errors[0] < 0.8 * errors[1]
+
+
+def test_where_all_windows_count_as_flat_it_averages_twice() -> None:
+    pair = plane(120)
+    flat = Guided(PUBLISHED, flatness=1e6, window=5)
+    twice = level_costs(PUBLISHED, pair.infocus, pair.defocus, 15).astype(np.float32)
+    for _ in range(2):
+        bands = [
+            cv2.boxFilter(
+                np.ascontiguousarray(twice[..., label]),
+                cv2.CV_32F,
+                (5, 5),
+                borderType=cv2.BORDER_REPLICATE,
+            )
+            for label in range(256)
+        ]
+        twice = np.stack(bands, axis=2)
+    expected = 255 - twice.argmin(2)
+    assert np.median(np.abs(flat(pair.infocus, pair.defocus) - expected)) <= 1
+
+
+def test_fitted_it_does_about_as_well_as_told() -> None:
+    told, fitted = Guided(PUBLISHED), Guided()
+    assert fitted.fit is not None
+    fitted.restore(learned_law())
+    pair = slope(9)
+    errors = [
+        np.abs(inside(method(pair.infocus, pair.defocus) - pair.depth)).mean()
+        for method in (told, fitted)
+    ]
+    assert errors[1] < errors[0] + 1.5
+
+
+def test_wrong_parameters_are_all_named() -> None:
+    with pytest.raises(MethodError) as caught:
+        Guided(PUBLISHED, window=6, flatness=-1, limit=0)
+    assert [problem.where for problem in caught.value.problems] == ["window", "flatness", "limit"]

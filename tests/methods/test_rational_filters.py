@@ -1,0 +1,73 @@
+import cv2
+import numpy as np
+import pytest
+
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.errors import MethodError
+from dfdbench.methods.rational_filters import RationalFilters, design
+from tests.methods.made_planes import inside, learned_law, pair_of, plane, slope, texture
+
+PUBLISHED = RECIPES["published"]
+
+
+@pytest.mark.parametrize("level", [20, 60, 120, 200, 240])
+def test_a_plane_is_found(level: int) -> None:
+    pair = plane(level)
+    found = inside(RationalFilters(PUBLISHED)(pair.infocus, pair.defocus))
+    assert np.abs(found - level).mean() < 8
+
+
+@pytest.mark.parametrize("frequency", [0.3, 0.7, 1.2])
+def test_one_set_of_filters_holds_for_waves_of_different_frequencies(frequency: float) -> None:
+    before, filters = design(0.32, 3.19, 2.0, 27)
+    wave = np.tile(np.cos(frequency * np.arange(-40, 41)), (81, 1))
+
+    def passed(kernel: np.ndarray) -> float:
+        return float(cv2.filter2D(wave, cv2.CV_64F, kernel)[40, 40])
+
+    for width in (0.1, 0.4, 0.7):
+        sigma = 0.32 + width * (3.19 - 0.32)
+        left = np.exp(-((sigma * frequency) ** 2) / 2)
+        powers = width ** np.arange(4)
+        asked = passed(before) * (1 - left)
+        found = float(np.dot(powers, [passed(kernel) for kernel in filters])) * (1 + left)
+        assert found == pytest.approx(asked, abs=0.08 * passed(before))
+
+
+def test_filters_are_blind_to_brightness_and_symmetric() -> None:
+    before, filters = design(0.32, 3.19, 2.0, 27)
+    for kernel in (before, *filters):
+        assert abs(kernel.sum()) < 1e-9
+        np.testing.assert_allclose(kernel, kernel.T, atol=1e-12)
+        np.testing.assert_allclose(kernel, kernel[::-1], atol=1e-12)
+
+
+def test_it_follows_a_law_that_turns() -> None:
+    # In focus in the middle of the range: nothing tells the two sides apart, but the width.
+    sigmas = tuple((0.4 + np.abs(np.arange(256) - 60) * 0.012).tolist())
+    infocus = texture(6)
+    recipe = BlurRecipe(0.4, 0.012, invert=False)
+    pair = pair_of(infocus, np.full(infocus.shape[:2], 140, np.uint8), recipe)
+    found = RationalFilters(BlurLaw(sigmas))(pair.infocus, pair.defocus)
+    assert abs(float(np.median(found)) - 200) < 10
+
+
+def test_fitted_it_does_about_as_well_as_told() -> None:
+    told, fitted = RationalFilters(PUBLISHED), RationalFilters()
+    assert fitted.fit is not None
+    fitted.restore(learned_law())
+    pair = slope(9)
+    errors = [
+        np.abs(inside(method(pair.infocus, pair.defocus) - pair.depth)).mean()
+        for method in (told, fitted)
+    ]
+    assert errors[1] < errors[0] + 3
+
+
+def test_a_wrong_window_and_a_blur_without_depth_are_refused() -> None:
+    with pytest.raises(MethodError, match="window"):
+        RationalFilters(PUBLISHED, window=4)
+    pair = plane(3)
+    with pytest.raises(MethodError, match="same at every depth"):
+        RationalFilters(BlurLaw((1.0, 1.0)))(pair.infocus, pair.defocus)

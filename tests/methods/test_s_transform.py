@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.errors import MethodError
+from dfdbench.methods.s_transform import STransform
+from dfdbench.metrics.scores import correlation
+from tests.methods.made_planes import inside, pair_of, plane, slope, texture
+
+PUBLISHED = RECIPES["published"]
+
+
+# The larger the blur, the less it is a matter of the Laplacian alone.
+@pytest.mark.parametrize(("level", "tolerance"), [(20, 16), (60, 8), (120, 2), (200, 2), (250, 6)])
+def test_a_plane_is_found(level: int, tolerance: float) -> None:
+    pair = plane(level)
+    found = inside(STransform(PUBLISHED)(pair.infocus, pair.defocus))
+    assert np.abs(found - level).mean() < tolerance
+
+
+def test_its_variance_is_that_of_the_blur() -> None:
+    # Coarse texture: near enough to a cubic polynomial for the paper's theorem.
+    waves = 120 + 60 * np.sin(np.arange(90) / 9)[:, np.newaxis] * np.cos(np.arange(90) / 8)
+    infocus = np.repeat(waves[..., np.newaxis], 3, axis=2).round().astype(np.uint8)
+    recipe = BlurRecipe(1.0, 0.01)
+    pair = pair_of(infocus, np.full((90, 90), 155, np.uint8), recipe)
+    assert np.median(STransform().variance(pair.infocus, pair.defocus)) == pytest.approx(4, rel=0.1)
+
+
+def test_it_follows_a_recipe_that_is_not_inverted() -> None:
+    recipe = BlurRecipe(0.4, 0.04, levels=64, invert=False)
+    infocus = texture(2)
+    pair = pair_of(infocus, np.full(infocus.shape[:2], 40, np.uint8), recipe)
+    assert abs(float(np.median(STransform(recipe)(pair.infocus, pair.defocus))) - 40) < 4
+
+
+def test_fitted_it_does_about_as_well_as_told() -> None:
+    told, fitted = STransform(PUBLISHED), STransform()
+    assert told.fit is None
+    assert fitted.fit is not None
+    fitted.restore(fitted.fit([slope(seed) for seed in range(3)]))
+    pair = slope(9)
+    errors = [
+        np.abs(inside(method(pair.infocus, pair.defocus) - pair.depth)).mean()
+        for method in (told, fitted)
+    ]
+    assert errors[1] < 1.1 * errors[0] < 25
+
+
+def test_a_lens_the_other_way_round_is_learned() -> None:
+    recipe = BlurRecipe(0.4, 0.01, invert=False)
+    made = [pair_of(slope(seed).infocus, slope(seed).depth, recipe) for seed in range(2)]
+    method = STransform()
+    assert method.fit is not None
+    method.restore(method.fit(made[:1]))
+    found = method(made[1].infocus, made[1].defocus)
+    assert correlation(inside(made[1].depth), inside(found)) > 0.9
+
+
+def test_without_texture_it_stays_at_the_middle() -> None:
+    flat = np.full((20, 30, 3), 90, np.uint8)
+    found = STransform(PUBLISHED)(flat, flat)
+    assert 100 < found.min() <= found.max() < found.min() + 0.001 < 160
+
+
+def test_wrong_parameters_are_all_named() -> None:
+    with pytest.raises(MethodError) as caught:
+        STransform(PUBLISHED, smoothing=0, window=4)
+    assert [problem.where for problem in caught.value.problems] == ["smoothing", "window"]

@@ -1,0 +1,79 @@
+import itertools
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.errors import MethodError
+from dfdbench.methods.sgm import SemiGlobal, path_costs
+from tests.methods.made_planes import inside, learned_law, pair_of, plane, slope, texture
+
+PUBLISHED = RECIPES["published"]
+
+
+def by_definition(costs: NDArray[np.uint16], small: int, large: int) -> NDArray[np.int64]:
+    """Follow Eq. 13 of the paper, a pixel and a direction at a time."""
+    height, width, labels = costs.shape
+    total = np.zeros(costs.shape, np.int64)
+    away = np.abs(np.subtract.outer(np.arange(labels), np.arange(labels)))
+    steps = np.choose(np.minimum(away, 2), [0, small, large])
+    for down, right in itertools.product((-1, 0, 1), repeat=2):
+        if (down, right) == (0, 0):
+            continue
+        paths: dict[tuple[int, int], NDArray[np.int64]] = {}
+        for y in range(height)[:: -1 if down < 0 else 1]:
+            for x in range(width)[:: -1 if right < 0 else 1]:
+                before = paths.get((y - down, x - right))
+                paths[y, x] = costs[y, x].astype(np.int64)
+                if before is not None:
+                    paths[y, x] += (before + steps).min(1) - before.min()
+                total[y, x] += paths[y, x]
+    return total
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 2), (1, 7, 5), (6, 1, 4), (5, 8, 9)])
+def test_path_costs_are_those_of_the_definition(shape: tuple[int, int, int]) -> None:
+    costs = np.random.default_rng(0).integers(0, 60, shape).astype(np.uint16)
+    assert np.array_equal(path_costs(costs, 5, 17), by_definition(costs, 5, 17))
+
+
+def test_the_largest_costs_do_not_overflow() -> None:
+    costs = np.random.default_rng(0).choice([0, 4092], (12, 12, 6)).astype(np.uint16)
+    assert np.array_equal(path_costs(costs, 4092, 4092), by_definition(costs, 4092, 4092))
+
+
+@pytest.mark.parametrize("level", [5, 60, 120, 200, 250])
+def test_a_plane_is_found(level: int) -> None:
+    pair = plane(level)
+    found = inside(SemiGlobal(PUBLISHED)(pair.infocus, pair.defocus))
+    assert np.abs(found - level).mean() < 1
+
+
+def test_it_fills_what_has_no_texture_from_around() -> None:
+    infocus = texture(5)
+    infocus[20:40, 30:50] = 120
+    pair = pair_of(infocus, np.full((64, 80), 90, np.uint8))
+    found = SemiGlobal(PUBLISHED)(pair.infocus, pair.defocus)
+    assert np.abs(found[24:36, 34:46] - 90).max() < 5
+
+
+def test_fitted_it_does_about_as_well_as_told() -> None:
+    told, fitted = SemiGlobal(PUBLISHED), SemiGlobal()
+    assert fitted.fit is not None
+    fitted.restore(learned_law())
+    pair = slope(9)
+    errors = [
+        np.abs(inside(method(pair.infocus, pair.defocus) - pair.depth)).mean()
+        for method in (told, fitted)
+    ]
+    assert errors[1] < errors[0] + 1.5
+
+
+def test_wrong_parameters_are_all_named() -> None:
+    with pytest.raises(MethodError) as caught:
+        SemiGlobal(PUBLISHED, small_step=0, large_step=1e9, limit=0)
+    named = [problem.where for problem in caught.value.problems]
+    assert named == ["small_step", "large_step", "limit"]
+    with pytest.raises(MethodError, match="large_step"):
+        SemiGlobal(small_step=5, large_step=4)
