@@ -50,7 +50,8 @@ class STransform:
     Raises
     ------
     MethodError
-        For a parameter out of range, all of them named; at a call without recipe or fit.
+        For a parameter out of range, all of them named; for a law that turns; at a call without
+        recipe or fit.
 
     Notes
     -----
@@ -83,6 +84,14 @@ class STransform:
         self._variances: NDArray[np.float64] | None = None
         if recipe is not None:
             variances = np.square(recipe.sigmas)
+            rises = np.diff(variances)
+            if rises.min() < 0 < rises.max():
+                raise MethodError(
+                    "the blur neither rises nor falls with depth",
+                    where=_NAME,
+                    expected="one depth for a variance",
+                    fix="recipe=null fits a table of variance and depth",
+                )
             levels = np.argsort(variances, kind="stable")
             self._variances = variances[levels]
             self._depths = recipe.depth_of_level(levels)

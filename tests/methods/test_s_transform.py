@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.s_transform import STransform
@@ -32,6 +33,16 @@ def test_it_follows_a_recipe_that_is_not_inverted() -> None:
     infocus = texture(2)
     pair = pair_of(infocus, np.full(infocus.shape[:2], 40, np.uint8), recipe)
     assert abs(float(np.median(STransform(recipe)(pair.infocus, pair.defocus))) - 40) < 4
+
+
+def test_a_law_that_turns_is_refused_since_its_inverse_is_not_one_level() -> None:
+    sigmas = tuple((0.4 + np.abs(np.arange(256) - 128) * 0.015).tolist())
+    with pytest.raises(MethodError, match="recipe=null"):
+        STransform(BlurLaw(sigmas))
+    pair = plane(120)
+    falling = BlurLaw(tuple(PUBLISHED.sigmas[::-1].tolist()))
+    found = [STransform(blur)(pair.infocus, pair.defocus) for blur in (falling, PUBLISHED)]
+    np.testing.assert_allclose(*found, atol=1e-3)
 
 
 def test_fitted_it_does_about_as_well_as_told() -> None:
