@@ -106,7 +106,7 @@ def find_alignment(
 
 def undo(alignment: Alignment, defocus: NDArray[Any], offset: float = 0) -> Floats:
     """Return the defocus image moved back and with the in-focus image's brightness, (y, x, c)."""
-    back = np.asarray(defocus, np.float32)
+    back: NDArray[Any] = np.asarray(defocus, np.float32)
     if alignment.down or alignment.right:
         back = move(back.astype(np.float64), -alignment.down, -alignment.right)
     if offset or alignment.gain != 1:

@@ -89,8 +89,10 @@ class Local(Calibrated):
         blur = self.blur
         best = np.full(infocus.shape[:2], np.inf, np.float32)
         level = np.zeros(infocus.shape[:2], np.int64)
-        by_law = isinstance(blur, BlurLaw)
-        squares = _by_law(blur, infocus, defocus) if by_law else _by_recipe(blur, infocus, defocus)
+        if isinstance(blur, BlurLaw):
+            squares = _by_law(blur, infocus, defocus)
+        else:
+            squares = _by_recipe(blur, infocus, defocus)
         for candidate, cost in enumerate(squares):
             cost = cv2.boxFilter(cost, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE)
             better = cost < best

@@ -99,7 +99,7 @@ class Calibration:
         )
         sigmas, noise = (tuple(np.asarray(fields.pop(n)).tolist()) for n in ("sigmas", "noise"))
         rest = {name: np.asarray(value).item() for name, value in fields.items()}
-        return cls(BlurLaw(sigmas=sigmas, noise=noise, **rest), measured, pixels, residual)  # type: ignore[arg-type]
+        return cls(BlurLaw(sigmas=sigmas, noise=noise, **rest), measured, pixels, residual)
 
 
 def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
@@ -214,7 +214,7 @@ class _Sample:
         """Yield the grey levels that each width of the ladder would give."""
         for kernel in point_spread_functions(_LADDER, _KERNEL_SIZE, way.exponent):
             trial = blur(self.light, kernel)[self.counts][:, 0]
-            yield encode(trial) if way.linear else trial.astype(np.float64)
+            yield encode(trial.astype(np.float64)) if way.linear else trial.astype(np.float64)
 
 
 def _chosen(pairs: Sequence[TrainingPair]) -> Iterator[tuple[int, TrainingPair]]:
@@ -229,10 +229,9 @@ def _part(pair: TrainingPair, number: int) -> _Part:
     for size, turn in zip(pair.depth.shape, (number // 3, number), strict=True):
         start = (size - min(size, _SIDE)) * (turn % 3) // 2
         where.append(slice(start, start + _SIDE))
-    infocus, defocus, depth, valid = (
-        np.asarray(array[tuple(where)])
-        for array in (pair.infocus, pair.defocus, pair.depth, pair.valid)
-    )
+    rows, columns = where
+    infocus, defocus = pair.infocus[rows, columns], pair.defocus[rows, columns]
+    depth, valid = pair.depth[rows, columns], pair.valid[rows, columns]
     # One channel, the least noisy of a camera, tells as much of the blur as three.
     middle = slice(infocus.shape[2] // 2, infocus.shape[2] // 2 + 1)
     defocus = defocus[..., middle]
@@ -416,7 +415,7 @@ def _curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
 def _at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
     """Return the squared differences by depth level at one width each."""
     curves = CubicSpline(np.log(_LADDER), sums, axis=1)(np.log(sigmas))
-    return np.maximum(np.diagonal(curves), 0)
+    return np.asarray(np.maximum(np.diagonal(curves), 0), np.float64)
 
 
 def _widths(sums: Array) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

@@ -107,7 +107,7 @@ def aim_of(defocus: Array, linear: bool, how: Alignment, offset: float = 0) -> N
     if how == Alignment(0.0, 0.0, 1.0) and not offset:
         return np.asarray(defocus, np.float32)
     back = undo(how, light_of(defocus, linear), offset)
-    return np.asarray(encode(back) if linear else back, np.float32)
+    return np.asarray(encode(back.astype(np.float64)) if linear else back, np.float32)
 
 
 def _aligned(law: BlurLaw, light: NDArray[np.float32], defocus: Array) -> NDArray[np.float32]:
@@ -239,7 +239,7 @@ def _fill(
     levels = factors.shape[1]
     grey = np.empty(levels, np.float32)
     squares = np.empty(levels, np.float32)
-    offset = 0
+    offset = np.int64(0)
     for y in range(height):
         for x in range(width):
             squares[:] = 0
