@@ -174,7 +174,10 @@ def law_of_fields(given: Mapping[str, Any]) -> BlurLaw:
         problems.append(Problem(what="a field of the blur law is lacking", expected=SIGMAS))
     if problems:
         raise InputError.of(problems)
-    return BlurLaw(**{name: tuple(v) if isinstance(v, list) else v for name, v in given.items()})
+    found: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in given.items()
+    }
+    return BlurLaw(**found)
 
 
 def noise_at(noise: ArrayLike, grey: NDArray[Any]) -> NDArray[np.float64]:
@@ -186,7 +189,7 @@ def noise_at(noise: ArrayLike, grey: NDArray[Any]) -> NDArray[np.float64]:
     [1.0, 2.0, 3.0]
     """
     values = np.asarray(noise, np.float64)
-    return np.interp(grey, np.linspace(0, LAST_LEVEL, values.size), values)
+    return np.asarray(np.interp(grey, np.linspace(0, LAST_LEVEL, values.size), values))
 
 
 def _is_number(value: Any) -> bool:

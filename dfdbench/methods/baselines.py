@@ -93,8 +93,8 @@ class Local(Calibrated):
             squares = _by_law(blur, infocus, defocus)
         else:
             squares = _by_recipe(blur, infocus, defocus)
-        for candidate, cost in enumerate(squares):
-            cost = cv2.boxFilter(cost, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE)
+        for candidate, single in enumerate(squares):
+            cost = cv2.boxFilter(single, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE)
             better = cost < best
             best[better] = cost[better]
             level[better] = candidate

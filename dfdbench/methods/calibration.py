@@ -456,4 +456,5 @@ def _smooth(
         tried.append((score, curve, float(strength)))
     # Of those about as good, the smoothest: it goes on best where levels are lacking.
     best = min(score for score, _, _ in tried)
-    return next(each[1:] for each in reversed(tried) if each[0] <= _AS_GOOD * best)
+    smoothest = next(each for each in reversed(tried) if each[0] <= _AS_GOOD * best)
+    return smoothest[1], smoothest[2]

@@ -207,12 +207,11 @@ class GraphCuts(Calibrated):
             self._memory.costs = memory = np.empty(shape, np.uint16)
         blur = self.blur
         if isinstance(blur, BlurLaw):
-            pair = (
+            sharp, soft = (
                 image if image.ndim == 3 else image[..., np.newaxis] for image in (infocus, defocus)
             )
-            unary, offset = law_cost(
-                blurred_by(blur, *pair, self._levels), self._weight / _PER_NAT, self._limit, memory
-            )
+            blurred = blurred_by(blur, sharp, soft, self._levels)
+            unary, offset = law_cost(blurred, self._weight / _PER_NAT, self._limit, memory)
         else:
             unary, offset = data_cost(
                 self._channels(infocus),

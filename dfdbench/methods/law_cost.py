@@ -255,7 +255,7 @@ def _fill(
             offset += np.int64(least)
             for level in range(levels):
                 unary[y, x, level] = np.uint16(min(squares[level] - least, np.float32(limit)))
-    return offset
+    return offset  # type: ignore[return-value]  # compiled, it is a number of the machine
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})

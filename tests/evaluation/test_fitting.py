@@ -89,7 +89,9 @@ def test_a_fit_sees_all_training_pairs_and_no_other(
     fit = fit_method(store, method, split, 0)
     assert fit is not None
     assert fit.fitted_on == name
-    assert fit.learned == {"level": pytest.approx(mean_of(tiny_store, *trains))}
+    assert fit.learned is not None
+    assert list(fit.learned) == ["level"]
+    assert fit.learned["level"] == pytest.approx(mean_of(tiny_store, *trains))
     named, pairs = training_pairs(store, split)
     assert (named, [pair.scene for pair in pairs.pairs]) == (
         name,

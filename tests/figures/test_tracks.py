@@ -6,7 +6,7 @@ from dfdbench.figures.tracks import tracks_figure
 
 
 def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
-    scores = {
+    scores: dict[str, dict[str, list[float | None]]] = {
         "mine": {"gain": [0.1, 0.2, 0.3, 0.4], "noise": [0.1, 0.1, None, 0.3]},
         "yours": {"gain": [0.2, 0.2, 0.2, 0.2]},
     }

@@ -12,7 +12,7 @@ SCENE = cv2.GaussianBlur(
 
 @pytest.mark.parametrize("sigma", [0.8, 2.5])
 def test_blur_does_not_hide_how_an_image_was_moved(sigma: float) -> None:
-    blurred = cv2.GaussianBlur(SCENE, (0, 0), sigma)
+    blurred = np.asarray(cv2.GaussianBlur(SCENE, (0, 0), sigma), np.float64)
     found = find_alignment(SCENE, 0.9 * move(blurred, -0.7, 0.4))
     assert (found.down, found.right) == pytest.approx((-0.7, 0.4), abs=0.05)
     assert found.gain == pytest.approx(0.9, abs=0.002)

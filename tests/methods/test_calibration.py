@@ -24,7 +24,7 @@ FOCUSED = np.hypot(0.5, 0.014 * (DEPTHS - 140))
 def scene(number: int, shape: tuple[int, int] = (160, 200)) -> tuple[NDArray, NDArray]:  # type: ignore[type-arg]
     random = np.random.default_rng(number)
     image = random.integers(30, 226, (*shape, 3)).astype(np.uint8)
-    image = cv2.GaussianBlur(image, (0, 0), 0.8)
+    image = np.asarray(cv2.GaussianBlur(image, (0, 0), 0.8), np.uint8)
     blocks = random.integers(5, 251, (shape[0] // 40, shape[1] // 40))
     return image, np.kron(blocks, np.ones((40, 40))).astype(np.uint8)
 

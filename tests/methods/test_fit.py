@@ -17,7 +17,8 @@ class Learning:
     """Learns whatever it is told to return."""
 
     def __init__(self, returned: Any = None) -> None:
-        self.returned, self.given = returned, {}
+        self.returned = returned
+        self.given: Any = {}
 
     def fit(self, pairs: Sequence[TrainingPair]) -> Any:
         if isinstance(self.returned, BaseException):

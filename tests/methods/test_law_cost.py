@@ -21,7 +21,7 @@ def pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 
 
 def blurred_at(law: BlurLaw, infocus: NDArray[np.uint8], level: int) -> NDArray[np.float64]:
-    light = decode(infocus) if law.linear else infocus.astype(np.float64)
+    light = decode(infocus.astype(np.float64)) if law.linear else infocus.astype(np.float64)
     kernel = law.kernels()[level][..., np.newaxis]
     blurred = correlate(light, kernel, mode="nearest")
     return encode(blurred) if law.linear else blurred

@@ -41,8 +41,10 @@ def test_a_law_that_turns_is_refused_since_its_inverse_is_not_one_level() -> Non
         STransform(BlurLaw(sigmas))
     pair = plane(120)
     falling = BlurLaw(tuple(PUBLISHED.sigmas[::-1].tolist()))
-    found = [STransform(blur)(pair.infocus, pair.defocus) for blur in (falling, PUBLISHED)]
-    np.testing.assert_allclose(*found, atol=1e-3)
+    by_law, by_recipe = (
+        STransform(blur)(pair.infocus, pair.defocus) for blur in (falling, PUBLISHED)
+    )
+    np.testing.assert_allclose(by_law, by_recipe, atol=1e-3)
 
 
 def test_fitted_it_does_about_as_well_as_told() -> None:
