@@ -1,4 +1,7 @@
-"""A blur law measured from training pairs: how wide, of which shape, how bright, how noisy."""
+"""A blur law measured from training pairs: how wide, of which shape, how bright, how noisy.
+
+Longer than most modules: its stages go over one set of samples, each with what the last one found.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize, nnls
 
 from dfdbench.blur.formation import encode
@@ -21,6 +23,7 @@ from dfdbench.errors import MethodError
 from dfdbench.methods.alignment import Alignment, find_alignment
 from dfdbench.methods.fit import Learned, TrainingPair
 from dfdbench.methods.law_cost import ROUNDING, aim_of, blur, light_of
+from dfdbench.methods.width_curve import LADDER, best_widths, left_at, width_curve
 
 Array = NDArray[Any]
 
@@ -31,9 +34,6 @@ _SIDE = 320
 _FEW = 4
 _KERNEL_SIZE = 27
 _GAUSSIAN = 2.0
-# Widths that are tried; between them the residual is a smooth curve.
-_LADDER = np.geomspace(0.22, 6.4, 37)
-_FINE = np.geomspace(_LADDER[0], _LADDER[-1], 16 * (_LADDER.size - 1) + 1)
 # p of the kernels that are tried.
 _EXPONENTS = (2.0, 3.0, 4.0, 6.0, 8.0, 16.0, 32.0)
 # A pixel counts where the depth around it, a window of so many pixels, spans so many levels only.
@@ -45,14 +45,6 @@ _BRIGHT = 253
 _BETTER = 0.97
 _MUCH_BETTER = 0.8
 _ROUNDS = 3
-# Newton's steps towards the curve, the largest as a part of the width, and how many levels on
-# either side stand together before the first.
-_STEPS = 6
-_LARGEST_STEP = 0.2
-_NEAR = 6
-_AS_GOOD = 1.5
-# A level whose curve is flatter than this says nothing.
-_LEAST_SHARPNESS = 1e-3
 # In grey levels; less is taken for none.
 _LEAST_OFFSET = 0.5
 # Fewer pixels tell nothing of the noise at a grey level.
@@ -138,13 +130,13 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     samples = [part.sample(way) for part in parts]
     even_noise = np.ones(GREYS)
     sums, pixels = _sums(samples[:: len(parts) // len(few)], way, even_noise)
-    rough = _curve(sums, pixels)
+    rough = width_curve(sums, pixels)
     _, noise = _residuals(samples[:: len(parts) // len(few)], way, rough)
     sums, pixels = _sums(samples, way, noise)
     sigmas, infocus_noise = _cleared_curve(sums, pixels, way)
     residual, noise = _residuals(samples, way, sigmas)
     # What is left holds what came with the in-focus image: see `BlurLaw.noise`.
-    shares = np.interp(sigmas, _LADDER, _shares(way))
+    shares = np.interp(sigmas, LADDER, _shares(way))
     both = float(np.average(1 + infocus_noise**2 * shares, weights=pixels))
     law = BlurLaw(
         sigmas=tuple(sigmas.tolist()),
@@ -158,7 +150,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
         registered=way.registered,
         even=way.even,
     )
-    widths = np.where(pixels > 0, _widths(sums)[0], np.nan)
+    widths = np.where(pixels > 0, best_widths(sums)[0], np.nan)
     return Calibration(law, widths, pixels, residual)
 
 
@@ -212,7 +204,7 @@ class _Sample:
 
     def trials(self, way: _Way) -> Iterator[NDArray[np.float64]]:
         """Yield the grey levels that each width of the ladder would give."""
-        for kernel in point_spread_functions(_LADDER, _KERNEL_SIZE, way.exponent):
+        for kernel in point_spread_functions(LADDER, _KERNEL_SIZE, way.exponent):
             trial = blur(self.light, kernel)[self.counts][:, 0]
             yield encode(trial.astype(np.float64)) if way.linear else trial.astype(np.float64)
 
@@ -278,12 +270,12 @@ def _exponent(few: Sequence[_Part], way: _Way) -> float:
 
 def _misfit(few: Sequence[_Part], way: _Way, turned: bool = False) -> float:
     samples = [part.sample(way, turned) for part in few]
-    return float(_widths(_sums(samples, way, np.ones(GREYS))[0])[2].sum())
+    return float(best_widths(_sums(samples, way, np.ones(GREYS))[0])[2].sum())
 
 
 def _shares(way: _Way) -> NDArray[np.float64]:
     """Return how much of the in-focus image's noise each width leaves, as a part of variance."""
-    kernels = point_spread_functions(_LADDER, _KERNEL_SIZE, way.exponent)
+    kernels = point_spread_functions(LADDER, _KERNEL_SIZE, way.exponent)
     return np.asarray(np.square(kernels).sum(axis=(1, 2)))
 
 
@@ -291,7 +283,7 @@ def _sums(
     samples: Sequence[_Sample], way: _Way, noise: Array
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return squared differences, in units of the noise, by depth level and width; the pixels."""
-    sums = np.zeros((LEVELS, _LADDER.size))
+    sums = np.zeros((LEVELS, LADDER.size))
     pixels = np.zeros(LEVELS, np.int64)
     for sample in samples:
         weights = 1 / noise_at(noise, sample.aim) ** 2
@@ -306,8 +298,8 @@ def _fits(
     samples: Sequence[_Sample], way: _Way, sigmas: Array
 ) -> Iterator[tuple[_Sample, NDArray[np.float64]]]:
     """Yield each sample and the grey levels that widths by depth level give for it."""
-    place = np.interp(sigmas, _LADDER, np.arange(_LADDER.size))
-    first = np.clip(place.astype(int), 0, _LADDER.size - 2)
+    place = np.interp(sigmas, LADDER, np.arange(LADDER.size))
+    first = np.clip(place.astype(int), 0, LADDER.size - 2)
     part = place - first
     for sample in samples:
         steps, weights = first[sample.depth], part[sample.depth]
@@ -324,7 +316,7 @@ def _line(samples: Sequence[_Sample], way: _Way) -> tuple[float, float]:
 
     Less contrast looks like more blur: both have to be found together.
     """
-    trials = np.zeros((3, LEVELS, _LADDER.size))
+    trials = np.zeros((3, LEVELS, LADDER.size))
     aims = np.zeros((3, LEVELS, 1))
     for sample in samples:
         depth, aim = sample.depth, sample.aim.astype(np.float64)
@@ -339,7 +331,7 @@ def _line(samples: Sequence[_Sample], way: _Way) -> tuple[float, float]:
         gain, offset = line
         squares = aim_square - 2 * gain * both - 2 * offset * aim_sum
         squares = squares + gain**2 * trial_square + 2 * gain * offset * trial_sum
-        return float(_widths(squares + offset**2 * count)[2].sum())
+        return float(best_widths(squares + offset**2 * count)[2].sum())
 
     start = np.array([[1.0, 0.0], [0.95, 0.0], [1.0, 4.0]])
     options = {"initial_simplex": start, "xatol": 1e-3, "fatol": 1e-4, "maxfev": 120}
@@ -373,88 +365,10 @@ def _cleared_curve(sums: Array, pixels: Array, way: _Way) -> tuple[NDArray[np.fl
     shares = _shares(way)
     infocus_noise = 0.0
     for _ in range(_ROUNDS):
-        sigmas = _curve(sums - infocus_noise**2 * pixels[:, np.newaxis] * shares, pixels)
-        left = _at(sums, sigmas) / np.maximum(pixels, 1)
+        sigmas = width_curve(sums - infocus_noise**2 * pixels[:, np.newaxis] * shares, pixels)
+        left = left_at(sums, sigmas) / np.maximum(pixels, 1)
         root = np.sqrt(pixels)
-        terms = np.stack([root, root * np.interp(sigmas, _LADDER, shares)], axis=1)
+        terms = np.stack([root, root * np.interp(sigmas, LADDER, shares)], axis=1)
         own, blurred = nnls(terms, root * left)[0]
         infocus_noise = min(math.sqrt(blurred / own), 1.0) if own else 1.0
     return sigmas, infocus_noise
-
-
-def _curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
-    """Return the smooth curve of widths by depth level that leaves least."""
-    splines = CubicSpline(np.log(_LADDER), sums, axis=1)
-    # To begin with, neighbouring levels stand together.
-    near = np.abs(np.subtract.outer(np.arange(LEVELS), np.arange(LEVELS))) <= _NEAR
-    pooled = near @ sums
-    widths, sharpness, least = _widths(pooled)
-    # In units of twice the variance that is left: rounding's at least.
-    unit = 2 * max(float(least.sum()) / max(float((near @ pixels).sum()), 1.0), ROUNDING**2)
-    known = (pixels > 0) & (sharpness / unit > _LEAST_SHARPNESS)
-    if not known.any():
-        raise MethodError(
-            "the training pairs do not show how their blur depends on depth",
-            expected="texture at known depth, away from jumps in depth and from the border",
-            got=f"{int(pixels.sum())} pixels that count",
-        )
-    sigmas, strength = _smooth(widths, np.where(known, sharpness / unit, 0))
-    for _ in range(_STEPS):
-        sigmas = np.clip(sigmas, _LADDER[0], _LADDER[-1])
-        places = np.log(sigmas)
-        slope, bend = (np.diagonal(splines(places, order)) for order in (1, 2))
-        # By the width, not its logarithm.
-        slope, bend = slope / sigmas, (bend - slope) / sigmas**2
-        weights = np.where(known & (bend > 0), bend, 0) / unit
-        step = np.where(weights > 0, -slope / np.where(bend > 0, bend, 1), 0)
-        target = sigmas + np.clip(step, -_LARGEST_STEP * sigmas, _LARGEST_STEP * sigmas)
-        sigmas, _ = _smooth(target, weights, strength)
-    return np.clip(sigmas, _LADDER[0], _LADDER[-1])
-
-
-def _at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
-    """Return the squared differences by depth level at one width each."""
-    curves = CubicSpline(np.log(_LADDER), sums, axis=1)(np.log(sigmas))
-    return np.asarray(np.maximum(np.diagonal(curves), 0), np.float64)
-
-
-def _widths(sums: Array) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the width of least difference by level, how sharp it is, and the difference there."""
-    values = CubicSpline(np.log(_LADDER), sums, axis=1)(np.log(_FINE))
-    best = values.argmin(axis=1)
-    inner = np.clip(best, 1, _FINE.size - 2)
-    rows = np.arange(len(sums))
-    before, here, after = (values[rows, inner + step] for step in (-1, 0, 1))
-    bend = before - 2 * here + after
-    spacing = _FINE[inner] * math.log(_FINE[1] / _FINE[0])
-    sharpness = np.where(bend > 0, bend / spacing**2, 0.0)
-    return _FINE[best], sharpness, np.maximum(values[rows, best], 0)
-
-
-def _smooth(
-    values: Array, weights: Array, strength: float | None = None
-) -> tuple[NDArray[np.float64], float]:
-    """Return the curve of least bending through weighted values (Whittaker 1923).
-
-    How strongly bending counts is chosen by generalised cross validation where it is not given;
-    it is returned too.
-    """
-    bends = np.diff(np.eye(len(values)), 2, axis=0)
-    penalty = bends.T @ bends
-    known = weights > 0
-    if not known.any():
-        return values, strength or 1.0
-    target = np.where(known, values, 0.0)
-    if strength is not None:
-        return np.linalg.solve(np.diag(weights) + strength * penalty, weights * target), strength
-    tried = []
-    for strength in np.geomspace(1e-2, 1e10, 25) * np.median(weights[known]):
-        hat = np.linalg.solve(np.diag(weights) + strength * penalty, np.diag(weights))
-        curve = hat @ target
-        freedom = max(1 - np.trace(hat) / known.sum(), 1e-6)
-        score = float((weights * np.square(target - curve)).sum()) / freedom**2
-        tried.append((score, curve, float(strength)))
-    # Of those about as good, the smoothest: it goes on best where levels are lacking.
-    best = min(score for score, _, _ in tried)
-    smoothest = next(each for each in reversed(tried) if each[0] <= _AS_GOOD * best)
-    return smoothest[1], smoothest[2]

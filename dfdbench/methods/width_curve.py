@@ -1,0 +1,127 @@
+"""The width of the blur at every depth level, out of what a ladder of widths leaves unexplained."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from dfdbench.blur.recipe import LEVELS
+from dfdbench.errors import MethodError
+from dfdbench.methods.law_cost import ROUNDING
+
+Array = NDArray[Any]
+
+#: Widths that are tried, in pixels; between them the residual is a smooth curve.
+LADDER = np.geomspace(0.22, 6.4, 37)
+_FINE = np.geomspace(LADDER[0], LADDER[-1], 16 * (LADDER.size - 1) + 1)
+# Newton's steps towards the curve, the largest as a part of the width, and how many levels on
+# either side stand together before the first.
+_STEPS = 6
+_LARGEST_STEP = 0.2
+_NEAR = 6
+# Of curves that leave at most so much more than the best, the smoothest is taken.
+_AS_GOOD = 1.5
+# A level whose curve is flatter than this says nothing.
+_LEAST_SHARPNESS = 1e-3
+
+
+def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
+    """Return the smooth curve of widths by depth level that leaves least.
+
+    Parameters
+    ----------
+    sums : ndarray of float, shape (256, widths)
+        Squared differences by depth level and width of `LADDER`.
+    pixels : ndarray of int, shape (256,)
+        Of how many pixels each level's are.
+
+    Returns
+    -------
+    ndarray of float64, shape (256,)
+        Standard deviations in pixels.
+
+    Raises
+    ------
+    MethodError
+        Where no level tells its width.
+    """
+    splines = CubicSpline(np.log(LADDER), sums, axis=1)
+    # To begin with, neighbouring levels stand together.
+    near = np.abs(np.subtract.outer(np.arange(LEVELS), np.arange(LEVELS))) <= _NEAR
+    pooled = near @ sums
+    widths, sharpness, least = best_widths(pooled)
+    # In units of twice the variance that is left: rounding's at least.
+    unit = 2 * max(float(least.sum()) / max(float((near @ pixels).sum()), 1.0), ROUNDING**2)
+    known = (pixels > 0) & (sharpness / unit > _LEAST_SHARPNESS)
+    if not known.any():
+        raise MethodError(
+            "the training pairs do not show how their blur depends on depth",
+            expected="texture at known depth, away from jumps in depth and from the border",
+            got=f"{int(pixels.sum())} pixels that count",
+        )
+    sigmas, strength = smooth_curve(widths, np.where(known, sharpness / unit, 0))
+    for _ in range(_STEPS):
+        sigmas = np.clip(sigmas, LADDER[0], LADDER[-1])
+        places = np.log(sigmas)
+        slope, bend = (np.diagonal(splines(places, order)) for order in (1, 2))
+        # By the width, not its logarithm.
+        slope, bend = slope / sigmas, (bend - slope) / sigmas**2
+        weights = np.where(known & (bend > 0), bend, 0) / unit
+        step = np.where(weights > 0, -slope / np.where(bend > 0, bend, 1), 0)
+        target = sigmas + np.clip(step, -_LARGEST_STEP * sigmas, _LARGEST_STEP * sigmas)
+        sigmas, _ = smooth_curve(target, weights, strength)
+    return np.clip(sigmas, LADDER[0], LADDER[-1])
+
+
+def left_at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
+    """Return the squared differences by depth level at one width each."""
+    curves = CubicSpline(np.log(LADDER), sums, axis=1)(np.log(sigmas))
+    return np.asarray(np.maximum(np.diagonal(curves), 0), np.float64)
+
+
+def best_widths(
+    sums: Array,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the width of least difference by level, how sharp it is, and the difference there."""
+    values = CubicSpline(np.log(LADDER), sums, axis=1)(np.log(_FINE))
+    best = values.argmin(axis=1)
+    inner = np.clip(best, 1, _FINE.size - 2)
+    rows = np.arange(len(sums))
+    before, here, after = (values[rows, inner + step] for step in (-1, 0, 1))
+    bend = before - 2 * here + after
+    spacing = _FINE[inner] * math.log(_FINE[1] / _FINE[0])
+    sharpness = np.where(bend > 0, bend / spacing**2, 0.0)
+    return _FINE[best], sharpness, np.maximum(values[rows, best], 0)
+
+
+def smooth_curve(
+    values: Array, weights: Array, strength: float | None = None
+) -> tuple[NDArray[np.float64], float]:
+    """Return the curve of least bending through weighted values (Whittaker 1923).
+
+    How strongly bending counts is chosen by generalised cross validation where it is not given;
+    it is returned too.
+    """
+    bends = np.diff(np.eye(len(values)), 2, axis=0)
+    penalty = bends.T @ bends
+    known = weights > 0
+    if not known.any():
+        return values, strength or 1.0
+    target = np.where(known, values, 0.0)
+    if strength is not None:
+        return np.linalg.solve(np.diag(weights) + strength * penalty, weights * target), strength
+    tried = []
+    for strength in np.geomspace(1e-2, 1e10, 25) * np.median(weights[known]):
+        hat = np.linalg.solve(np.diag(weights) + strength * penalty, np.diag(weights))
+        curve = hat @ target
+        freedom = max(1 - np.trace(hat) / known.sum(), 1e-6)
+        score = float((weights * np.square(target - curve)).sum()) / freedom**2
+        tried.append((score, curve, float(strength)))
+    # The smoothest goes on best where levels are lacking.
+    best = min(score for score, _, _ in tried)
+    smoothest = next(each for each in reversed(tried) if each[0] <= _AS_GOOD * best)
+    return smoothest[1], smoothest[2]
