@@ -1,7 +1,4 @@
-"""A blur law measured from training pairs: how wide, of which shape, how bright, how noisy.
-
-Longer than most modules: its stages go over one set of samples, each with what the last one found.
-"""
+"""A blur law measured from training pairs: how wide, of which shape, how bright, how noisy."""
 
 from __future__ import annotations
 
@@ -10,37 +7,25 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, nnls
 
-from dfdbench.blur.formation import encode
 from dfdbench.blur.law import GREYS, BlurLaw, noise_at
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.errors import MethodError
-from dfdbench.methods.alignment import Alignment, find_alignment
+from dfdbench.methods.calibration_parts import KERNEL_SIZE, Part, Sample, Way, parts_of
 from dfdbench.methods.fit import Learned, TrainingPair
-from dfdbench.methods.law_cost import ROUNDING, aim_of, blur, light_of
+from dfdbench.methods.law_cost import ROUNDING
 from dfdbench.methods.width_curve import LADDER, best_widths, left_at, width_curve
 
 Array = NDArray[Any]
 
-# Pairs that are looked at, evenly among all, and the side of the part of each: a minute's work.
-_PAIRS = 16
-_SIDE = 320
 # Of them, about those from which the shape is chosen.
 _FEW = 4
-_KERNEL_SIZE = 27
-_GAUSSIAN = 2.0
 # p of the kernels that are tried.
 _EXPONENTS = (2.0, 3.0, 4.0, 6.0, 8.0, 16.0, 32.0)
-# A pixel counts where the depth around it, a window of so many pixels, spans so many levels only.
-_WINDOW = 11
-_SPAN = 10
-# The defocus image may be cut off above.
-_BRIGHT = 253
 # What is less simple has to leave less than this part of the squared differences.
 _BETTER = 0.97
 _MUCH_BETTER = 0.8
@@ -119,7 +104,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     """
     if not len(pairs):
         raise MethodError("no pair to calibrate with", expected="one training pair or more")
-    parts = [_part(pair, number) for number, pair in _chosen(pairs)]
+    parts = parts_of(pairs)
     few = parts[:: max(1, len(parts) // _FEW)]
     way = _way(few)
     if way.even and not way.linear:
@@ -141,7 +126,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     law = BlurLaw(
         sigmas=tuple(sigmas.tolist()),
         exponent=way.exponent,
-        kernel_size=_KERNEL_SIZE,
+        kernel_size=KERNEL_SIZE,
         gain=way.gain,
         offset=way.offset,
         noise=tuple((noise / math.sqrt(both)).tolist()),
@@ -154,102 +139,14 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     return Calibration(law, widths, pixels, residual)
 
 
-@dataclass(frozen=True)
-class _Way:
-    """How defocus images may come about, but for the widths."""
-
-    exponent: float = _GAUSSIAN
-    linear: bool = False
-    registered: bool = True
-    even: bool = True
-    gain: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True)
-class _Part:
-    """Part of a pair, (y, x, 1), the depth levels there, and which pixels count."""
-
-    infocus: NDArray[np.uint8]
-    defocus: NDArray[np.uint8]
-    depth: NDArray[np.int64]
-    counts: NDArray[np.bool_]
-
-    def found(self, linear: bool) -> Alignment:
-        """Return how the defocus image lies to the in-focus image."""
-        images = light_of(self.infocus, linear), light_of(self.defocus, linear)
-        return find_alignment(*images, 1 if linear else LAST_LEVEL)
-
-    def sample(self, way: _Way, turned: bool = False) -> _Sample:
-        """Return what counts of it; `turned` moves the defocus image the wrong way."""
-        how = Alignment(0.0, 0.0, way.gain)
-        if not (way.registered and way.even):
-            found = self.found(way.linear)
-            sign = 0 if way.registered else -1 if turned else 1
-            gain = way.gain if way.even else found.gain
-            how = Alignment(sign * found.down, sign * found.right, gain)
-        light = light_of(self.infocus, way.linear)
-        aim = aim_of(self.defocus, way.linear, how, way.offset)[self.counts][:, 0]
-        return _Sample(light, aim, self.depth[self.counts], self.counts)
-
-
-@dataclass(frozen=True)
-class _Sample:
-    """What counts of a part: light (y, x, 1) to blur; grey levels to explain, and their depth."""
-
-    light: NDArray[np.float32]
-    aim: NDArray[np.float32]
-    depth: NDArray[np.int64]
-    counts: NDArray[np.bool_]
-
-    def trials(self, way: _Way) -> Iterator[NDArray[np.float64]]:
-        """Yield the grey levels that each width of the ladder would give."""
-        for kernel in point_spread_functions(LADDER, _KERNEL_SIZE, way.exponent):
-            trial = blur(self.light, kernel)[self.counts][:, 0]
-            yield encode(trial.astype(np.float64)) if way.linear else trial.astype(np.float64)
-
-
-def _chosen(pairs: Sequence[TrainingPair]) -> Iterator[tuple[int, TrainingPair]]:
-    places = np.unique(np.linspace(0, len(pairs) - 1, min(_PAIRS, len(pairs))).round().astype(int))
-    for number, place in enumerate(places):
-        yield number, pairs[int(place)]
-
-
-def _part(pair: TrainingPair, number: int) -> _Part:
-    # Of a large image one part, another of each pair: left, middle, right, and so on.
-    where = []
-    for size, turn in zip(pair.depth.shape, (number // 3, number), strict=True):
-        start = (size - min(size, _SIDE)) * (turn % 3) // 2
-        where.append(slice(start, start + _SIDE))
-    rows, columns = where
-    infocus, defocus = pair.infocus[rows, columns], pair.defocus[rows, columns]
-    depth, valid = pair.depth[rows, columns], pair.valid[rows, columns]
-    # One channel, the least noisy of a camera, tells as much of the blur as three.
-    middle = slice(infocus.shape[2] // 2, infocus.shape[2] // 2 + 1)
-    defocus = defocus[..., middle]
-    counts = _flat(depth, valid) & (defocus[..., 0] <= _BRIGHT)
-    return _Part(infocus[..., middle], defocus, depth.astype(np.int64), counts)
-
-
-def _flat(depth: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where the depth about a pixel is known and spans few levels, away from the border."""
-    window = np.ones((_WINDOW, _WINDOW), np.uint8)
-    low = cv2.erode(np.where(valid, depth, 0).astype(np.uint8), window).astype(int)
-    high = cv2.dilate(np.where(valid, depth, 255).astype(np.uint8), window).astype(int)
-    flat = high - low <= _SPAN
-    margin = _KERNEL_SIZE // 2
-    flat[:margin], flat[-margin:], flat[:, :margin], flat[:, -margin:] = False, False, False, False
-    return np.asarray(flat)
-
-
-def _way(few: Sequence[_Part]) -> _Way:
+def _way(few: Sequence[Part]) -> Way:
     """Choose what fits better: grey levels or light, and pairs as they are or aligned."""
-    best, least = _Way(), _misfit(few, _Way())
+    best, least = Way(), _misfit(few, Way())
     gains = {
         linear: float(np.median([part.found(linear).gain for part in few]))
         for linear in (False, True)
     }
-    changes: tuple[Callable[[_Way], _Way], ...] = (
+    changes: tuple[Callable[[Way], Way], ...] = (
         lambda way: replace(way, linear=True),
         lambda way: replace(way, gain=gains[way.linear]),
         lambda way: replace(way, gain=gains[way.linear], even=False),
@@ -264,23 +161,23 @@ def _way(few: Sequence[_Part]) -> _Way:
     return way if _misfit(few, way) < _MUCH_BETTER * _misfit(few, way, turned=True) else best
 
 
-def _exponent(few: Sequence[_Part], way: _Way) -> float:
+def _exponent(few: Sequence[Part], way: Way) -> float:
     return min(_EXPONENTS, key=lambda exponent: _misfit(few, replace(way, exponent=exponent)))
 
 
-def _misfit(few: Sequence[_Part], way: _Way, turned: bool = False) -> float:
+def _misfit(few: Sequence[Part], way: Way, turned: bool = False) -> float:
     samples = [part.sample(way, turned) for part in few]
     return float(best_widths(_sums(samples, way, np.ones(GREYS))[0])[2].sum())
 
 
-def _shares(way: _Way) -> NDArray[np.float64]:
+def _shares(way: Way) -> NDArray[np.float64]:
     """Return how much of the in-focus image's noise each width leaves, as a part of variance."""
-    kernels = point_spread_functions(LADDER, _KERNEL_SIZE, way.exponent)
+    kernels = point_spread_functions(LADDER, KERNEL_SIZE, way.exponent)
     return np.asarray(np.square(kernels).sum(axis=(1, 2)))
 
 
 def _sums(
-    samples: Sequence[_Sample], way: _Way, noise: Array
+    samples: Sequence[Sample], way: Way, noise: Array
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return squared differences, in units of the noise, by depth level and width; the pixels."""
     sums = np.zeros((LEVELS, LADDER.size))
@@ -295,8 +192,8 @@ def _sums(
 
 
 def _fits(
-    samples: Sequence[_Sample], way: _Way, sigmas: Array
-) -> Iterator[tuple[_Sample, NDArray[np.float64]]]:
+    samples: Sequence[Sample], way: Way, sigmas: Array
+) -> Iterator[tuple[Sample, NDArray[np.float64]]]:
     """Yield each sample and the grey levels that widths by depth level give for it."""
     place = np.interp(sigmas, LADDER, np.arange(LADDER.size))
     first = np.clip(place.astype(int), 0, LADDER.size - 2)
@@ -311,7 +208,7 @@ def _fits(
         yield sample, fit
 
 
-def _line(samples: Sequence[_Sample], way: _Way) -> tuple[float, float]:
+def _line(samples: Sequence[Sample], way: Way) -> tuple[float, float]:
     """Return gain and offset of the defocus images that leave least, each level at its width.
 
     Less contrast looks like more blur: both have to be found together.
@@ -340,7 +237,7 @@ def _line(samples: Sequence[_Sample], way: _Way) -> tuple[float, float]:
 
 
 def _residuals(
-    samples: Sequence[_Sample], way: _Way, sigmas: Array
+    samples: Sequence[Sample], way: Way, sigmas: Array
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the root mean square of what widths leave, by depth level and by grey level."""
     by_level, by_grey = np.zeros((2, LEVELS)), np.zeros((2, GREYS))
@@ -360,7 +257,7 @@ def _residuals(
     return level, np.maximum(tone, ROUNDING)
 
 
-def _cleared_curve(sums: Array, pixels: Array, way: _Way) -> tuple[NDArray[np.float64], float]:
+def _cleared_curve(sums: Array, pixels: Array, way: Way) -> tuple[NDArray[np.float64], float]:
     """Return the widths by depth level, and the in-focus image's noise as a part of the other's."""
     shares = _shares(way)
     infocus_noise = 0.0
