@@ -108,6 +108,8 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     few = parts[:: max(1, len(parts) // _FEW)]
     way = _way(few)
     if way.even and not way.linear:
+        # Of a wrong shape, gain and offset make up for what the shape leaves.
+        way = replace(way, exponent=_exponent(few, way))
         gain, offset = _line([part.sample(way) for part in few], way)
         if abs(offset) > _LEAST_OFFSET:
             way = replace(way, gain=way.gain * gain, offset=way.gain * offset)

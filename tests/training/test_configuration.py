@@ -80,17 +80,30 @@ def test_unet_refuses_what_only_dfd_net_has() -> None:
 
 
 @pytest.mark.parametrize(
-    ("method", "name", "changes"),
+    ("method", "weights", "name", "changes", "first"),
     [
-        ("dfd-net", "demo-fine", {}),
-        ("u-net", "demo-u-net", {"label_width": 3, "learning_rate": 4e-4, "steps": 33000}),
+        ("dfd-net", "demo", "demo-fine", {}, "demo-1, split train, 30,000 steps"),
+        (
+            "u-net",
+            "demo",
+            "demo-u-net",
+            {"label_width": 3, "learning_rate": 4e-4, "steps": 33000},
+            "demo-1, split train, 40,000 steps",
+        ),
+        (
+            "dfd-net",
+            "middlebury",
+            "demo-fine",
+            {},
+            "middlebury-default-1, split train, 18,000 steps",
+        ),
     ],
 )
 def test_shipped_weights_were_trained_as_the_docs_say(
-    method: str, name: str, changes: dict[str, Any]
+    method: str, weights: str, name: str, changes: dict[str, Any], first: str
 ) -> None:
-    card = load_weights(find_weights(method, "demo"), method)[1]
+    card = load_weights(find_weights(method, weights), method)[1]
     # Both were trained on a processor with bf16, which `auto` takes there.
     documented = read_configuration(name, {**changes, "precision": "bf16"})
     assert TrainingConfiguration.model_validate(card.configuration) == documented
-    assert card.started_from.startswith("demo-1, split train")
+    assert card.started_from.startswith(first)

@@ -95,12 +95,20 @@ def test_no_weights_says_how_to_come_by_some(tmp_path: Path) -> None:
         load("u-net", weights=str(tmp_path / "nowhere.safetensors"))
 
 
-@pytest.mark.parametrize("method", ["dfd-net", "u-net"])
-def test_shipped_weights_are_small_and_say_what_they_are(method: str) -> None:
-    path = find_weights(method, "demo")
+@pytest.mark.parametrize(
+    ("method", "name", "trained_on", "scored_on"),
+    [
+        ("dfd-net", "demo", "demo-1, split train", "test, 54 pairs"),
+        ("u-net", "demo", "demo-1, split train", "test, 54 pairs"),
+        ("dfd-net", "middlebury", "middlebury-default-1, split train", "test, 6 pairs"),
+    ],
+)
+def test_shipped_weights_are_small_and_say_what_they_are(
+    method: str, name: str, trained_on: str, scored_on: str
+) -> None:
+    path = find_weights(method, name)
     assert path in shipped_weights().values()
     assert path.stat().st_size < 4_000_000
     _, found = load_weights(path, method)
-    assert found.trained_on == "demo-1, split train"
-    assert found.scored_on == "test, 54 pairs"
+    assert (found.trained_on, found.scored_on) == (trained_on, scored_on)
     assert path.with_suffix(".md").exists()
