@@ -89,8 +89,13 @@ def _without_track(dataset: str) -> Manifest:
             got=dataset,
             fix="leave out the track; --track NAME chooses among them",
         )
-    # A captured set has none, and says so.
-    find_manifest(f"{dataset}@{next(iter(TRACKS))}-1")
+    if manifest.recipe is None:
+        raise InputError(
+            "no tracks: the defocus images are captured, and a track makes them",
+            where="--dataset",
+            expected="a data set with synthetic blur: `dfdbench list`",
+            got=dataset,
+        )
     return manifest
 
 

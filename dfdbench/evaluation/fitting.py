@@ -112,10 +112,15 @@ def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]
             where=f"split {split} of {manifest.stem}",
             expected=f"a split without scenes of {TRAINING}",
             got=", ".join(both),
-            fix="run test, or fold by fold (--split NAME): "
-            + ", ".join(["test"] * ("test" in splits) + [fold.name for fold in manifest.folds]),
+            fix=f"--split NAME, one of: {', '.join(_fair_splits(manifest, train))}",
         )
     return f"{manifest.stem}, split {TRAINING}", train
+
+
+def _fair_splits(manifest: Manifest, train: frozenset[str]) -> list[str]:
+    """Return the splits without a training scene; the folds, or single scenes of a set without."""
+    splits = [item.name for item in manifest.splits if train.isdisjoint(item.scenes)]
+    return splits + ([fold.name for fold in manifest.folds] or list(manifest.scene_names))
 
 
 def _is_left_out(manifest: Manifest, split: str) -> bool:
@@ -184,7 +189,7 @@ def read_fit(folder: Path) -> Fit:
             "what the method learned cannot be read",
             where=str(path),
             expected="numbers and arrays, as the run's first call kept them",
-            got=str(error)[:200],
+            got="a file that is damaged, or another kind of file",
             fix="run it again with --fresh: the method is fitted anew",
         ) from error
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
+import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -106,7 +108,9 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
         raise
     except (Exception, SystemExit) as error:
         raise MethodError(
-            "the method cannot be fitted", where=f"{method.entry}: fit", got=describe(error)
+            "the method cannot be fitted",
+            where=f"{method.entry}: fit",
+            got=describe(error) + _place_of(error),
         ) from error
     learned = None if returned is None else check_learned(returned, method.entry)
     if learned is not None:
@@ -144,8 +148,14 @@ def restore(method: Method, learned: Learned) -> None:
         raise MethodError(
             "the method does not take back what it learned",
             where=f"{method.entry}: restore",
-            got=describe(error),
+            got=describe(error) + _place_of(error),
         ) from error
+
+
+def _place_of(error: BaseException) -> str:
+    """Say in which file and line an error arose, where that is known."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
 
 
 def check_learned(returned: Any, entry: str) -> Learned:
@@ -172,7 +182,16 @@ def check_learned(returned: Any, entry: str) -> Learned:
     problems = []
     for name, value in returned.items():
         array = _as_numbers(value)
-        if array is None or not isinstance(name, str) or not name:
+        if not isinstance(name, str) or not name:
+            problems.append(
+                Problem(
+                    "what the fit learned has no name to be kept by",
+                    where=f"{entry}: fit",
+                    expected="a text as name",
+                    got=repr(name),
+                )
+            )
+        elif array is None:
             problems.append(
                 Problem(
                     "what the fit learned cannot be kept",
@@ -182,7 +201,7 @@ def check_learned(returned: Any, entry: str) -> Learned:
                 )
             )
         else:
-            learned[str(name)] = array if array.ndim else array.item()
+            learned[name] = array if array.ndim else array.item()
     if problems:
         raise MethodError.of(problems)
     return learned

@@ -56,8 +56,8 @@ def test_what_was_learned_comes_back_as_numbers_and_arrays() -> None:
         ([1.0], "a mapping of names"),
         ({"law": object()}, "'law'"),
         ({"name": "disk"}, "'name'"),
-        ({3: 1.0}, "fit, 3"),
-        ({"": 1.0}, "fit, ''"),
+        ({3: 1.0}, r"no name[\s\S]*got       3"),
+        ({"": 1.0}, r"no name[\s\S]*got       ''"),
         ({"ragged": [[1], [1, 2]]}, "'ragged'"),
         (ValueError("too dark"), "cannot be fitted.*\n.*fit\n.*ValueError: too dark"),
         (SystemExit(3), "cannot be fitted.*\n.*fit\n.*SystemExit: 3"),
@@ -122,3 +122,8 @@ def test_a_fit_is_seeded_prints_to_standard_error_and_leaves_the_process_alone(
     assert np.geterr()["invalid"] == "warn"
     told = capsys.readouterr()
     assert (told.out, told.err) == ("", "epoch 1\n" * 2)
+
+
+def test_a_fit_that_raises_says_in_which_line() -> None:
+    with pytest.raises(MethodError, match=r"KeyError: 'gone' \(test_fit.py, line \d+\)"):
+        teach(Method("mine", "m:Learning", Learning(KeyError("gone"))), [])  # type: ignore[arg-type]

@@ -22,7 +22,7 @@ def test_a_recipe_may_be_given_in_many_forms(tmp_path: Path, form: str) -> None:
     expected = BlurRecipe(**FIELDS)  # type: ignore[arg-type]
     given: dict[str, Any] = {"mapping": FIELDS, "file": str(file), "path": file, "recipe": expected}
     method = load_method("local", {"recipe": given[form]}, {})
-    assert method.predict._recipe == expected  # type: ignore[attr-defined]
+    assert method.predict.blur == expected  # type: ignore[attr-defined]
     assert method.predict(IMAGE, IMAGE).shape == (4, 6)
     recorded = expected.as_dict() if form == "recipe" else FIELDS
     assert method.parameters == {"recipe": recorded}
@@ -46,7 +46,6 @@ def test_a_recipe_may_be_given_in_many_forms(tmp_path: Path, form: str) -> None:
         ("broken.toml", "cannot read the blur recipe"),
         ("negative.toml", "negative.toml: sigma_min"),
         (5, "not a blur recipe"),
-        (None, "not a blur recipe"),
     ],
 )
 def test_a_recipe_that_is_none_is_refused_by_name(module: Path, fields: Any, told: str) -> None:
@@ -54,3 +53,14 @@ def test_a_recipe_that_is_none_is_refused_by_name(module: Path, fields: Any, tol
     module.with_name("negative.toml").write_text("sigma_min = -1\nsigma_step = 1\n")
     with pytest.raises(MethodError, match=re.escape(told)):
         load("local", recipe=fields)
+
+
+def test_the_blur_is_withheld_only_from_who_can_find_it_out(tmp_path: Path) -> None:
+    assert load_method("local", {"recipe": None}, {}).fit is not None
+    (tmp_path / "solver.py").write_text(
+        "class Solver:\n"
+        "    def __init__(self, recipe):\n        self.recipe = recipe\n"
+        "    def __call__(self, infocus, defocus):\n        return infocus[..., 0]\n"
+    )
+    with pytest.raises(MethodError, match="not a blur recipe"):
+        load(f"{tmp_path / 'solver.py'}:Solver", recipe=None)
