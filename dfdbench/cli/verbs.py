@@ -39,7 +39,9 @@ class Verb:
 
 
 VERBS = {
-    "list": Verb("datasets", "list_datasets", "List the data sets and the registered methods."),
+    "list": Verb(
+        "datasets", "list_datasets", "List the data sets, their tracks and the registered methods."
+    ),
     "info": Verb(
         "datasets", "info", "Show what a data set consists of, or what a built one holds."
     ),

@@ -101,6 +101,8 @@ def test_another_data_set_is_turned_round_where_it_grows_the_other_way(
 ) -> None:
     # Distances 251, 247 and 244 are the near levels 4, 8 and 11 after Eq. 7.1; 155 is 100.
     far = TINY_TOML.replace('"nearness"', '"distance"').replace('name = "tiny"', 'name = "far"')
+    # Scenes of the same name from another place are other scenes.
+    far = far.replace('url = "https://example.org/tiny"', 'url = "https://example.org/far"')
     random = np.random.default_rng(8)
     for number, scene in enumerate(("One", "Two", "Three")):
         for view in (1, 5):
