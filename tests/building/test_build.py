@@ -12,6 +12,7 @@ import pytest
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.blur.tracks import TRACKS
 from dfdbench.building.build import build_store, scene_dataset
 from dfdbench.building.fetching.checksums import known_checksums
 from dfdbench.building.sources import SceneImages, open_source
@@ -246,7 +247,14 @@ def test_the_shared_middlebury_scenes(shared_data: Path, tmp_path: Path) -> None
 
 def test_the_leaderboard_holds_to_the_same_fingerprints() -> None:
     known = known_fingerprints(Path(__file__).parents[2] / "leaderboard")
-    assert known == {
-        "demo-1": [DEMO_FINGERPRINT],
-        "middlebury-default-1": [MIDDLEBURY_DEFAULT_FINGERPRINT],
-    }
+    assert known["demo-1"] == [DEMO_FINGERPRINT]
+    assert known["middlebury-default-1"] == [MIDDLEBURY_DEFAULT_FINGERPRINT]
+    sets = ("demo-1", "middlebury-default-1")
+    labels = [
+        f"{track.name}-{number + 1}"
+        for track in TRACKS.values()
+        for number in range(len(track.severities))
+    ]
+    assert set(known) == {*sets, *(f"{name}@{label}" for name in sets for label in labels)}
+    # Every severity of every track is data of its own.
+    assert len({value for values in known.values() for value in values}) == len(known)

@@ -98,9 +98,17 @@ def test_a_method_that_asks_for_the_recipe_is_refused(
     tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
 ) -> None:
     store, _ = built(tiny_manifest, "psf-2", tiny_folder, tmp_path / "a.zarr")
+    (tmp_path / "solver.py").write_text(
+        "class Solver:\n"
+        "    def __init__(self, recipe):\n        self.recipe = recipe\n"
+        "    def __call__(self, infocus, defocus):\n        return infocus[..., 0]\n"
+    )
+    solver = f"{tmp_path / 'solver.py'}:Solver"
     with pytest.raises(MethodError, match="a track does not tell it"):
-        load_for(store, "local", {})
-    assert load_for(store, "local", {"recipe": "published"}).parameters == {"recipe": "published"}
+        load_for(store, solver, {})
+    assert load_for(store, solver, {"recipe": "published"}).parameters == {"recipe": "published"}
+    # One that can measure the blur is not refused, and not told.
+    assert load_for(store, "local", {}).uses == ()
 
 
 def test_a_run_s_result_bears_the_track_and_tells_no_recipe(
