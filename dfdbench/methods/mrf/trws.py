@@ -3,7 +3,8 @@
 Sequential TRW (Kolmogorov, "Convergent tree-reweighted message passing for energy minimization",
 PAMI 2006) with the rows and columns of the grid as its chains. All arithmetic is in integers: a
 pixel's cost is shared out between its row and its column without remainder, so that the bound
-holds exactly, whatever the messages are.
+holds exactly, whatever the messages are. One algorithm whose passes share their message arrays: it
+stays in one file, a little longer than most.
 """
 
 from __future__ import annotations
