@@ -90,13 +90,6 @@ def test_unet_refuses_what_only_dfd_net_has() -> None:
             {"label_width": 3, "learning_rate": 4e-4, "steps": 33000},
             "demo-1, split train, 40,000 steps",
         ),
-        (
-            "dfd-net",
-            "middlebury",
-            "demo-fine",
-            {},
-            "middlebury-default-1, split train, 18,000 steps",
-        ),
     ],
 )
 def test_shipped_weights_were_trained_as_the_docs_say(
