@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.methods.networks.inference import Precision, Predictor, find_device
+from dfdbench.methods.networks.inference import Precision, Predictor, Readout, find_device
 from dfdbench.methods.networks.weights import find_weights, load_weights, weights_sha256
 
 Image = NDArray[np.uint8]
@@ -25,10 +25,13 @@ class _Learned:
         device: str = "auto",
         precision: Precision = "float32",
         tile: int | None = None,
+        readout: Readout | None = None,
     ) -> None:
         path = find_weights(self.method, weights)
         network, self.card = load_weights(path, self.method)
-        self._predict = Predictor(network, find_device(device), precision, tile)
+        if readout is None:
+            readout = self.card.configuration.get("readout", "mode")
+        self._predict = Predictor(network, find_device(device), precision, tile, readout)
         self._asked_tile = tile
         #: Kept in results: the same name may hold other weights tomorrow.
         self.weights_sha256 = weights_sha256(path)
@@ -70,6 +73,9 @@ class DfDNetMethod(_Learned):
         little: docs/training.md has figures.
     tile : int, optional
         Cut images into tiles of this many rows and columns, to save memory.
+    readout : {"mode", "median"}, optional
+        Which level of a pixel's distribution over all levels is the answer: the likeliest, as in
+        the thesis, or its median. By default what the weights were made for.
 
     Raises
     ------

@@ -12,6 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.architectures import UNET_FILTERS
+from dfdbench.methods.networks.inference import Readout
 from dfdbench.methods.networks.widths import FILTERS, narrowed
 from dfdbench.system.record import Record, problems_of
 
@@ -74,6 +75,9 @@ class TrainingConfiguration(Record):
     precision : {"float32", "bf16", "auto"}
         Of all convolutions but the first, which tells apart what differs by less than bf16 can.
         ``auto``: bf16 where the processor has it, see `dfdbench.training.precision`.
+    readout : {"mode", "median"}
+        Which level of a pixel's distribution is the answer, in what is logged and wherever the
+        weights are used: the likeliest, as in the thesis, or the median.
     evaluate_every, evaluate_pairs : int
         How often, and on how many pairs of training and test each, the metrics are logged.
     """
@@ -105,6 +109,7 @@ class TrainingConfiguration(Record):
     steps: Count | None = None
     warm_up: Annotated[int, Field(ge=0)] = 0
     precision: Literal["float32", "bf16", "auto"] = "float32"
+    readout: Readout = "mode"
     evaluate_every: Count = 2500
     evaluate_pairs: Count = 6
 

@@ -13,7 +13,7 @@ from torch import nn
 
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.methods.networks.inference import Predictor
+from dfdbench.methods.networks.inference import Predictor, Readout
 from dfdbench.metrics.metric import METRICS, mean_of
 from dfdbench.metrics.protocol import PROTOCOLS, score
 
@@ -53,6 +53,7 @@ def mean_scores(
     pairs: Sequence[Pair],
     device: torch.device,
     on_pair: Callable[[int, int], None] | None = None,
+    readout: Readout = "mode",
 ) -> dict[str, float]:
     """Return the mean of each metric over pairs; a metric is absent where no pair defines it.
 
@@ -68,8 +69,10 @@ def mean_scores(
         Where it runs.
     on_pair : callable, optional
         Called with (pairs done, pairs to do).
+    readout : {"mode", "median"}
+        Which level of a pixel's distribution is the answer.
     """
-    predict = Predictor(copy.deepcopy(network).eval(), device)
+    predict = Predictor(copy.deepcopy(network).eval(), device, readout=readout)
     values: dict[str, list[float]] = {metric: [] for metric in METRICS}
     for done, pair in enumerate(pairs, 1):
         images = store.read(pair)

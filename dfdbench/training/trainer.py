@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import torch
 
 import dfdbench
+from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import ResultError, reason_of, room_or
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
@@ -166,9 +167,14 @@ class _Session:
         row: dict[str, Any] = {"step": self._learner.step}
         for name, pairs in (("train", self._task.train), ("test", self._task.test)):
             chosen = evenly_spaced(pairs, self._task.configuration.evaluate_pairs)
-            scores = mean_scores(self._learner.network, self._task.store, chosen, self._device)
+            scores = self._mean_scores(chosen)
             row |= {f"{name}_{metric}": value for metric, value in scores.items()}
         self._new.scores.append(row)
+
+    def _mean_scores(self, pairs: Sequence[Pair]) -> dict[str, float]:
+        readout = self._task.configuration.readout
+        store, device = self._task.store, self._device
+        return mean_scores(self._learner.network, store, pairs, device, readout=readout)
 
     def _save(self) -> None:
         state = {**self._learner.state(), "seconds": self._seconds}
@@ -178,7 +184,7 @@ class _Session:
 
     def _finish(self, ended: str) -> TrainingOutcome:
         task = self._task
-        scores = mean_scores(self._learner.network, task.store, task.test, self._device)
+        scores = self._mean_scores(task.test)
         with same_threads():
             environment = describe_environment()
         card = Card(

@@ -50,6 +50,22 @@ def test_other_weights_under_the_same_name_are_another_run(
     assert done.set_aside is not None
 
 
+def test_weights_are_read_out_as_they_were_made_for(weights: Path, tmp_path: Path) -> None:
+    other = tmp_path / "median.safetensors"
+    made_for_median = card(configuration={"readout": "median"})
+    save_weights(other, load_weights(weights, "dfd-net")[0], made_for_median)
+    random = np.random.default_rng(4)
+    pair = random.integers(0, 256, (2, 24, 30, 3)).astype(np.uint8)
+
+    def levels(path: Path, **parameters: Any) -> Any:
+        return load("dfd-net", weights=str(path), device="cpu", **parameters)(*pair)
+
+    mode, median = levels(weights), levels(other)
+    assert not np.array_equal(mode, median)
+    assert np.array_equal(levels(weights, readout="median"), median)
+    assert np.array_equal(levels(other, readout="mode"), mode)
+
+
 def test_falling_back_to_tiles_is_said(
     weights: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,11 +6,13 @@ from numpy.typing import NDArray
 
 pytest.importorskip("torch", reason="needs the extra nets")
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dfdbench.errors import MethodError
 from dfdbench.methods.networks import architectures
 from dfdbench.methods.networks.architectures import DfDNet, UNet
-from dfdbench.methods.networks.inference import Predictor, find_device
+from dfdbench.methods.networks.inference import Predictor, Readout, find_device, median_levels
 from tests.methods.networks.test_architectures import SMALL
 
 CPU = torch.device("cpu")
@@ -42,6 +44,38 @@ def test_tiles_do_not_change_the_answer(kind: str) -> None:
     whole = Predictor(network(kind), CPU)(*pair)
     assert len(np.unique(whole)) > 1
     assert np.array_equal(Predictor(network(kind), CPU, tile=64)(*pair), whole)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_median_errs_least_on_average(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    logits = random.normal(0, random.uniform(0.1, 8), (256, 3, 4)).astype(np.float32)
+    chosen = median_levels(torch.from_numpy(logits)).numpy().astype(int)
+    exact = np.exp(logits.astype(float) - logits.max(0))
+    exact /= exact.sum(0)
+    levels = np.arange(256)
+    expected = np.einsum("lyx,lk->kyx", exact, np.abs(levels[:, None] - levels[None]))
+    found = np.take_along_axis(expected, chosen[None], 0)[0]
+    assert np.all(found <= expected.min(0) + 1e-3)
+
+
+def test_a_sure_answer_is_the_same_either_way() -> None:
+    pair = images(20, 31)
+
+    def levels(readout: Readout) -> NDArray[np.uint8]:
+        made = network()
+        with torch.no_grad():  # large filters make distributions with one peak
+            made.get_parameter("classify.weight").mul_(1e6)
+        return Predictor(made, CPU, readout=readout)(*pair)
+
+    mode, median = levels("mode"), levels("median")
+    assert len(np.unique(mode)) > 1
+    assert np.array_equal(mode, median)
+
+
+def test_the_readout_is_one_of_two() -> None:
+    with pytest.raises(MethodError, match="readout"):
+        Predictor(network(), CPU, readout="mean")  # type: ignore[arg-type]
 
 
 def test_the_margin_is_as_far_as_a_pixel_sees(monkeypatch: pytest.MonkeyPatch) -> None:
