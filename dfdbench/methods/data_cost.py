@@ -202,9 +202,13 @@ def _fill(
     nodes, labels = mixture.shape
     radius = kernels.shape[1] - 1
     column_sums = np.empty(width + 2 * radius, np.float32)
-    residuals = np.empty((channels, nodes, width), np.float32)
-    difference = np.empty(labels, np.float32)
-    squares = np.empty(labels, np.float32)
+    # Four pixels share each trip to the mixture; the columns that fill up a last four are unused.
+    fours = (width + 3) // 4 * 4
+    residuals = np.zeros((channels, (nodes + 1) // 2 * 2, fours), np.float32)
+    factors = np.zeros((residuals.shape[1], labels), np.float32)
+    factors[:nodes] = mixture
+    difference = np.empty((4, labels), np.float32)
+    squares = np.empty((4, labels), np.float32)
     costs = np.empty(labels, np.int32)
     scale, most = np.float32(weight), np.int32(limit)
     offset = 0
@@ -213,7 +217,7 @@ def _fill(
         for channel in range(channels):
             rows = padded[channel]
             for node in range(nodes):
-                row = residuals[channel, node]
+                row = residuals[channel, node, :width]
                 for x in range(width + 2 * radius):
                     column_sums[x] = kernels[node, 0] * rows[y + radius, x]
                 for tap in range(1, lengths[node]):
@@ -230,28 +234,39 @@ def _fill(
                         row[x] -= factor * (
                             column_sums[x + radius - tap] + column_sums[x + radius + tap]
                         )
-        for x in range(width):
+        for start in range(0, width, 4):
             squares[:] = 0
             for channel in range(channels):
                 difference[:] = 0
-                # Two nodes at a time halve the trips to `difference`.
-                for node in range(0, nodes - 1, 2):
-                    first, second = residuals[channel, node, x], residuals[channel, node + 1, x]
+                for node in range(0, factors.shape[0], 2):
+                    _add_two(
+                        factors[node],
+                        factors[node + 1],
+                        residuals[channel, node, start : start + 4],
+                        residuals[channel, node + 1, start : start + 4],
+                        difference,
+                    )
+                for pixel in range(4):
                     for label in range(labels):
-                        difference[label] += (
-                            mixture[node, label] * first + mixture[node + 1, label] * second
-                        )
-                if nodes % 2:
-                    last = residuals[channel, nodes - 1, x]
-                    for label in range(labels):
-                        difference[label] += mixture[nodes - 1, label] * last
+                        squares[pixel, label] += difference[pixel, label] * difference[pixel, label]
+            for pixel in range(min(4, width - start)):
+                least = np.int32(2**31 - 1)
                 for label in range(labels):
-                    squares[label] += difference[label] * difference[label]
-            least = np.int32(2**31 - 1)
-            for label in range(labels):
-                costs[label] = np.int32(scale * squares[label] + ROUNDING)
-                least = min(least, costs[label])
-            offset += int(least)
-            for label in range(labels):
-                unary[y, x, label] = min(costs[label] - least, most)
+                    costs[label] = np.int32(scale * squares[pixel, label] + ROUNDING)
+                    least = min(least, costs[label])
+                offset += int(least)
+                for label in range(labels):
+                    unary[y, start + pixel, label] = min(costs[label] - least, most)
     return offset
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"}, inline="always")
+def _add_two(first: Array, second: Array, by_first: Array, by_second: Array, out: Array) -> None:
+    a0, a1, a2, a3 = by_first[0], by_first[1], by_first[2], by_first[3]
+    b0, b1, b2, b3 = by_second[0], by_second[1], by_second[2], by_second[3]
+    for label in range(first.size):
+        one, other = first[label], second[label]
+        out[0, label] += one * a0 + other * b0
+        out[1, label] += one * a1 + other * b1
+        out[2, label] += one * a2 + other * b2
+        out[3, label] += one * a3 + other * b3

@@ -180,12 +180,14 @@ def _misfits(
     nodes, labels = mixture.shape
     radius = kernels.shape[1] - 1
     column = np.empty(width + 2 * radius, np.float64)
-    residuals = np.zeros((channels, width, (nodes + 3) // 4 * 4), np.float64)
+    # Four pixels share each trip to the mixture; the columns that fill up a last four are unused.
+    fours = (width + 3) // 4 * 4
+    residuals = np.zeros((channels, fours, (nodes + 3) // 4 * 4), np.float64)
     factors = np.zeros((residuals.shape[2], labels), np.float64)
     factors[:nodes] = mixture
     blurred = np.empty(width, np.float64)
-    difference = np.empty(labels, np.float64)
-    squares = np.empty(labels, np.float64)
+    difference = np.zeros((4, labels), np.float64)
+    squares = np.empty((4, labels), np.float64)
     bound = 0.5 + TOLERANCE
     for y in range(height):
         for channel in range(channels):
@@ -206,28 +208,44 @@ def _misfits(
                     factor = kernel[tap]
                     for x in range(width):
                         blurred[x] += factor * (left[x] + right[x])
-                residuals[channel, :, node] = blurred
-        for x in range(width):
+                residuals[channel, :width, node] = blurred
+        for start in range(0, width, 4):
+            many = min(4, width - start)
             squares[:] = 0
             for channel in range(channels):
-                difference[:] = -np.float64(defocus[channel, y, x])
-                # Four nodes at a time quarter the trips to `difference`.
+                for pixel in range(many):
+                    difference[pixel] = -np.float64(defocus[channel, y, start + pixel])
                 for node in range(0, factors.shape[0], 4):
-                    at = residuals[channel, x, node : node + 4]
-                    first, second, third, fourth = at[0], at[1], at[2], at[3]
+                    _add_four(
+                        factors[node : node + 4],
+                        residuals[channel, start : start + 4, node : node + 4],
+                        difference,
+                    )
+                for pixel in range(many):
                     for label in range(labels):
-                        difference[label] += (
-                            factors[node, label] * first
-                            + factors[node + 1, label] * second
-                            + factors[node + 2, label] * third
-                            + factors[node + 3, label] * fourth
-                        )
+                        excess = max(abs(difference[pixel, label]) - bound, 0.0)
+                        squares[pixel, label] += excess * excess
+            for pixel in range(many):
                 for label in range(labels):
-                    excess = max(abs(difference[label]) - bound, 0.0)
-                    squares[label] += excess * excess
-            for label in range(labels):
-                steps = np.ceil(STEPS * np.sqrt(squares[label]))
-                out[y, x, label] = np.uint16(min(steps, 65535.0))
+                    steps = np.ceil(STEPS * np.sqrt(squares[pixel, label]))
+                    out[y, start + pixel, label] = np.uint16(min(steps, 65535.0))
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"}, inline="always")
+def _add_four(factors: Array, at: Array, out: Array) -> None:
+    # Add four nodes' parts to what each label makes of four pixels.
+    for half in range(0, 4, 2):
+        a0, a1, a2, a3 = at[half, 0], at[half, 1], at[half, 2], at[half, 3]
+        b0, b1, b2, b3 = at[half + 1, 0], at[half + 1, 1], at[half + 1, 2], at[half + 1, 3]
+        for label in range(out.shape[1]):
+            f0, f1, f2, f3 = (
+                factors[0, label],
+                factors[1, label],
+                factors[2, label],
+                factors[3, label],
+            )
+            out[half, label] += f0 * a0 + f1 * a1 + f2 * a2 + f3 * a3
+            out[half + 1, label] += f0 * b0 + f1 * b1 + f2 * b2 + f3 * b3
 
 
 @numba.njit(cache=True, nogil=True)

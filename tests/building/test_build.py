@@ -145,6 +145,7 @@ def test_damaged_files_are_all_named_and_nothing_is_put_into_place(
     assert not (tmp_path / "s.zarr").exists()
 
 
+@pytest.mark.slow
 def test_a_killed_build_goes_on(demo_store: Store, tmp_path: Path) -> None:
     path = tmp_path / "killed.zarr"
     command = [

@@ -5,11 +5,15 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from dfdbench.datasets.store import Store
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
+from dfdbench.datasets.manifest_file import parse_manifest
 from tests.cli.command import Command
 from tests.cli.conftest import BELOW
+from tests.conftest import TINY_TOML, write_png
 from tests.site import Site, served
 
 
@@ -38,18 +42,30 @@ def test_missing_pairs_fail_the_build_unless_allowed(
     assert "2 of them kept from before" in allowed.out
 
 
-def test_ctrl_c_in_mid_build_loses_nothing(demo_store: Store, tmp_path: Path) -> None:
-    store = tmp_path / "demo.zarr"
-    command = [sys.executable, "-m", "dfdbench", "build", "demo", "--store", str(store)]
+def test_ctrl_c_in_mid_build_loses_nothing(tiny_toml: str, tmp_path: Path) -> None:
+    # Images large enough for most scenes to be still to come when the first is seen.
+    random = np.random.default_rng(4)
+    for scene in ("One", "Two", "Three"):
+        for view in (1, 5):
+            depth = random.integers(0, 256, (180, 240)).astype(np.uint8)
+            write_png(tmp_path / "site" / scene / f"disp{view}.png", depth)
+            for exposure in (0, 1):
+                image = random.integers(0, 256, (180, 240, 3)).astype(np.uint8)
+                path = tmp_path / "site" / scene / f"Illum1/Exp{exposure}/view{view}.png"
+                write_png(path, image)
+    manifest = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
+    whole = build_store(manifest, open_source(manifest, tmp_path / "site"), tmp_path / "whole.zarr")
+    store = tmp_path / "tiny.zarr"
+    command = [sys.executable, "-m", "dfdbench", "build", tiny_toml, "--store", str(store)]
+    command += ["--source", str(tmp_path / "site")]
     process = subprocess.Popen(
-        # With one worker most scenes are still to come when the first is seen.
         [*command, "--workers", "1"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, "DFDBENCH_CACHE": str(tmp_path / "cache")},
     )
-    partial = tmp_path / "demo.zarr.partial"
+    partial = tmp_path / "tiny.zarr.partial"
     deadline = time.monotonic() + 60
     while not list(partial.glob("*/defocus")) and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -60,7 +76,7 @@ def test_ctrl_c_in_mid_build_loses_nothing(demo_store: Store, tmp_path: Path) ->
     assert "Traceback" not in errors
     assert not store.exists()
     again = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert demo_store.fingerprint in again.stdout
+    assert whole.fingerprint in again.stdout
     assert "kept from before" in again.stdout
 
 
@@ -131,6 +147,7 @@ def test_mirrors_come_from_the_command_line_or_the_environment(
     assert not site.asked_for(f"/{BELOW}/One/disp1.png")
 
 
+@pytest.mark.slow
 def test_middlebury_in_default_lighting_is_whole_and_has_full_tables(
     dfdbench: Command, shared_data: Path
 ) -> None:

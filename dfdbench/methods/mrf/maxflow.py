@@ -29,6 +29,10 @@ RIGHT, LEFT, DOWN, UP = 0, 1, 2, 3
 # What `parent` holds besides a direction.
 TERMINAL, ORPHAN = 4, 5
 
+# Where the sources have this many times what the sinks want, only the sinks' tree is grown: a
+# source is near every sink.
+ABUNDANT = 10
+
 # What `tree` holds, FREE for nodes that are not active. Arrays with a first axis for the trees have
 # SOURCE's part at 0, SINK's at 1.
 FREE, SOURCE, SINK = 0, 1, 2
@@ -217,6 +221,7 @@ def _grow_and_augment(
     step = (1, -1, pitch, -pitch)
     counts[:] = 0
     ends = np.zeros(2, np.int64)
+    amounts = np.zeros(2, np.int64)
     for node in active:
         listed[0, node] = 0
         listed[1, node] = 0
@@ -226,18 +231,20 @@ def _grow_and_augment(
             tree[node] = FREE
             continue
         which = 0 if terminal[node] > 0 else 1
+        amounts[which] += abs(terminal[node])
         tree[node] = which + 1
         listed[which, node] = 1
         fronts[which, 1, ends[which]] = node
         ends[which] += 1
     counts[:, 1] = ends
+    scarce = amounts[0] < ABUNDANT * amounts[1]
     flow = 0
     # The greatest distance at which each tree is complete, and has yet to grow from.
     depths = np.ones(2, np.int64)
     # The sink's tree grows to its end, so that it holds all nodes that can reach the sink. The
     # source's tree grows first up to twice its depth, which was fastest on the energies here.
     while counts[1, depths[1] & 1] > 0:
-        shallow = depths[0] <= 2 * depths[1]
+        shallow = scarce and depths[0] <= 2 * depths[1]
         side = SOURCE if shallow and counts[0, depths[0] & 1] > 0 else SINK
         depth = depths[side - 1]
         front = fronts[side - 1, depth & 1]
