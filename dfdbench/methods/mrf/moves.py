@@ -79,6 +79,7 @@ class Mover:
         self._unary = energy.unary
         self._table = energy.smoothness
         self._gains = _largest_gains(energy.smoothness)
+        self._metric = energy.is_metric
         self._right, self._down = energy.edge_weights()
         self._weights = self._right + self._down
         self._weights[:, 1:] += self._right[:, :-1]
@@ -110,8 +111,10 @@ class Mover:
         graph.active = _choose(
             labels, self._costs, offer, costs, self._gains, self._weights, graph.nodes, graph.tree
         )
-        # Beside pixels that stay there is less to gain; where nearly all take part, few are.
-        if 2 * graph.active.size < labels.size:
+        # Beside pixels that stay there is less to gain; where nearly all take part, few are. Terms
+        # that are not submodular are cut otherwise beside such a pixel: only where there are none.
+        one_for_all = self._metric and bool((offer == offer[0]).all())
+        if one_for_all and 2 * graph.active.size < labels.size:
             graph.active = _drop(
                 self._table,
                 self._gains,
