@@ -37,12 +37,13 @@ class BlurLaw:
     gain, offset : float
         The defocus image is the blurred in-focus image times `gain`, plus `offset` grey levels.
     noise : tuple of float
-        Standard deviation in grey levels of what the defocus image has besides, at grey levels
-        evenly from 0 to 255; between them it runs straight. One value stands for all.
+        Standard deviation in grey levels of what the defocus image has besides, where it shows
+        grey levels evenly from 0 to 255; between them it runs straight. One value stands for all.
     infocus_noise : float
         The in-focus image's noise, which is blurred with it, as a part of the defocus image's.
     linear : bool
-        True: blur, gain and offset are of linear light, which the sRGB curve encodes.
+        True: all that is of linear light, which the sRGB curve encodes; `offset` and `noise` are
+        then in 255ths of white.
     registered : bool
         False: pairs are moved against each other, each its own way.
     even : bool

@@ -17,7 +17,7 @@ from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.errors import MethodError
 from dfdbench.methods.calibration_parts import KERNEL_SIZE, Part, Sample, Way, parts_of
 from dfdbench.methods.fit import Learned, TrainingPair
-from dfdbench.methods.law_cost import ROUNDING
+from dfdbench.methods.law_cost import grey_of, rounding_at
 from dfdbench.methods.width_curve import LADDER, best_widths, left_at, width_curve
 
 Array = NDArray[Any]
@@ -115,8 +115,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
             way = replace(way, gain=way.gain * gain, offset=way.gain * offset)
     way = replace(way, exponent=_exponent(few, way))
     samples = [part.sample(way) for part in parts]
-    even_noise = np.ones(GREYS)
-    sums, pixels = _sums(samples[:: len(parts) // len(few)], way, even_noise)
+    sums, pixels = _sums(samples[:: len(parts) // len(few)], way)
     rough = width_curve(sums, pixels)
     _, noise = _residuals(samples[:: len(parts) // len(few)], way, rough)
     sums, pixels = _sums(samples, way, noise)
@@ -169,7 +168,7 @@ def _exponent(few: Sequence[Part], way: Way) -> float:
 
 def _misfit(few: Sequence[Part], way: Way, turned: bool = False) -> float:
     samples = [part.sample(way, turned) for part in few]
-    return float(best_widths(_sums(samples, way, np.ones(GREYS))[0])[2].sum())
+    return float(best_widths(_sums(samples, way)[0])[2].sum())
 
 
 def _shares(way: Way) -> NDArray[np.float64]:
@@ -179,16 +178,21 @@ def _shares(way: Way) -> NDArray[np.float64]:
 
 
 def _sums(
-    samples: Sequence[Sample], way: Way, noise: Array
+    samples: Sequence[Sample], way: Way, noise: Array | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return squared differences, in units of the noise, by depth level and width; the pixels."""
+    """Return squared differences by depth level and width, and the pixels.
+
+    In units of the noise; without it in grey levels, so that ways can be held against each other.
+    """
     sums = np.zeros((LEVELS, LADDER.size))
     pixels = np.zeros(LEVELS, np.int64)
     for sample in samples:
-        weights = 1 / noise_at(noise, sample.aim) ** 2
         pixels += np.bincount(sample.depth, minlength=LEVELS)
+        own = 1.0 if noise is None else noise_at(noise, sample.grey)
+        aim = sample.aim if noise is not None else grey_of(sample.aim, way.linear)
         for number, trial in enumerate(sample.trials(way)):
-            squares = weights * np.square(trial - sample.aim)
+            shown = trial if noise is not None else grey_of(trial, way.linear)
+            squares = np.square((shown - aim) / own)
             sums[:, number] += np.bincount(sample.depth, squares, LEVELS)
     return sums, pixels
 
@@ -196,7 +200,7 @@ def _sums(
 def _fits(
     samples: Sequence[Sample], way: Way, sigmas: Array
 ) -> Iterator[tuple[Sample, NDArray[np.float64]]]:
-    """Yield each sample and the grey levels that widths by depth level give for it."""
+    """Yield each sample and the light that widths by depth level give for it."""
     place = np.interp(sigmas, LADDER, np.arange(LADDER.size))
     first = np.clip(place.astype(int), 0, LADDER.size - 2)
     part = place - first
@@ -241,13 +245,18 @@ def _line(samples: Sequence[Sample], way: Way) -> tuple[float, float]:
 def _residuals(
     samples: Sequence[Sample], way: Way, sigmas: Array
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the root mean square of what widths leave, by depth level and by grey level."""
+    """Return the root mean square of what widths leave.
+
+    By depth level, in grey levels; and by grey level, in the unit of a law's noise.
+    """
     by_level, by_grey = np.zeros((2, LEVELS)), np.zeros((2, GREYS))
     for sample, fit in _fits(samples, way, sigmas):
-        shown = np.clip(sample.aim, 0, LAST_LEVEL)
-        grey = np.rint(shown * (GREYS - 1) / LAST_LEVEL).astype(int)
-        squares = np.square(fit - sample.aim)
-        for sums, where in ((by_level, sample.depth), (by_grey, grey)):
+        left = grey_of(fit, way.linear) - grey_of(sample.aim, way.linear)
+        place = np.rint(sample.grey * (GREYS - 1) / LAST_LEVEL).astype(int)
+        for sums, where, squares in (
+            (by_level, sample.depth, np.square(left)),
+            (by_grey, place, np.square(fit - sample.aim)),
+        ):
             sums[0] += np.bincount(where, squares, sums.shape[1])
             sums[1] += np.bincount(where, minlength=sums.shape[1])
     level, tone = (
@@ -256,7 +265,8 @@ def _residuals(
     )
     known = np.flatnonzero(by_grey[1] >= _FEW_PIXELS)
     tone = np.interp(np.arange(GREYS), known, tone[known]) if known.size else np.ones(GREYS)
-    return level, np.maximum(tone, ROUNDING)
+    greys = np.linspace(0, LAST_LEVEL, GREYS)
+    return level, np.maximum(tone, rounding_at(greys, way.linear))
 
 
 def _cleared_curve(sums: Array, pixels: Array, way: Way) -> tuple[NDArray[np.float64], float]:

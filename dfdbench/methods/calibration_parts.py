@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import encode
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.methods.alignment import Alignment, find_alignment
 from dfdbench.methods.fit import TrainingPair
-from dfdbench.methods.law_cost import aim_of, blur, light_of
+from dfdbench.methods.law_cost import aim_of, blur, light_of, smooth_grey
 from dfdbench.methods.width_curve import LADDER
 
 #: Side of the kernels that are tried, in pixels.
@@ -54,7 +53,7 @@ class Part:
     def found(self, linear: bool) -> Alignment:
         """Return how the defocus image lies to the in-focus image."""
         images = light_of(self.infocus, linear), light_of(self.defocus, linear)
-        return find_alignment(*images, 1 if linear else LAST_LEVEL)
+        return find_alignment(*images, LAST_LEVEL)
 
     def sample(self, way: Way, turned: bool = False) -> Sample:
         """Return what counts of it; `turned` moves the defocus image the wrong way."""
@@ -65,24 +64,29 @@ class Part:
             gain = way.gain if way.even else found.gain
             how = Alignment(sign * found.down, sign * found.right, gain)
         light = light_of(self.infocus, way.linear)
-        aim = aim_of(self.defocus, way.linear, how, way.offset)[self.counts][:, 0]
-        return Sample(light, aim, self.depth[self.counts], self.counts)
+        aim = aim_of(self.defocus, way.linear, how, way.offset)
+        grey, aimed = smooth_grey(aim, way.linear), aim.astype(np.float64)
+        chosen = (image[self.counts][:, 0] for image in (aimed, grey))
+        return Sample(light, *chosen, self.depth[self.counts], self.counts)
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What counts of a part: light (y, x, 1) to blur; grey levels to explain, and their depth."""
+    """What counts of a part: light (y, x, 1) to blur; of the pixels what there is to explain.
+
+    That is their light, the grey level about them by which their noise is looked up, their depth.
+    """
 
     light: NDArray[np.float32]
-    aim: NDArray[np.float32]
+    aim: NDArray[np.float64]
+    grey: NDArray[np.float64]
     depth: NDArray[np.int64]
     counts: NDArray[np.bool_]
 
     def trials(self, way: Way) -> Iterator[NDArray[np.float64]]:
-        """Yield the grey levels that each width of the ladder would give."""
+        """Yield the light that each width of the ladder would give."""
         for kernel in point_spread_functions(LADDER, KERNEL_SIZE, way.exponent):
-            trial = blur(self.light, kernel)[self.counts][:, 0]
-            yield encode(trial.astype(np.float64)) if way.linear else trial.astype(np.float64)
+            yield blur(self.light, kernel)[self.counts][:, 0].astype(np.float64)
 
 
 def parts_of(pairs: Sequence[TrainingPair]) -> list[Part]:

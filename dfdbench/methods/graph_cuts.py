@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -17,7 +18,7 @@ from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
 from dfdbench.methods.calibrated import Calibrated
 from dfdbench.methods.data_cost import data_cost
-from dfdbench.methods.law_cost import blurred_by, law_cost
+from dfdbench.methods.law_cost import blurred_by, information, law_cost
 
 Image = NDArray[np.uint8]
 
@@ -38,6 +39,12 @@ SMOOTHNESS: Mapping[str, Callable[[int, int, int], NDArray[np.int32]]] = Mapping
 _LARGEST_COST = 65535
 # Of `weight`, what a nat costs under a blur law.
 _PER_NAT = 3
+# Of `weight`, the same times what a pixel tells of its level: the noisier the levels that pixels
+# would choose by themselves, the more a nat costs, as total variation is weighted by the noise
+# that it is to remove.
+_PER_ERROR = 24
+# What no pixel may say more: of those that the law does not explain, where surfaces end.
+_MOST_NATS = 10
 # Sweeps of message passing for a lower bound: on a photograph within about 0.3 % of the optimum.
 _BOUND_ITERATIONS = 10
 
@@ -57,7 +64,7 @@ class GraphCuts(Calibrated):
         is not told, the method is fitted: see `dfdbench.methods.calibration`.
     weight : float
         c of Eq. 4.1. Under a blur law, which knows its noise, a third of it is the cost of one
-        nat, a factor e of probability.
+        nat, a factor e of probability; more where noise leaves a pixel little to tell.
     smoothness : {"published", "truncated-absolute", "truncated-quadratic", "potts", \
 "adaptive-potts"}
         ``published`` is the program's table, the absolute difference up to 228.
@@ -75,7 +82,7 @@ class GraphCuts(Calibrated):
     solver : {"split", "expansion", "message-passing"}
         ``expansion`` is the published algorithm; ``split`` is some fifteen times faster.
     quality : {"fast", "default", "high"}
-        Of ``split``.
+        Of ``split``; under a blur law ``default`` is as ``high``.
     published_offset : bool
         Add one level, as the published program does.
     lower_bound : bool
@@ -187,7 +194,10 @@ class GraphCuts(Calibrated):
         elif self._solver == "message-passing":
             solution = mrf.message_passing(energy, _BOUND_ITERATIONS)
         else:
-            solution = mrf.split(energy, self._quality)  # type: ignore[arg-type]
+            # Where noise makes costs blunt, halving ranges goes further astray.
+            law = isinstance(self.blur, BlurLaw)
+            quality = "high" if law and self._quality == "default" else self._quality
+            solution = mrf.split(energy, quality)  # type: ignore[arg-type]
         if not self._bound:
             return mrf.Solution(solution.labels, solution.energy, solution.history)
         bound = solution.lower_bound
@@ -211,7 +221,9 @@ class GraphCuts(Calibrated):
                 image if image.ndim == 3 else image[..., np.newaxis] for image in (infocus, defocus)
             )
             blurred = blurred_by(blur, sharp, soft, self._levels)
-            unary, offset = law_cost(blurred, self._weight / _PER_NAT, self._limit, memory)
+            nat = self._nat(information(blurred, self._levels))
+            limit = min(math.ceil(_MOST_NATS * nat), self._limit)
+            unary, offset = law_cost(blurred, nat, limit, memory)
         else:
             unary, offset = data_cost(
                 self._channels(infocus),
@@ -227,6 +239,14 @@ class GraphCuts(Calibrated):
             grey = infocus if infocus.ndim == 2 else cv2.cvtColor(infocus, cv2.COLOR_RGB2GRAY)
             right, down = mrf.adaptive_potts_weights(np.asarray(grey), self._threshold)
         return mrf.Energy(unary, self._table, right, down, offset)
+
+    def _nat(self, told: float) -> float:
+        """Return the integer cost of a nat, where a pixel has so much information on its level."""
+        most = self._limit / _MOST_NATS
+        least = self._weight / _PER_NAT
+        return max(
+            least, min(most, self._weight / (_PER_ERROR * math.sqrt(told))) if told else least
+        )
 
     def _channels(self, image: Image) -> Image | NDArray[np.float32]:
         if image.ndim == 2:

@@ -3,7 +3,8 @@
 As in `dfdbench.methods.data_cost` few kernels stand for all. Here they need not be Gaussians, the
 images may be of linear light, and a level's residual is held against the noise that it has to
 show: what the defocus image has of its own, and what is left of the in-focus image's after the
-level's blur.
+level's blur. Where the law is linear, residuals are of light: there the noise of a dark pixel is
+as large to either side, which the sRGB curve makes it not.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.formation import decode, encode
 from dfdbench.blur.law import BlurLaw, noise_at
+from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.methods.alignment import Alignment, find_alignment, undo
 from dfdbench.methods.kernel_mixture import few_kernels
 
@@ -28,10 +30,12 @@ Array = NDArray[Any]
 # Largest sum of absolute differences between a level's kernel and the sum that stands for it: at
 # most 0.05 grey levels where black meets white.
 KERNEL_TOLERANCE = 2e-4
-# Steps of the table of the sRGB curve: below a tenth of a grey level but for the darkest.
-_STEPS = 8192
+# Over this sigma the defocus image is smoothed where it tells how much noise to expect: by its own
+# noise a pixel would choose its own weight.
+_SMOOTHING = 2.0
 # Rounding's standard deviation: a law may be measured on too few pixels to show even that.
 ROUNDING = 12**-0.5
+_LEVELS_LOOKED_AT = 8
 # Misfits are stored as whole multiples of 1 / STEPS grey levels: see `rounded_cost`.
 MISFIT_STEPS = 256
 
@@ -43,15 +47,14 @@ class Blurred:
     Parameters
     ----------
     nodes : ndarray of float32, shape (y, x, channel, node)
-        The in-focus image blurred by each of the few kernels; light, where the law is linear.
+        The in-focus image blurred by each of the few kernels; grey levels, or where the law is
+        linear 255ths of light.
     aim : ndarray of float32, shape (y, x, channel)
-        The defocus image, moved back and of the in-focus image's brightness.
+        The defocus image in the same unit, moved back and of the in-focus image's brightness.
     factors : ndarray of float32, shape (node, level)
         What a level's blurred image takes of each.
-    curve : ndarray of float32
-        Grey levels of light, in even steps from 0 to 1; empty where the law is not linear.
     noise : ndarray of float32, shape (y, x, channel)
-        Standard deviation of the defocus image's noise, in grey levels.
+        Standard deviation of the defocus image's noise, in the same unit.
     spread : ndarray of float64, shape (level,)
         How much more variance a residual has at each level, the in-focus image's noise counted.
     """
@@ -59,16 +62,12 @@ class Blurred:
     nodes: NDArray[np.float32]
     aim: NDArray[np.float32]
     factors: NDArray[np.float32]
-    curve: NDArray[np.float32]
     noise: NDArray[np.float32]
     spread: NDArray[np.float64]
 
     def of_level(self, level: int) -> NDArray[np.float32]:
-        """Return the in-focus image as it would look at one level, in grey levels."""
-        image = self.nodes @ self.factors[:, level]
-        if self.curve.size:
-            image = self.curve[(np.clip(image, 0, 1) * (self.curve.size - 1) + 0.5).astype(int)]
-        return np.asarray(image, np.float32)
+        """Return the in-focus image as it would look at one level, in the unit of the nodes."""
+        return np.asarray(self.nodes @ self.factors[:, level], np.float32)
 
 
 def blurred_by(
@@ -88,33 +87,56 @@ def blurred_by(
     kernels, factors, shares = _few(law)
     chosen = slice(None) if levels is None else levels
     light = light_of(infocus, law.linear)
-    curve = encode(np.linspace(0, 1, _STEPS)) if law.linear else np.empty(0)
     nodes = np.stack([blur(light, kernel) for kernel in kernels], axis=-1)
     spread = 1 + law.infocus_noise**2 * shares[chosen]
     factors = np.ascontiguousarray(factors[:, chosen])
     aim = _aligned(law, light, defocus)
-    noise = np.maximum(noise_at(law.noise, aim), ROUNDING).astype(np.float32)
-    return Blurred(nodes, aim, factors, curve.astype(np.float32), noise, spread)
+    return Blurred(nodes, aim, factors, noise_of(law, aim), spread)
 
 
 def light_of(image: Array, linear: bool) -> NDArray[np.float32]:
-    """Return grey levels 0 to 255 as they are, or as linear light 0 to 1."""
-    return np.asarray(decode(image) if linear else image, np.float32)
+    """Return grey levels 0 to 255 as they are, or as linear light, of which white has 255."""
+    return np.asarray(decode(image) * LAST_LEVEL if linear else image, np.float32)
+
+
+def grey_of(light: Array, linear: bool) -> NDArray[np.float64]:
+    """Return the grey levels, 0 to 255, of what `light_of` gives."""
+    return encode(light / LAST_LEVEL) if linear else np.asarray(light, np.float64)
 
 
 def aim_of(defocus: Array, linear: bool, how: Alignment, offset: float = 0) -> NDArray[np.float32]:
-    """Return a defocus image moved back and of the in-focus image's brightness, in grey levels."""
+    """Return a defocus image as `light_of` has it, moved back, of the other image's brightness."""
+    light = light_of(defocus, linear)
     if how == Alignment(0.0, 0.0, 1.0) and not offset:
-        return np.asarray(defocus, np.float32)
-    back = undo(how, light_of(defocus, linear), offset)
-    return np.asarray(encode(back.astype(np.float64)) if linear else back, np.float32)
+        return light
+    return undo(how, light, offset)
+
+
+def noise_of(law: BlurLaw, aim: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the noise to expect of a defocus image, rounding the least: (y, x, channel)."""
+    grey = smooth_grey(aim, law.linear)
+    noise = noise_at(law.noise, grey)
+    return np.maximum(noise, rounding_at(grey, law.linear)).astype(np.float32)
+
+
+def smooth_grey(aim: NDArray[np.float32], linear: bool) -> NDArray[np.float64]:
+    """Return the grey level about each pixel, by which its noise is looked up: (y, x, channel)."""
+    smooth = cv2.GaussianBlur(aim, (0, 0), _SMOOTHING).reshape(aim.shape)
+    return np.clip(grey_of(smooth.astype(np.float64), linear), 0, LAST_LEVEL)
+
+
+def rounding_at(grey: Array, linear: bool) -> NDArray[np.float64]:
+    """Return the standard deviation of rounding to grey levels, in the unit of `light_of`."""
+    levels = np.arange(LEVELS)
+    light = decode(levels) * LAST_LEVEL if linear else levels.astype(np.float64)
+    return np.asarray(ROUNDING * np.interp(grey, levels, np.gradient(light)))
 
 
 def _aligned(law: BlurLaw, light: NDArray[np.float32], defocus: Array) -> NDArray[np.float32]:
     how = Alignment(0.0, 0.0, law.gain)
     if not (law.registered and law.even):
         seen = light_of(defocus, law.linear)
-        found = find_alignment(light, seen, 1 if law.linear else 255, law.offset)
+        found = find_alignment(light, seen, LAST_LEVEL, law.offset)
         how = Alignment(
             0.0 if law.registered else found.down,
             0.0 if law.registered else found.right,
@@ -177,7 +199,6 @@ def law_cost(
         blurred.nodes,
         blurred.aim,
         blurred.factors,
-        blurred.curve,
         1 / blurred.noise,
         (unit / (2 * blurred.spread)).astype(np.float32),
         (unit * entry).astype(np.float32),
@@ -187,15 +208,39 @@ def law_cost(
     return unary, int(offset)
 
 
+def information(blurred: Blurred, levels: NDArray[np.intp]) -> float:
+    """Return what a pixel tells of its depth level: Fisher's information, a level to the -2.
+
+    The mean over pixels and some levels of the squared change a level makes, in units of the
+    noise. Its root is one over the error of a pixel's level, were the pixel alone.
+
+    Parameters
+    ----------
+    blurred : Blurred
+        The pair.
+    levels : ndarray of int
+        The depth levels that `blurred` holds, rising.
+    """
+    found = []
+    last = len(levels) - 1
+    for middle in np.linspace(0, last, min(_LEVELS_LOOKED_AT, last + 1)).astype(int):
+        low, high = max(middle - 1, 0), min(middle + 1, last)
+        change = blurred.factors[:, high] - blurred.factors[:, low]
+        slope = blurred.nodes @ change / np.float32(levels[high] - levels[low])
+        squares = np.square(slope / blurred.noise).sum(axis=2).mean(dtype=np.float64)
+        found.append(float(squares) / blurred.spread[middle])
+    return math.fsum(found) / len(found)
+
+
 def law_misfits(blurred: Blurred) -> NDArray[np.uint16]:
     """Return by how much each level leaves the interval of its noise, as `rounded_cost` has it.
 
     The interval is that of the even distribution whose variance is the level's: half a grey level
-    where there is nothing but rounding. Whole multiples of 1 / 256 grey levels, rounded up.
+    where there is nothing but rounding. Whole multiples of 1 / 256 of the images' unit, rounded up.
     """
     unary = _room(blurred, None)
     bounds = np.sqrt(3 * blurred.spread).astype(np.float32)
-    _leave(blurred.nodes, blurred.aim, blurred.factors, blurred.curve, blurred.noise, bounds, unary)
+    _leave(blurred.nodes, blurred.aim, blurred.factors, blurred.noise, bounds, unary)
     return unary
 
 
@@ -205,8 +250,8 @@ def _room(blurred: Blurred, out: NDArray[np.uint16] | None) -> NDArray[np.uint16
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def _levels(nodes: Array, factors: Array, curve: Array, out: Array) -> None:
-    """Write one pixel's grey level in one channel, blurred at every level."""
+def _levels(nodes: Array, factors: Array, out: Array) -> None:
+    """Write one pixel's value in one channel, blurred at every level."""
     count, levels = factors.shape
     out[:] = 0
     for node in range(0, count - 1, 2):
@@ -216,11 +261,6 @@ def _levels(nodes: Array, factors: Array, curve: Array, out: Array) -> None:
     if count % 2:
         for level in range(levels):
             out[level] += factors[count - 1, level] * nodes[count - 1]
-    if curve.size:
-        last = np.float32(curve.size - 1)
-        for level in range(levels):
-            light = min(max(out[level], np.float32(0)), np.float32(1))
-            out[level] = curve[np.int32(light * last + np.float32(0.5))]
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
@@ -228,7 +268,6 @@ def _fill(
     nodes: Array,
     aim: Array,
     factors: Array,
-    curve: Array,
     inverse: Array,
     weights: Array,
     entries: Array,
@@ -244,7 +283,7 @@ def _fill(
         for x in range(width):
             squares[:] = 0
             for channel in range(channels):
-                _levels(nodes[y, x, channel], factors, curve, grey)
+                _levels(nodes[y, x, channel], factors, grey)
                 for level in range(levels):
                     residual = (aim[y, x, channel] - grey[level]) * inverse[y, x, channel]
                     squares[level] += residual * residual
@@ -260,13 +299,7 @@ def _fill(
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
 def _leave(
-    nodes: Array,
-    aim: Array,
-    factors: Array,
-    curve: Array,
-    noise: Array,
-    bounds: Array,
-    unary: Array,
+    nodes: Array, aim: Array, factors: Array, noise: Array, bounds: Array, unary: Array
 ) -> None:
     height, width, channels = aim.shape
     levels = factors.shape[1]
@@ -276,7 +309,7 @@ def _leave(
         for x in range(width):
             squares[:] = 0
             for channel in range(channels):
-                _levels(nodes[y, x, channel], factors, curve, grey)
+                _levels(nodes[y, x, channel], factors, grey)
                 for level in range(levels):
                     bound = bounds[level] * noise[y, x, channel]
                     excess = max(abs(aim[y, x, channel] - grey[level]) - bound, 0.0)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import DfdbenchError, InputError
@@ -79,6 +80,36 @@ def test_fewer_labels_stand_for_the_middle_of_their_levels(
     found = GraphCuts(labels=32)(*pair[:2])
     assert np.isin(found, 255 - np.arange(4, 256, 8)).all()
     assert np.abs(found - pair[2]).max() <= 8
+
+
+def published_law(noise: float) -> BlurLaw:
+    recipe = RECIPES["published"]
+    by_depth = recipe.sigmas[np.asarray(recipe.level_of_depth(np.arange(256)))]
+    return BlurLaw(tuple(by_depth.tolist()), noise=(noise,))
+
+
+def test_the_noisier_the_images_the_more_a_nat_costs(pair: tuple[Image, Image, Image]) -> None:
+    infocus, defocus, _ = pair
+
+    def largest(noise: float, weight: float = 12) -> int:
+        method = GraphCuts(published_law(noise), weight)
+        return int(method.energy(infocus, defocus).unary.max())
+
+    # No pixel may say more than ten nats, of a third of the weight or more.
+    assert largest(1) == 40
+    assert largest(1, weight=6) == 20
+    noisy, noisier = largest(300), largest(600)
+    assert 40 < noisy < noisier <= 1017
+    assert noisier == pytest.approx(2 * noisy, rel=0.02)
+
+
+def test_noise_that_hides_blur_does_not_lead_far_astray(pair: tuple[Image, Image, Image]) -> None:
+    infocus, defocus, depth = pair
+    random = np.random.default_rng(8)
+    noisy = np.clip(defocus + random.normal(0, 25, defocus.shape), 0, 255).round().astype(np.uint8)
+    found = GraphCuts(published_law(25))(infocus, noisy)
+    middle = np.full(depth.shape, np.median(depth), np.uint8)
+    assert nrmse(depth, found.astype(np.uint8)) < nrmse(depth, middle)
 
 
 def test_a_grey_image_is_one_channel(pair: tuple[Image, Image, Image]) -> None:

@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.ndimage import correlate
+from scipy.ndimage import correlate, gaussian_filter
 
 from dfdbench.blur.formation import decode, encode
 from dfdbench.blur.law import BlurLaw, noise_at
-from dfdbench.methods.law_cost import MISFIT_STEPS, blurred_by, law_cost, law_misfits
+from dfdbench.methods.law_cost import MISFIT_STEPS, blurred_by, information, law_cost, law_misfits
 
 SIGMAS = (2.4, 1.1, 0.4, 0.7, 1.6)
 
@@ -21,16 +21,26 @@ def pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 
 
 def blurred_at(law: BlurLaw, infocus: NDArray[np.uint8], level: int) -> NDArray[np.float64]:
-    light = decode(infocus.astype(np.float64)) if law.linear else infocus.astype(np.float64)
     kernel = law.kernels()[level][..., np.newaxis]
-    blurred = correlate(light, kernel, mode="nearest")
-    return encode(blurred) if law.linear else blurred
+    return correlate(light(infocus, law), kernel, mode="nearest")
+
+
+def light(image: NDArray[np.uint8], law: BlurLaw) -> NDArray[np.float64]:
+    return 255 * decode(image) if law.linear else image.astype(np.float64)
+
+
+def noise_by_brightness(law: BlurLaw, aim: NDArray[np.float64]) -> NDArray[np.float64]:
+    about = gaussian_filter(aim, (2, 2, 0), mode="mirror", truncate=4)
+    grey = encode(about / 255) if law.linear else about
+    a_step = 255 * (decode(grey + 0.5) - decode(grey - 0.5)) if law.linear else 1
+    return np.maximum(noise_at(law.noise, grey), a_step / math.sqrt(12))
 
 
 LAWS = [
     BlurLaw(SIGMAS, kernel_size=15, noise=(2.0,)),
     BlurLaw(SIGMAS, exponent=8.0, kernel_size=15, noise=(3.0, 1.0), infocus_noise=0.8),
     BlurLaw(SIGMAS, exponent=32.0, kernel_size=15, noise=(2.0,), linear=True),
+    BlurLaw(SIGMAS, exponent=32.0, kernel_size=15, noise=(0.0, 0.0, 3.0), linear=True),
     BlurLaw(SIGMAS, kernel_size=15, noise=(2.0,), gain=1.1, offset=2.0),
 ]
 
@@ -38,8 +48,8 @@ LAWS = [
 @pytest.mark.parametrize("law", LAWS)
 def test_costs_and_misfits_equal_the_definition(law: BlurLaw) -> None:
     infocus, defocus = pair()
-    aim = (defocus - law.offset) / law.gain
-    noise = noise_at(law.noise, aim)
+    aim = (light(defocus, law) - law.offset) / law.gain
+    noise = noise_by_brightness(law, aim)
     spread = 1 + law.infocus_noise**2 * np.square(law.kernels()).sum(axis=(1, 2))
     costs, misfits = np.empty((2, 21, 26, len(SIGMAS)))
     for level in range(len(SIGMAS)):
@@ -66,3 +76,17 @@ def test_only_the_levels_in_question_are_worked_out() -> None:
     some = law_cost(blurred_by(law, *pair(), np.array([1, 3])), 4, 60000)[0].astype(int)
     difference = whole[..., [1, 3]] - some
     assert np.abs(difference[..., 0] - difference[..., 1]).max() <= 1
+
+
+@pytest.mark.parametrize(("noise", "infocus_noise"), [(1.0, 0.0), (3.0, 0.0), (2.0, 1.0)])
+def test_information_is_that_of_a_pixel_alone(noise: float, infocus_noise: float) -> None:
+    # The kernels of two widths, and of what lies between: a slope that is known.
+    law = BlurLaw((2.0, 1.0), kernel_size=15, noise=(noise,), infocus_noise=infocus_noise)
+    infocus, defocus = pair()
+    change = blurred_at(law, infocus, 1) - blurred_at(law, infocus, 0)
+    spread = 1 + infocus_noise**2 * np.square(law.kernels()).sum(axis=(1, 2))
+    per_pixel = np.square(change / noise).sum(axis=2).mean()
+    found = information(blurred_by(law, infocus, defocus), np.array([0, 1]))
+    assert found == pytest.approx((per_pixel / spread).mean(), rel=1e-3)
+    far = information(blurred_by(law, infocus, defocus), np.array([0, 10]))
+    assert far == pytest.approx(found / 100)
