@@ -132,6 +132,18 @@ def law_of(recipe: BlurRecipe, formation: Formation) -> BlurRecipe:
     )
 
 
+def kernel_size_of(law: BlurRecipe, layers: bool) -> int:
+    """Return the side of the square kernels: the recipe's, or of layers what holds the widest.
+
+    Examples
+    --------
+    >>> from dfdbench.blur.recipe import RECIPES
+    >>> kernel_size_of(RECIPES["published"], layers=False)
+    27
+    """
+    return 2 * int(np.ceil(_REACH * law.sigmas.max())) + 1 if layers else law.kernel_size
+
+
 def move(image: Floats, down: float, right: float) -> Floats:
     """Return an image moved by parts of a pixel, by a windowed sinc (Lanczos, four lobes).
 
@@ -206,7 +218,7 @@ def _kernels_by_level(law: BlurRecipe, exponent: float) -> Floats:
 
 @lru_cache(maxsize=8)
 def _kernels_by_depth(law: BlurRecipe, exponent: float) -> Floats:
-    size = 2 * int(np.ceil(_REACH * law.sigmas.max())) + 1
+    size = kernel_size_of(law, layers=True)
     kernels = without_tails(point_spread_functions(law.sigmas, size, exponent))
     by_depth: Floats = kernels[np.asarray(law.level_of_depth(np.arange(law.levels)))]
     return by_depth
