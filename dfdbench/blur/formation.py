@@ -23,8 +23,8 @@ Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 # A wide Gaussian's kernel reaches this many sigmas before its tails are cut.
 _REACH = 4
-# Lobes of the interpolating kernel that moves an image.
-_LOBES = 4
+#: Lobes of the interpolating kernel that moves an image: it reaches so many pixels further.
+LOBES = 4
 _GAUSSIAN = 2
 
 
@@ -162,9 +162,9 @@ def move(image: Floats, down: float, right: float) -> Floats:
     5
     """
     for axis, distance in enumerate((down, right)):
-        extent = _LOBES + int(np.ceil(abs(distance)))
+        extent = LOBES + int(np.ceil(abs(distance)))
         offsets = np.arange(-extent, extent + 1) + distance
-        window = np.where(np.abs(offsets) < _LOBES, np.sinc(offsets / _LOBES), 0)
+        window = np.where(np.abs(offsets) < LOBES, np.sinc(offsets / LOBES), 0)
         taps = np.sinc(offsets) * window
         image = correlate1d(image, taps / taps.sum(), axis=axis, mode="nearest")
     return image
