@@ -76,4 +76,5 @@ def _noise(formation: Formation) -> NDArray[np.float64]:
     weights = weights / weights.sum()
     seen = encode(light[:, np.newaxis] + np.sqrt(variance)[:, np.newaxis] * nodes)
     mean = seen @ weights
-    return np.sqrt(np.square(seen - mean[:, np.newaxis]) @ weights + _ROUNDING)
+    variance = np.square(seen - mean[:, np.newaxis]) @ weights
+    return np.asarray(np.sqrt(variance + _ROUNDING), np.float64)

@@ -92,8 +92,7 @@ def verify_result(
     chosen = sample(result, count, seed)
     if not chosen:
         raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
-    progress = on_pair and (lambda done: on_pair(done, len(chosen)))
-    compared = _Comparison(path, tolerance, progress)
+    compared = _Comparison(path, tolerance, len(chosen), on_pair)
     same_source = compared.run_again(result, chosen, store, weights)
     return compared.outcome([claim.id for claim in chosen], same_source)
 
@@ -132,8 +131,7 @@ def verify_tracks(
     chosen = tracks_sample(results, count, seed)
     if not chosen:
         raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
-    progress = on_pair and (lambda done: on_pair(done, len(chosen)))
-    compared = _Comparison(path, tolerance, progress)
+    compared = _Comparison(path, tolerance, len(chosen), on_pair)
     same_source = True
     # A fit is made once for all pairs of its run.
     for label in dict.fromkeys(label for label, _ in chosen):
@@ -149,9 +147,10 @@ class _Comparison:
     """Pairs that are run again, held against what was claimed."""
 
     def __init__(
-        self, path: Path, tolerance: float, on_pair: Callable[[int], object] | None
+        self, path: Path, tolerance: float, count: int, on_pair: Callable[[int, int], None] | None
     ) -> None:
-        self._path, self._tolerance, self._on_pair = path, tolerance, on_pair
+        self._path, self._tolerance = path, tolerance
+        self._count, self._on_pair = count, on_pair
         self._problems: list[Problem] = []
         self._identical = self._done = 0
         self._largest = 0.0
@@ -175,7 +174,7 @@ class _Comparison:
     def _compare(self, claim: PairResult, rerun: PairResult) -> None:
         self._done += 1
         if self._on_pair:
-            self._on_pair(self._done)
+            self._on_pair(self._done, self._count)
         self._identical += claim.prediction_sha256 == rerun.prediction_sha256
         difference = _difference(claim, rerun)
         if difference is None or difference > self._tolerance:

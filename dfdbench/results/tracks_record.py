@@ -145,7 +145,7 @@ def tracks_record(results: Mapping[str, Result], protocol: str) -> TracksRecord:
     clean = results[CLEAN]
     dataset = clean.dataset
     definition = next(each for each in clean.protocols if label_of(each) == protocol)
-    own = {"uses": [], "trained_on": None, "fitted_on": None, "fit_seconds": None}
+    own: dict[str, Any] = {"uses": [], "trained_on": None, "fitted_on": None, "fit_seconds": None}
     return TracksRecord(
         dataset=dataset.name,
         short=dataset.short,

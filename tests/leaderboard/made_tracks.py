@@ -1,9 +1,11 @@
 """Runs on tracks made by hand, for the tests of what reads them."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
+from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
 from tests.made_results import make_demo_result
 
@@ -14,19 +16,23 @@ ALL = [
 ]
 
 
+def _always(value: float, pair: Pair) -> float:
+    return value
+
+
 def make_tracks(
     name: str = "mine", value: float = 0.1, labels: Sequence[str] = ALL, **method: Any
 ) -> dict[str, Result]:
     """Runs on the demo set and on tracks of it: 0 on clean images, `value` on each track."""
     found = {}
     for number, label in enumerate([CLEAN, *labels]):
-        level = 0.0 if label == CLEAN else value
-        result = make_demo_result(lambda _, level=level: level, name, protocols=("valid",))
-        dataset = {"fingerprint": f"{number:064x}"}
+        always = functools.partial(_always, 0.0 if label == CLEAN else value)
+        result = make_demo_result(always, name, protocols=("valid",))
+        dataset: dict[str, Any] = {"fingerprint": f"{number:064x}"}
         own = dict(method)
         if label != CLEAN:
             dataset |= {"name": f"demo-1@{label}", "short": f"demo@{label}", "degradation": label}
-            dataset["recipe"] = {"name": "", "parameters": {}}  # type: ignore[assignment]
+            dataset["recipe"] = {"name": "", "parameters": {}}
         elif own.get("fitted_on"):
             own["fitted_on"] = None
         texts = {k: v.format(label=label) for k, v in own.items() if isinstance(v, str)}

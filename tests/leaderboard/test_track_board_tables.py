@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 from dfdbench.leaderboard.readme import check_readme, readme_text, write_readme
 from dfdbench.leaderboard.track_board_tables import tracks_board_table
@@ -25,7 +26,7 @@ def test_a_row_shows_clean_beside_the_mean_of_each_track(tmp_path: Path) -> None
 
 
 def test_what_a_method_was_fitted_and_trained_on_is_told_by_track(tmp_path: Path) -> None:
-    weights = {"weights_sha256": "3" * 64}
+    weights: dict[str, Any] = {"weights_sha256": "3" * 64}
     for name, facts in (
         ("fitted", {"fitted_on": "demo-1@{label}, split train"}),
         ("clean", {"trained_on": "demo-1, split train", **weights}),

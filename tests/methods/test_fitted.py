@@ -163,7 +163,7 @@ def test_a_window_larger_than_the_image_is_refused(name: str) -> None:
 
 def test_that_holds_for_learned_operators_too() -> None:
     pairs = [slope(seed) for seed in range(2)]
-    method = load("favaro-soatto", window=95)
+    method: Any = load("favaro-soatto", window=95)
     method.restore(method.fit(pairs))
     method.warm_up(pairs[0].infocus, pairs[0].defocus)
     with pytest.raises(MethodError, match="window is larger than the image"):

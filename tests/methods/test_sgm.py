@@ -76,7 +76,7 @@ def test_wrong_parameters_are_all_named() -> None:
     named = [problem.where for problem in caught.value.problems]
     assert named == ["small_step", "large_step", "limit"]
     # The one that was set may be either: the other is the default then.
-    for steps in ({"small_step": 20.0}, {"large_step": 0.25}):
+    for small, large in ((20.0, 15.0), (0.5, 0.25)):
         with pytest.raises(MethodError, match="small_step at most large_step") as both:
-            SemiGlobal(**steps)
+            SemiGlobal(small_step=small, large_step=large)
         assert both.value.problems[0].where == "small_step and large_step"

@@ -27,7 +27,7 @@ def test_a_patch_cut_with_its_margin_is_that_of_the_whole_image(name: str) -> No
     # Where noise is drawn for each pixel by its place in the image, patch and whole differ.
     random = np.random.default_rng(2)
     image = random.integers(60, 190, (120, 120, 3)).astype(np.uint8)
-    depth = np.tile(np.repeat(np.uint8([80, 140]), 60), (120, 1))
+    depth = np.tile(np.repeat(np.array([80, 140], np.uint8), 60), (120, 1))
     tracks = RandomTracks(RECIPE, [name])
     one = next(d for d in iter(lambda: tracks.choose(random), None) if d.severity == 3)
     margin = tracks.margin_of(one)
