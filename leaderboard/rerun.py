@@ -11,27 +11,39 @@ import sys
 import tomllib
 from pathlib import Path
 
+from dfdbench.blur.tracks import TRACKS
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import StoreError
 from dfdbench.leaderboard.folder import LEADERBOARD, RESULTS
 
 HERE = Path(__file__).parent
+#: How the rows of each kind are run.
+_RUN = {"sets": ("run", "--no-predictions"), "tracks": ("tracks",)}
+_TRACKS = [
+    f"{track.name}-{severity}"
+    for track in TRACKS.values()
+    for severity in range(1, len(track.severities) + 1)
+]
 
 
 def main(rows: Path) -> int:
     """Run, verify and write; return the exit status."""
     left_out: list[str] = []
     run_here: dict[tuple[str, str], None] = {}
-    for wanted in tomllib.loads(rows.read_text(encoding="utf-8"))["sets"]:
+    listed = tomllib.loads(rows.read_text(encoding="utf-8"))
+    for kind, wanted in [(name, each) for name in _RUN for each in listed.get(name, [])]:
         name = wanted["dataset"]
         if name == "demo" and _lacking(name, "all"):
             _dfdbench("build", name)
         for split in wanted["splits"]:
-            lacking = _lacking(name, split)
+            # The demo set's tracks are built where they are first run.
+            tracks = _TRACKS if kind == "tracks" and name != "demo" else ()
+            needed = (name, *(f"{name}@{track}" for track in tracks))
+            lacking = next(filter(None, (_lacking(each, split) for each in needed)), "")
             if lacking:
                 left_out += [f"{name}, split {split}, {m}: {lacking}" for m in wanted["methods"]]
                 continue
-            run = ("run", "--dataset", name, "--split", split, "--submit", "--no-predictions")
+            run = (*_RUN[kind], "--dataset", name, "--split", split, "--submit")
             for method in wanted["methods"]:
                 if _dfdbench(*run, "--method", *shlex.split(method)):
                     left_out.append(f"{name}, split {split}, {method}: failed, see above")

@@ -1,5 +1,7 @@
 """The scripts that the documentation names run."""
 
+import importlib
+import inspect
 import re
 import runpy
 from pathlib import Path
@@ -9,6 +11,9 @@ import pytest
 from dfdbench.datasets.store import Store
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
+from dfdbench.leaderboard.tracks_submission import submit_tracks
+from dfdbench.methods.registry import built_in_methods
+from tests.leaderboard.made_tracks import make_tracks
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = sorted(path.name for path in DOCS.glob("*.py"))
@@ -66,3 +71,48 @@ def test_the_tracks_picture_is_drawn(tiny_store: Store, tmp_path: Path) -> None:
     assert len(harder) == 3
     module["main"](str(tiny_store.path), str(tmp_path / "tracks.png"), pair.id)
     assert (tmp_path / "tracks.png").stat().st_size > 1000
+
+
+def test_every_parameter_of_the_classical_methods_is_told_with_its_default() -> None:
+    section = (DOCS / "classical.md").read_text("utf-8").partition("## Parameters")[2]
+    told: dict[str, dict[str, str]] = {}
+    name = ""
+    for line in section.partition("## s-transform")[0].splitlines():
+        if cells := re.match(r"\| (?:`([\w-]+)`)? ?\| `(\w+)` \| (.+?) \|", line):
+            name = cells[1] or name
+            told.setdefault(name, {})[cells[2]] = cells[3]
+    for name, parameters in told.items():
+        place, _, attribute = built_in_methods()[name].partition(":")
+        signature = inspect.signature(getattr(importlib.import_module(place), attribute))
+        found = {
+            key: "the set's" if key == "recipe" else f"{parameter.default:g}"
+            for key, parameter in signature.parameters.items()
+        }
+        assert found == parameters, name
+    classical = ["s-transform", "rational-filters", "favaro-soatto", "guided", "sgm", "local"]
+    assert list(told) == classical
+
+
+def test_the_table_of_what_tracks_cost_is_written_between_its_marks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    main = runpy.run_path(str(DOCS / "classical_tracks.py"))["main"]
+    names = main.__globals__["METHODS"]
+    page = tmp_path / "classical.md"
+    page.write_bytes((DOCS / "classical.md").read_bytes())
+    monkeypatch.setitem(main.__globals__, "PAGE", page)
+    (tmp_path / "leaderboard/results").mkdir(parents=True)
+    with pytest.raises(SystemExit, match="no runs on tracks of demo-1-test: constant"):
+        main("demo-1-test")
+    entries = {name: built_in_methods()[name] for name in names}
+    for number, (name, entry) in enumerate(entries.items()):
+        submit_tracks(make_tracks(name, 0.1 + 0.01 * number, entry=entry), Path("leaderboard"))
+    for _ in range(2):
+        main("demo-1-test")
+        rows = [line for line in page.read_text("utf-8").splitlines() if "| 0.16" in line]
+        assert len(rows) == 21
+        assert rows[0].startswith("| noise-1 | 0.1000 | 0.1100 |")
+    written = page.read_text("utf-8")
+    assert written.startswith((DOCS / "classical.md").read_text("utf-8")[:500])
+    assert written.endswith((DOCS / "classical.md").read_text("utf-8")[-500:])

@@ -23,6 +23,11 @@ methods = ["constant"]
 dataset = "middlebury-default"
 splits = ["test"]
 methods = ["constant", "local"]
+
+[[tracks]]
+dataset = "middlebury-default"
+splits = ["test"]
+methods = ["constant"]
 """
 
 
@@ -45,6 +50,7 @@ def test_what_is_not_built_is_left_out_by_name(
     assert [line.split(": ")[0].split(None, 2)[2] for line in left_out] == [
         "middlebury-default, split test, constant",
         "middlebury-default, split test, local",
+        "middlebury-default, split test, constant",
     ]
     assert all("dfdbench build middlebury-default" in line for line in left_out)
     row = tmp_path / "leaderboard/results/demo-1-Market/thesis/constant"
@@ -54,12 +60,17 @@ def test_what_is_not_built_is_left_out_by_name(
 
 
 def test_the_rows_that_are_listed_can_be_run() -> None:
-    for wanted in tomllib.loads((HERE / "rows.toml").read_text("utf-8"))["sets"]:
+    listed = tomllib.loads((HERE / "rows.toml").read_text("utf-8"))
+    assert listed.keys() == {"sets", "tracks"}
+    for kind, wanted in [(name, item) for name, items in listed.items() for item in items]:
         manifest = find_manifest(wanted["dataset"])
+        assert kind == "sets" or manifest.recipe is not None
         for split in wanted["splits"]:
             assert manifest.pairs(split)
         for method in wanted["methods"]:
             name, *options = method.split()
             assert name in built_in_methods()
+            if kind == "tracks" and "--told" in options:
+                options.remove("--told")
             assert options[::2] == ["--param"] * (len(options) // 2)
             values_of(options[1::2], "--param")

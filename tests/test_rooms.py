@@ -138,6 +138,7 @@ BEYOND_A_MODULE = {
     ("cli", "test_realworld.py"),
     ("cli", "test_realworld_mistakes.py"),
     ("methods", "mrf", "test_real_images.py"),
+    ("methods", "test_plain_recipe.py"),
     ("methods", "mrf", "test_solvers.py"),
     ("report", "test_browser.py"),
 }

@@ -23,8 +23,8 @@ Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 # A wide Gaussian's kernel reaches this many sigmas before its tails are cut.
 _REACH = 4
-# Lobes of the interpolating kernel that moves an image.
-_LOBES = 4
+#: Lobes of the interpolating kernel that moves an image: it reaches so many pixels further.
+LOBES = 4
 _GAUSSIAN = 2
 
 
@@ -132,6 +132,18 @@ def law_of(recipe: BlurRecipe, formation: Formation) -> BlurRecipe:
     )
 
 
+def kernel_size_of(law: BlurRecipe, layers: bool) -> int:
+    """Return the side of the square kernels: the recipe's, or of layers what holds the widest.
+
+    Examples
+    --------
+    >>> from dfdbench.blur.recipe import RECIPES
+    >>> kernel_size_of(RECIPES["published"], layers=False)
+    27
+    """
+    return 2 * int(np.ceil(_REACH * law.sigmas.max())) + 1 if layers else law.kernel_size
+
+
 def move(image: Floats, down: float, right: float) -> Floats:
     """Return an image moved by parts of a pixel, by a windowed sinc (Lanczos, four lobes).
 
@@ -150,9 +162,9 @@ def move(image: Floats, down: float, right: float) -> Floats:
     5
     """
     for axis, distance in enumerate((down, right)):
-        extent = _LOBES + int(np.ceil(abs(distance)))
+        extent = LOBES + int(np.ceil(abs(distance)))
         offsets = np.arange(-extent, extent + 1) + distance
-        window = np.where(np.abs(offsets) < _LOBES, np.sinc(offsets / _LOBES), 0)
+        window = np.where(np.abs(offsets) < LOBES, np.sinc(offsets / LOBES), 0)
         taps = np.sinc(offsets) * window
         image = correlate1d(image, taps / taps.sum(), axis=axis, mode="nearest")
     return image
@@ -206,7 +218,7 @@ def _kernels_by_level(law: BlurRecipe, exponent: float) -> Floats:
 
 @lru_cache(maxsize=8)
 def _kernels_by_depth(law: BlurRecipe, exponent: float) -> Floats:
-    size = 2 * int(np.ceil(_REACH * law.sigmas.max())) + 1
+    size = kernel_size_of(law, layers=True)
     kernels = without_tails(point_spread_functions(law.sigmas, size, exponent))
     by_depth: Floats = kernels[np.asarray(law.level_of_depth(np.arange(law.levels)))]
     return by_depth

@@ -33,6 +33,25 @@ def _is_whole(value: Any) -> bool:
     return isinstance(value, numbers.Integral) and not isinstance(value, bool)
 
 
+def _wrong_values(given: Mapping[str, Any]) -> list[Problem]:
+    """Return what is wrong with the values of fields, each by itself; unknown ones are passed."""
+    known = {
+        "sigma_min": (_is_positive, "a number > 0"),
+        "sigma_step": (_is_positive, "a number > 0"),
+        "levels": (lambda value: _is_whole(value) and 2 <= value <= LEVELS, f"2 to {LEVELS}"),
+        "kernel_size": (
+            lambda value: _is_whole(value) and value > 0 and value % 2 == 1,
+            "odd, positive",
+        ),
+        "invert": (lambda value: isinstance(value, bool), "true or false"),
+    }
+    return [
+        Problem("wrong blur recipe", where=name, expected=expected, got=repr(given[name]))
+        for name, (fits, expected) in known.items()
+        if name in given and not fits(given[name])
+    ]
+
+
 @dataclass(frozen=True)
 class BlurRecipe:
     """How much each depth level is blurred: ``sigma_i = sigma_min + i * sigma_step``.
@@ -74,20 +93,7 @@ class BlurRecipe:
 
     def __post_init__(self) -> None:
         size = self.kernel_size
-        fits = {
-            "sigma_min": (_is_positive(self.sigma_min), "a number > 0"),
-            "sigma_step": (_is_positive(self.sigma_step), "a number > 0"),
-            "levels": (_is_whole(self.levels) and 2 <= self.levels <= LEVELS, f"2 to {LEVELS}"),
-            "kernel_size": (_is_whole(size) and size > 0 and size % 2 == 1, "odd, positive"),
-            "invert": (isinstance(self.invert, bool), "true or false"),
-        }
-        problems = [
-            Problem(
-                "wrong blur recipe", where=name, expected=expected, got=repr(getattr(self, name))
-            )
-            for name, (right, expected) in fits.items()
-            if not right
-        ]
+        problems = _wrong_values(self.as_dict())
         if problems:
             raise InputError.of(problems)
         largest = self.sigma_min + (self.levels - 1) * self.sigma_step
@@ -170,6 +176,8 @@ def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:
         for field in fields(BlurRecipe)
         if field.default is MISSING and field.name not in recipe
     ]
+    # Fields that are there are looked at too, so that all is told at once.
+    problems += _wrong_values(recipe) if problems else []
     if problems:
         raise InputError.of(problems)
     return BlurRecipe(**recipe)

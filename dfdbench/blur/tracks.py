@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Any
 
-from dfdbench.errors import unknown_name
+from dfdbench.errors import UnknownNameError
 
 #: How the images of a data set without a track come about: the method knows the blur.
 CLEAN = "clean"
@@ -206,12 +207,36 @@ def find_degradation(label: str) -> Degradation:
     >>> find_degradation("camera-0").label
     'clean'
     """
-    for track in TRACKS.values():
-        for severity in range(len(track.severities) + 1):
-            if label == f"{track.name}-{severity}":
-                return Degradation(track, severity)
-    name = label.rpartition("-")[0] or label
-    if name not in TRACKS:
-        raise unknown_name("track", name, TRACKS, "`dfdbench list` shows them all.")
-    known = [f"{name}-{severity}" for severity in range(len(TRACKS[name].severities) + 1)]
-    raise unknown_name(f"severity of track {name}", label, known)
+    known = {
+        f"{track.name}-{severity}": Degradation(track, severity)
+        for track in TRACKS.values()
+        for severity in range(len(track.severities) + 1)
+    }
+    if label in known:
+        return known[label]
+    name, _, severity = label.rpartition("-")
+    name = name or label
+    if name in TRACKS:
+        raise _unknown_severity(TRACKS[name], label, severity)
+    # The whole of it is matched: of "noise1" the track alone would be half an answer.
+    near = difflib.get_close_matches(label.casefold(), known, n=1, cutoff=0.6)
+    fix = f"did you mean {near[0]}? " if near else ""
+    raise UnknownNameError(
+        what="unknown track",
+        expected=f"TRACK-SEVERITY, of: {', '.join(TRACKS)}",
+        got=label or "nothing",
+        fix=f"{fix}`dfdbench list` shows them all.",
+    )
+
+
+def _unknown_severity(track: Track, label: str, severity: str) -> UnknownNameError:
+    most = len(track.severities)
+    # Also 4 for 3, and 02 for 2; where there is no number, none is guessed.
+    nearest = min(int(severity[:4]), most) if severity.isascii() and severity.isdigit() else None
+    every = " or ".join(f"{track.name}-{number}" for number in range(1, most + 1))
+    return UnknownNameError(
+        what=f"unknown severity of track {track.name}",
+        expected=f"{track.name}-1 to {track.name}-{most}; {track.name}-0 is {CLEAN}",
+        got=label,
+        fix="did you mean " + (every if nearest is None else f"{track.name}-{nearest}") + "?",
+    )

@@ -72,12 +72,12 @@ def run(
 
     shown = find_protocol(protocol).label
     if submit:
-        _refuse_what_cannot_be_submitted(limit)
+        refuse_what_cannot_be_submitted(limit)
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
     loaded = load_for(data, method, values_of(param, "--param"), seed)
     if submit:
-        _refuse_what_was_trained_on(loaded, data.manifest, split)
+        refuse_what_was_trained_on(loaded, data.manifest, split)
     folder = out or Path("results") / f"{data.path.stem}-{split}" / folder_name(method, param)
     options = RunOptions(limit, not no_predictions, fresh, seed)
     pool = pool_of_processes(workers, scheduler)
@@ -192,7 +192,8 @@ def check_method_command(
         raise typer.Exit(1)
 
 
-def _refuse_what_cannot_be_submitted(limit: int | None) -> None:
+def refuse_what_cannot_be_submitted(limit: int | None) -> None:
+    """Refuse a run that the leaderboard would refuse, and a place without a leaderboard."""
     from dfdbench.leaderboard.folder import LEADERBOARD, require_leaderboard
 
     # Before the run: it may take hours.
@@ -206,7 +207,8 @@ def _refuse_what_cannot_be_submitted(limit: int | None) -> None:
     require_leaderboard(LEADERBOARD)
 
 
-def _refuse_what_was_trained_on(method: Method, manifest: Manifest, split: str) -> None:
+def refuse_what_was_trained_on(method: Method, manifest: Manifest, split: str) -> None:
+    """Refuse a method whose weights were trained on scenes of the test."""
     from dfdbench.leaderboard.training_problems import training_problems
 
     trained_on, weights = method.trained_on, method.weights_sha256

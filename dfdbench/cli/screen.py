@@ -112,7 +112,8 @@ def progress(
 ) -> Iterator[Callable[[int, int | None], None]]:
     """Show a bar while the block runs; the block calls what it is given with (done, total).
 
-    Ctrl-C ends the command with status 130 and says how it goes on.
+    Ctrl-C ends the command with status 130 and says how it goes on: in the notes that the
+    interrupted work has added to the exception, else as `resumed` has it.
     """
     with _bar(what, resumed=resumed) as (bar, task, lines):
 
@@ -193,7 +194,8 @@ def _bar(
         try:
             task = bar.add_task(Text(what).plain, total=None, received="0 bytes")
             yield bar, task, Lines(Text(what).plain, quiet=console.is_terminal)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stopped:
             bar.stop()
-            say(f"stopped; {resumed}")
+            # What was under way may know better how it goes on.
+            say(f"stopped; {'; '.join(getattr(stopped, '__notes__', ())) or resumed}")
             raise typer.Exit(_INTERRUPTED) from None

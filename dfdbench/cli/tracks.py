@@ -9,7 +9,12 @@ import typer
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.cli.building import source_of
-from dfdbench.cli.methods import Params, folder_name
+from dfdbench.cli.methods import (
+    Params,
+    folder_name,
+    refuse_what_cannot_be_submitted,
+    refuse_what_was_trained_on,
+)
 from dfdbench.cli.options import Cache, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.datasets.catalog import find_manifest
@@ -42,8 +47,14 @@ def tracks(
         Path | None, typer.Option(help="Folder; default: results/DATASET-tracks-SPLIT/METHOD.")
     ] = None,
     format: Annotated[Format, typer.Option(help="How the table is printed.")] = Format.table,
+    told: Annotated[
+        bool, typer.Option("--told", help="Tell it the blur of each track: a bound, not ranked.")
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="As of run.")] = 0,
     cache: Cache = None,
+    submit: Annotated[
+        bool, typer.Option("--submit", help="Write it into leaderboard/, for a pull request.")
+    ] = False,
 ) -> None:
     """Run a method over all tracks and severities; a stopped call goes on."""
     from dfdbench.evaluation.loading import load_for
@@ -58,14 +69,18 @@ def tracks(
     plain = _without_track(dataset)
     plain.scenes_of(split)
     labels = _labels(track)
-    name = folder_name(method, param)
+    name = folder_name(method, param) + ("-told" if told else "")
+    if submit:
+        refuse_what_cannot_be_submitted(None)
     place = out or Path("results") / f"{plain.file_stem}-tracks-{split}" / name
     # What cannot be run is told before anything is built or run for long.
     stores = {label: _built(plain, dataset, label, source, cache) for label in labels}
     given = values_of(param, "--param")
     results = {}
     for label, store in stores.items():
-        loaded = load_for(store, method, given, seed)
+        loaded = load_for(store, method, given, seed, told)
+        if submit:
+            refuse_what_was_trained_on(loaded, store.manifest, split)
         options = RunOptions(keep_predictions=False, seed=seed)
         with progress(f"running {method} on {label}") as step:
             done = run_method(store, loaded, split, place / label, options, on_pair=step)
@@ -75,6 +90,11 @@ def tracks(
     scores = {method: severities(results, shown, RANKED_BY)}
     save_figure(tracks_figure(scores, RANKED_BY, table.title), place / "tracks.png")
     say(f"results      {place}")
+    if submit:
+        from dfdbench.leaderboard.folder import LEADERBOARD
+        from dfdbench.leaderboard.tracks_submission import submit_tracks
+
+        say(f"submission   {submit_tracks(results, LEADERBOARD)}")
     if any(pair.status == "failed" for result in results.values() for pair in result.pairs):
         raise typer.Exit(1)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest, read_manifest
 from dfdbench.datasets.tracked import part_name, with_track
-from dfdbench.errors import unknown_name
+from dfdbench.errors import UnknownNameError, unknown_name
 
 
 @cache
@@ -55,6 +55,13 @@ def find_manifest(name: str) -> Manifest:
     'demo-1@camera-2'
     """
     base, label = part_name(name)
+    own, other = part_name(base)
+    if other and label:
+        raise UnknownNameError(
+            what="unknown data set: it is on one track at a time",
+            expected=f"{base} or {own}@{label}",
+            got=name,
+        )
     found = _find(base)
     return with_track(found, label) if base != name else found
 

@@ -10,7 +10,7 @@ from typing import Any
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import DfdbenchError, InputError, StoreError
+from dfdbench.errors import DfdbenchError, InputError, StoreError, UnknownNameError
 
 #: What stands between a data set's name and its track's.
 AT = "@"
@@ -56,6 +56,13 @@ def with_track(manifest: Manifest, label: str) -> Manifest:
     >>> with_track(demo, "camera-2").stem, with_track(demo, "camera-0").stem
     ('demo-1@camera-2', 'demo-1')
     """
+    if not label:
+        raise UnknownNameError(
+            what="unknown track: nothing stands behind the @",
+            expected="DATASET@TRACK-SEVERITY",
+            got=f"{manifest.short}{AT}",
+            fix=f"{manifest.short} for the clean images, {manifest.short}{AT}noise-1 for a track",
+        )
     found = find_degradation(label)
     if manifest.recipe is None:
         raise InputError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from dfdbench.datasets.manifest import ALL_PAIRS, Manifest
 from dfdbench.datasets.pair_sequence import PairSequence
 from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, ResultError, StoreError
-from dfdbench.methods.fit import Learned, restore, teach
+from dfdbench.methods.fit import Learned, check_learned, restore, teach
 from dfdbench.methods.method import Method
 from dfdbench.system.files import write_whole
 
@@ -142,7 +143,12 @@ def fit_method(store: Store, method: Method, split: str, seed: int) -> Fit | Non
     if method.fit is None:
         return None
     fitted_on, pairs = training_pairs(store, split)
-    lesson = teach(method, pairs, seed)
+    try:
+        lesson = teach(method, pairs, seed)
+    except KeyboardInterrupt as stopped:
+        # The command line says it in place of "goes on from here".
+        stopped.add_note(f"{method.name} was being fitted: the same command begins the fit anew")
+        raise
     return Fit(fitted_on, lesson.seconds, lesson.learned)
 
 
@@ -183,15 +189,25 @@ def read_fit(folder: Path) -> Fit:
     try:
         content = path.read_bytes()
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            return Fit(str(arrays["fitted_on"]), float(arrays["seconds"]), unpack(content))
+            seconds = float(arrays["seconds"])
+            learned = check_learned(unpack(content), str(path))
+            if not 0 <= seconds < math.inf:
+                raise ValueError(f"it took {seconds} seconds")
+            return Fit(str(arrays["fitted_on"]), seconds, learned)
+    except MethodError as error:
+        raise _damaged(path, "; ".join(problem.got for problem in error.problems)) from error
     except (OSError, ValueError, LookupError, EOFError, zipfile.BadZipFile) as error:
-        raise ResultError(
-            "what the method learned cannot be read",
-            where=str(path),
-            expected="numbers and arrays, as the run's first call kept them",
-            got="a file that is damaged, or another kind of file",
-            fix="run it again with --fresh: the method is fitted anew",
-        ) from error
+        raise _damaged(path, "a file that is damaged, or another kind of file") from error
+
+
+def _damaged(path: Path, got: str) -> ResultError:
+    return ResultError(
+        "what the method learned cannot be read",
+        where=str(path),
+        expected="numbers and arrays, as the run's first call kept them",
+        got=got,
+        fix="run it again with --fresh: the method is fitted anew",
+    )
 
 
 def pack(learned: Learned, facts: dict[str, NDArray[Any]] | None = None) -> bytes:

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import BlurRecipe, find_recipe
+from dfdbench.blur.tracks import find_degradation
 from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.methods.method import Method
@@ -15,7 +17,11 @@ from dfdbench.methods.registry import entry_of, load_method
 
 
 def load_for(
-    store: Store, method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int = 0
+    store: Store,
+    method: str | Callable[..., Any],
+    parameters: Mapping[str, Any],
+    seed: int = 0,
+    told: bool = False,
 ) -> Method:
     """Load a method and hand it the facts of the data set that it asks for.
 
@@ -24,18 +30,48 @@ def load_for(
     (None where there is none and the class has a ``fit``), one with ``recipe_name`` that recipe's
     name, empty for captured defocus, one with ``training_mean`` the mean depth of the training
     split, one with ``seed`` the run's seed.
+
+    With `told`, ``recipe`` is on a track the law of its formation, `dfdbench.blur.told.told_law`,
+    which is not told otherwise: what that knowledge is worth. The result then has ``recipe``
+    among the method's uses, by which it has no rank.
+
+    Raises
+    ------
+    MethodError
+        Where the method asks for what there is not; where `told` finds nobody to tell.
     """
-    return load_method(
+    recipe: Callable[[], BlurRecipe | BlurLaw | None]
+    recipe = (lambda: _formation_of(store)) if told else (lambda: store.recipe)
+    found = load_method(
         method if isinstance(method, str) else entry_of(method),
         parameters,
         {
-            "recipe": lambda: _recipe_of(store),
+            "recipe": recipe if told else lambda: _recipe_of(store),
             "recipe_name": lambda: store.recipe_name,
             "training_mean": lambda: training_mean(store),
             "seed": lambda: seed,
         },
-        for_fits={"recipe": lambda: store.recipe},
+        for_fits={"recipe": recipe},
     )
+    if told and "recipe" not in found.uses:
+        raise MethodError(
+            "nothing to tell: the method does not ask for the blur recipe, or was given one",
+            where=found.entry,
+            expected="a constructor parameter recipe that is left open, as graph-cuts has it",
+            fix="leave out --told, or --param recipe",
+        )
+    return found
+
+
+def _formation_of(store: Store) -> BlurRecipe | BlurLaw | None:
+    manifest = store.manifest
+    if not manifest.on_track or manifest.recipe is None:
+        return store.recipe
+    # Here: it needs scipy, which no other method's loading does.
+    from dfdbench.blur.told import told_law
+
+    formation = find_degradation(manifest.degradation).formation
+    return told_law(find_recipe(manifest.recipe), formation)
 
 
 def _recipe_of(store: Store) -> BlurRecipe:

@@ -90,6 +90,8 @@ class RemoteEvaluator:
         As for `PairEvaluator`.
     learned : bytes or None
         What the method's fit learned here, from `pack`; None where it has no fit.
+    told : bool
+        As for `dfdbench.evaluation.loading.load_for`.
     """
 
     place: str
@@ -97,13 +99,15 @@ class RemoteEvaluator:
     parameters: str
     seed: int
     learned: bytes | None = field(default=None, repr=False)
+    told: bool = False
 
     @classmethod
     def of(cls, store: Store, method: Method, seed: int, fit: Fit | None = None) -> RemoteEvaluator:
         """Return the evaluator for a store and a method that are open, and fitted, here."""
         place = store.path.absolute() if is_local(store.path) else store.path
         learned = None if fit is None or fit.learned is None else pack(fit.learned)
-        return cls(str(place), method.entry, json.dumps(method.parameters), seed, learned)
+        told = store.manifest.on_track and "recipe" in method.uses
+        return cls(str(place), method.entry, json.dumps(method.parameters), seed, learned, told)
 
     def __call__(self, pair: Pair) -> Evaluated:
         """Evaluate one pair; its time is marked as not comparable."""
@@ -115,7 +119,8 @@ class RemoteEvaluator:
 def _evaluator_here(remote: RemoteEvaluator) -> PairEvaluator:
     # A process keeps what it has loaded: graph cuts compile, networks read their weights.
     store = Store(remote.place)
-    method = load_for(store, remote.entry, json.loads(remote.parameters), remote.seed)
+    parameters = json.loads(remote.parameters)
+    method = load_for(store, remote.entry, parameters, remote.seed, remote.told)
     if remote.learned is not None:
         restore(method, unpack(remote.learned))
     return PairEvaluator(store, method, remote.seed)

@@ -84,6 +84,9 @@ class RunPlan:
             "keep_predictions": self.options.keep_predictions,
             "seed": self.options.seed,
         }
+        if self.store.manifest.on_track and "recipe" in self.method.uses:
+            # The same method, parameters and data without it are another run.
+            identity["told"] = True
         return dict(json.loads(json.dumps(identity)))
 
 

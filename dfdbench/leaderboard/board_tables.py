@@ -14,7 +14,7 @@ from dfdbench.metrics.metric import METRICS, RANKED_BY, mean_of
 from dfdbench.metrics.protocol import RELEASED, title_of
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT
-from dfdbench.results.told import TOLD_NOTE, told
+from dfdbench.results.told import TOLD_NOTE, knew_blur, told
 from dfdbench.results.wording import (
     NOTHING,
     machine_of,
@@ -273,6 +273,8 @@ def _incomplete_notes(board: ScoreBoard) -> list[str]:
                 f"{standing.entry.label}: {dataset.evaluated} of {dataset.expected} pairs "
                 "evaluated; an incomplete run has no rank"
             )
+        elif knew_blur(standing.entry.result):
+            notes.append(f"{standing.entry.label}: told a blur on a track, which gives no rank")
         elif standing.rank is None:
             notes.append(
                 f"{standing.entry.label}: {METRICS[RANKED_BY].title} is defined for no pair"

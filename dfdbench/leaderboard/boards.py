@@ -13,6 +13,7 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.folder import RESULTS, require_leaderboard
 from dfdbench.leaderboard.submission import TIME_FORMAT, load_submission
+from dfdbench.leaderboard.tracks_submission import is_tracks_file
 from dfdbench.leaderboard.verification import entry_problems
 from dfdbench.leaderboard.verification_file import SUFFIX, Reproduction, load_verification
 from dfdbench.metrics.intervals import scene_interval
@@ -20,6 +21,7 @@ from dfdbench.metrics.metric import RANKED_BY, TIES_BY, mean_of
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.differences import PairedDifference, changes, paired_difference
 from dfdbench.results.record import Result
+from dfdbench.results.told import knew_blur
 from dfdbench.results.wording import method_label
 
 #: Sets whose first board is under the thesis's protocol, which its printed tables are held
@@ -77,7 +79,8 @@ class Standing:
     entry : Entry
         The result.
     rank : int or None
-        By NRMSE, ties by NMAE; None for a run that is incomplete or has no NRMSE.
+        By NRMSE, ties by NMAE; None for a run that is incomplete or has no NRMSE, and for one
+        that was told the blur on a track.
     interval : tuple of float, or None
         Of NRMSE, as `dfdbench.metrics.intervals.scene_interval` has it.
     above : PairedDifference or None
@@ -127,7 +130,7 @@ class ScoreBoard:
 
 
 def collect(folder: Path) -> list[Entry]:
-    """Read every result of a leaderboard.
+    """Read every result of a leaderboard but those that hold runs on tracks together.
 
     Parameters
     ----------
@@ -146,7 +149,7 @@ def collect(folder: Path) -> list[Entry]:
         try:
             if path.name.endswith(SUFFIX):
                 _refuse_orphan(path)
-            else:
+            elif not is_tracks_file(path):
                 result = load_submission(path, folder)
                 problems += entry_problems(result.method, path)
                 entries.append(Entry(result, path, load_verification(result, path)))
@@ -185,7 +188,7 @@ def _board(
             superseded.append((newest[entry.label], entry))
         newest[entry.label] = entry
     ranked = sorted(
-        (entry for entry in newest.values() if entry.score(protocol, RANKED_BY) is not None),
+        (entry for entry in newest.values() if _can_rank(entry, protocol)),
         key=lambda entry: (*_order(entry, protocol), entry.label),
     )
     standings: list[Standing] = []
@@ -198,12 +201,16 @@ def _board(
             found_changes = changes(above.result, entry.result, protocol, RANKED_BY)
             difference = paired_difference(found_changes, RANKED_BY)
         standings.append(Standing(entry, rank, _interval(entry.result, protocol), difference))
-    unranked = [entry for entry in newest.values() if entry.score(protocol, RANKED_BY) is None]
+    unranked = [entry for entry in newest.values() if not _can_rank(entry, protocol)]
     standings += [
         Standing(entry, None, None, None)
         for entry in sorted(unranked, key=lambda entry: entry.label)
     ]
     return ScoreBoard(dataset, split, fingerprint, protocol, tuple(standings), tuple(superseded))
+
+
+def _can_rank(entry: Entry, protocol: str) -> bool:
+    return entry.score(protocol, RANKED_BY) is not None and not knew_blur(entry.result)
 
 
 def _age(entry: Entry) -> tuple[str, str]:

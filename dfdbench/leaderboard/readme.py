@@ -9,12 +9,14 @@ from pathlib import Path
 
 import jinja2
 
-from dfdbench.errors import ResultError
+from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.board_tables import board_tables
 from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards, collect
 from dfdbench.leaderboard.folder import README
 from dfdbench.leaderboard.published import PublishedTable, load_published
 from dfdbench.leaderboard.published_tables import published_summary, published_table
+from dfdbench.leaderboard.track_board_tables import tracks_board_table
+from dfdbench.leaderboard.track_boards import TracksBoard, TracksEntry, collect_tracks, track_boards
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown
 
@@ -30,7 +32,7 @@ def write_readme(folder: Path) -> Path:
         With everything that is wrong in the results and published tables.
     """
     path = folder / README
-    write_whole(path, readme_text(folder, collect(folder)))
+    write_whole(path, readme_text(folder, *collect_all(folder)))
     return path
 
 
@@ -47,8 +49,8 @@ def check_readme(folder: Path) -> int:
     ResultError
         With everything that is wrong.
     """
-    entries = collect(folder)
-    expected = readme_text(folder, entries)
+    entries, tracked = collect_all(folder)
+    expected = readme_text(folder, entries, tracked)
     path = folder / README
     found = path.read_text(encoding="utf-8") if path.exists() else ""
     if found != expected:
@@ -57,10 +59,34 @@ def check_readme(folder: Path) -> int:
             where=f"{path}, line {_first(found, expected)}",
             fix="dfdbench leaderboard, and commit what it wrote",
         )
-    return len(entries)
+    return len(entries) + len(tracked)
 
 
-def readme_text(folder: Path, entries: Sequence[Entry]) -> str:
+def collect_all(folder: Path) -> tuple[list[Entry], list[TracksEntry]]:
+    """Read every file of a leaderboard: single results, and runs on tracks.
+
+    Raises
+    ------
+    ResultError
+        With everything that is wrong in any of the files.
+    """
+    problems: list[Problem] = []
+    entries: list[Entry] = []
+    tracked: list[TracksEntry] = []
+    try:
+        entries = collect(folder)
+    except ResultError as error:
+        problems += error.problems
+    try:
+        tracked = collect_tracks(folder)
+    except ResultError as error:
+        problems += (problem for problem in error.problems if problem not in problems)
+    if problems:
+        raise ResultError.of(problems)
+    return entries, tracked
+
+
+def readme_text(folder: Path, entries: Sequence[Entry], tracked: Sequence[TracksEntry] = ()) -> str:
     """Return what the README is to say of these entries."""
     found = boards(entries)
     published = load_published(folder)
@@ -72,6 +98,7 @@ def readme_text(folder: Path, entries: Sequence[Entry]) -> str:
     text = environment.from_string(template.read_text(encoding="utf-8")).render(
         note=note.read_text(encoding="utf-8").rstrip() if note.exists() else "",
         boards=[_board_context(board, folder) for board in found],
+        tracks=[_tracks_context(board, folder) for board in track_boards(tracked)],
         summaries=[as_markdown(published_summary(published, name)) for name in compared],
         published=[_published_context(table) for table in published],
         citation=escape_markdown(published[0].citation) if published else "",
@@ -87,6 +114,14 @@ def _board_context(board: ScoreBoard, folder: Path) -> dict[str, object]:
         "fingerprint": board.fingerprint,
         "headline": board.headline,
         "tables": [as_markdown(table) for table in (replace(ranking, title="ranking"), *others)],
+    }
+
+
+def _tracks_context(board: TracksBoard, folder: Path) -> dict[str, str]:
+    table = tracks_board_table(board, folder)
+    return {
+        "heading": escape_markdown(table.title),
+        "table": as_markdown(replace(table, title="ranking")),
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
 from dfdbench.datasets.store import Store
@@ -12,7 +12,13 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.evaluation.result import without_folder
 from dfdbench.leaderboard.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
-from dfdbench.leaderboard.verification_file import SCORE_TOLERANCE, VerifiedSample, sample
+from dfdbench.leaderboard.verification_file import (
+    SCORE_TOLERANCE,
+    VerifiedSample,
+    name_on_track,
+    sample,
+    tracks_sample,
+)
 from dfdbench.methods.registry import registered_methods
 from dfdbench.metrics.metric import METRICS
 from dfdbench.metrics.protocol import RELEASED, Protocol
@@ -80,41 +86,120 @@ def verify_result(
     UnknownNameError
         Where the result was scored under a protocol that is not released here.
     """
-    if not 0 <= tolerance <= 1:
-        raise InputError(
-            what="not a tolerance", expected="a number from 0 to 1", got=f"{tolerance:g}"
-        )
+    _require_tolerance(tolerance)
     _require_data(result, store, path)
     claim_of(result, path).require_consent(trusted, path)
     chosen = sample(result, count, seed)
     if not chosen:
         raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
-    record = result.method
-    # By its entry, which was agreed to: a name may hold a folder of another machine.
-    parameters = parameters_to_run(record, weights, path)
-    method = load_for(store, record.entry, parameters, result.seed)
-    protocols = _protocols_of(result, path)
-    fit_method(store, method, result.dataset.split, result.seed)
-    evaluate = PairEvaluator(store, method, result.seed, protocols)
-    problems, identical, largest = [], 0, 0.0
-    for number, claim in enumerate(chosen, 1):
-        rerun, _ = evaluate(claim.pair)
-        if on_pair:
-            on_pair(number, len(chosen))
-        identical += claim.prediction_sha256 == rerun.prediction_sha256
+    compared = _Comparison(path, tolerance, len(chosen), on_pair)
+    same_source = compared.run_again(result, chosen, store, weights)
+    return compared.outcome([claim.id for claim in chosen], same_source)
+
+
+def verify_tracks(
+    results: Mapping[str, Result],
+    path: Path,
+    open_named: Callable[[str], Store],
+    count: int = 5,
+    seed: int = 0,
+    tolerance: float = SCORE_TOLERANCE,
+    trusted: Collection[str] = (),
+    weights: Path | None = None,
+    on_pair: Callable[[int, int], None] | None = None,
+) -> VerifiedSample:
+    """Run a random sample of the pairs of runs on tracks again, as `verify_result` does.
+
+    Parameters
+    ----------
+    results : mapping of str to Result
+        What was claimed, by ``clean`` and ``TRACK-SEVERITY``.
+    path : Path
+        Its file.
+    open_named : callable
+        Opens a data set by its name, on a track or not; called for those that were drawn.
+    count, seed, tolerance, trusted, weights, on_pair
+        As for `verify_result`; the sample is over all runs together.
+
+    Raises
+    ------
+    InputError, ResultError, UnknownNameError
+        As of `verify_result`.
+    """
+    _require_tolerance(tolerance)
+    claim_of(next(iter(results.values())), path).require_consent(trusted, path)
+    chosen = tracks_sample(results, count, seed)
+    if not chosen:
+        raise ResultError("no pair was evaluated: nothing to verify", where=str(path))
+    compared = _Comparison(path, tolerance, len(chosen), on_pair)
+    same_source = True
+    # A fit is made once for all pairs of its run.
+    for label in dict.fromkeys(label for label, _ in chosen):
+        result = results[label]
+        store = open_named(result.dataset.name)
+        _require_data(result, store, path)
+        claims = [pair for name, pair in chosen if name == label]
+        same_source &= compared.run_again(result, claims, store, weights)
+    return compared.outcome([name_on_track(*each) for each in chosen], same_source)
+
+
+class _Comparison:
+    """Pairs that are run again, held against what was claimed."""
+
+    def __init__(
+        self, path: Path, tolerance: float, count: int, on_pair: Callable[[int, int], None] | None
+    ) -> None:
+        self._path, self._tolerance = path, tolerance
+        self._count, self._on_pair = count, on_pair
+        self._problems: list[Problem] = []
+        self._identical = self._done = 0
+        self._largest = 0.0
+
+    def run_again(
+        self, result: Result, claims: Sequence[PairResult], store: Store, weights: Path | None
+    ) -> bool:
+        """Run some pairs of a result again; return whether the method's source is the same."""
+        record = result.method
+        # By its entry, which was agreed to: a name may hold a folder of another machine.
+        parameters = parameters_to_run(record, weights, self._path)
+        told = store.manifest.on_track and "recipe" in record.uses
+        method = load_for(store, record.entry, parameters, result.seed, told)
+        protocols = _protocols_of(result, self._path)
+        fit_method(store, method, result.dataset.split, result.seed)
+        evaluate = PairEvaluator(store, method, result.seed, protocols)
+        for claim in claims:
+            self._compare(claim, evaluate(claim.pair)[0])
+        return method.source_sha256 == record.source_sha256
+
+    def _compare(self, claim: PairResult, rerun: PairResult) -> None:
+        self._done += 1
+        if self._on_pair:
+            self._on_pair(self._done, self._count)
+        self._identical += claim.prediction_sha256 == rerun.prediction_sha256
         difference = _difference(claim, rerun)
-        if difference is None or difference > tolerance:
-            problems.append(_mismatch(claim, rerun, path, tolerance))
+        if difference is None or difference > self._tolerance:
+            self._problems.append(_mismatch(claim, rerun, self._path, self._tolerance))
         else:
-            largest = max(largest, difference)
-    if problems:
-        raise ResultError.of(problems)
-    return VerifiedSample(
-        pairs=tuple(claim.id for claim in chosen),
-        identical=identical,
-        largest_difference=largest,
-        same_source=method.source_sha256 == record.source_sha256,
-    )
+            self._largest = max(self._largest, difference)
+
+    def outcome(self, pairs: Sequence[str], same_source: bool) -> VerifiedSample:
+        """Return what was found.
+
+        Raises
+        ------
+        ResultError
+            Where a pair gave another depth map and other scores.
+        """
+        if self._problems:
+            raise ResultError.of(self._problems)
+        return VerifiedSample(tuple(pairs), self._identical, self._largest, same_source)
+
+
+def _require_tolerance(tolerance: float) -> None:
+    if not 0 <= tolerance <= 1:
+        raise InputError(
+            what="not a tolerance", expected="a number from 0 to 1", got=f"{tolerance:g}"
+        )
 
 
 def _require_data(result: Result, store: Store, path: Path) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, ValidationError
 
@@ -18,6 +18,8 @@ from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import Count, Environment, PairResult, Result, Seed, Sha256, Time
 from dfdbench.system.files import write_whole
 from dfdbench.system.record import Record, problems_of
+
+T = TypeVar("T")
 
 SUFFIX = ".reproduced.json"
 #: How far a score may be off where the depth map is not the very same: float32 filters differ in
@@ -69,7 +71,35 @@ class VerifiedSample:
 
 def sample(result: Result, count: int, seed: int) -> list[PairResult]:
     """Return the pairs that a seed draws from those that were evaluated; all if there are fewer."""
-    evaluated = [pair for pair in result.pairs if pair.status == "ok"]
+    return _drawn([pair for pair in result.pairs if pair.status == "ok"], count, seed)
+
+
+def tracks_sample(
+    results: Mapping[str, Result], count: int, seed: int
+) -> list[tuple[str, PairResult]]:
+    """Return the pairs that a seed draws from runs on tracks, each with its run's label."""
+    evaluated = [
+        (label, pair)
+        for label, result in results.items()
+        for pair in result.pairs
+        if pair.status == "ok"
+    ]
+    return _drawn(evaluated, count, seed)
+
+
+def name_on_track(label: str, pair: PairResult) -> str:
+    """Return what a verification of runs on tracks calls a pair.
+
+    Examples
+    --------
+    >>> pair = PairResult(id="Art/view1", scene="Art", coordinates={"view": 1}, status="ok")
+    >>> name_on_track("camera-2", pair)
+    'camera-2: Art/view1'
+    """
+    return f"{label}: {pair.id}"
+
+
+def _drawn(evaluated: Sequence[T], count: int, seed: int) -> list[T]:
     return random.Random(seed).sample(evaluated, min(count, len(evaluated)))
 
 
@@ -110,6 +140,26 @@ def load_verification(result: Result, path: Path) -> Reproduction | None:
         Where it cannot be read, is of another content of the result's file, or says what no
         verification of that result can say.
     """
+    return _load(path, lambda count, seed: [pair.id for pair in sample(result, count, seed)])
+
+
+def load_tracks_verification(results: Mapping[str, Result], path: Path) -> Reproduction | None:
+    """Read the verification beside a file of runs on tracks, as `load_verification` does.
+
+    Raises
+    ------
+    ResultError
+        As of `load_verification`.
+    """
+    return _load(
+        path,
+        lambda count, seed: [
+            name_on_track(label, pair) for label, pair in tracks_sample(results, count, seed)
+        ],
+    )
+
+
+def _load(path: Path, draw: Callable[[int, int], list[str]]) -> Reproduction | None:
     place = path.with_name(path.stem + SUFFIX)
     if not place.exists():
         return None
@@ -119,14 +169,18 @@ def load_verification(result: Result, path: Path) -> Reproduction | None:
     except ValidationError as error:
         what = "wrong value in the verification"
         raise ResultError.of(problems_of(error, what, file=place, fix=fix)) from error
-    problems = list(_contradictions(verification, result, path, place, fix))
+    problems = list(_contradictions(verification, draw, path, place, fix))
     if problems:
         raise ResultError.of(problems)
     return verification
 
 
 def _contradictions(
-    verification: Reproduction, result: Result, path: Path, place: Path, fix: str
+    verification: Reproduction,
+    draw: Callable[[int, int], list[str]],
+    path: Path,
+    place: Path,
+    fix: str,
 ) -> Iterator[Problem]:
     there = sha256(path.read_bytes()).hexdigest()
     if verification.result_sha256 != there:
@@ -137,7 +191,7 @@ def _contradictions(
             got=verification.result_sha256,
             fix=fix,
         )
-    drawn = [pair.id for pair in sample(result, len(verification.pairs), verification.seed)]
+    drawn = draw(len(verification.pairs), verification.seed)
     if verification.pairs != drawn:
         yield Problem(
             what="the pairs are not those that the seed draws",

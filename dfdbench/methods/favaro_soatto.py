@@ -21,6 +21,7 @@ from dfdbench.methods.fitted import (
     not_fitted,
     nothing_to_fit,
     odd_window,
+    require_window_fits,
     wrong,
 )
 from dfdbench.methods.winner import least_label
@@ -59,7 +60,8 @@ class FavaroSoatto:
     Raises
     ------
     MethodError
-        For a parameter out of range, all of them named; at a call before a fit.
+        For a parameter out of range, all of them named; at a call before a fit, or with an image
+        smaller than the window.
 
     Notes
     -----
@@ -166,12 +168,14 @@ class FavaroSoatto:
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
-        self(infocus[:32, :32].copy(), defocus[:32, :32].copy())
+        extent = max(32, self._window)
+        self(infocus[:extent, :extent].copy(), defocus[:extent, :extent].copy())
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
         if self._operators is None:
             raise not_fitted(_NAME)
+        require_window_fits(self._window, infocus, _NAME)
         side, small = self._sides
         sharp, blurred = (
             np.pad(_grey(image), width // 2, mode="edge").astype(np.float32)

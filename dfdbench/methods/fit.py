@@ -161,10 +161,13 @@ def _place_of(error: BaseException) -> str:
 def check_learned(returned: Any, entry: str) -> Learned:
     """Return what a fit returned as numbers and arrays that a file can hold.
 
+    Of an array some numbers may be NaN, for what training did not show; a number alone, or a whole
+    array of them, would say nothing.
+
     Raises
     ------
     MethodError
-        Where something of it is neither a number nor an array of numbers; all is named.
+        Where something of it is neither a number nor an array of numbers, or is none; all is named.
 
     Examples
     --------
@@ -198,6 +201,15 @@ def check_learned(returned: Any, entry: str) -> Learned:
                     where=f"{entry}: fit, {name!r}",
                     expected=_EXPECTED,
                     got=type(value).__name__,
+                )
+            )
+        elif array.size and not np.isfinite(array).any():
+            problems.append(
+                Problem(
+                    "what the fit learned is no number",
+                    where=f"{entry}: fit, {name!r}",
+                    expected="finite numbers",
+                    got=str(array.flat[0]),
                 )
             )
         else:

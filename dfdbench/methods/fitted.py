@@ -17,6 +17,8 @@ Fit = Callable[[Sequence[TrainingPair]], Learned]
 
 #: At most so many training pairs are read, evenly spread over all.
 MOST_PAIRS = 64
+# The largest default.
+_SMALL_WINDOW = 9
 # Entries of a table of depths, and pixels of a pair that go into it.
 _ENTRIES = 256
 _PIXELS = 20_000
@@ -124,6 +126,29 @@ def odd_window(name: str, value: Any, most: int = 255) -> list[Problem]:
     whole = isinstance(value, int) and not isinstance(value, bool)
     right = whole and 0 < value <= most and value % 2
     return [] if right else [wrong(name, f"odd, 1 to {most}", value)]
+
+
+def require_window_fits(window: int, image: Image, method: str) -> None:
+    """Refuse a window that is larger than the image: it would see little but copies of its edge.
+
+    Raises
+    ------
+    MethodError
+        Where a side of the image is shorter; windows of up to 9 pixels pass, so that with the
+        defaults any image has a depth map.
+
+    Examples
+    --------
+    >>> require_window_fits(7, np.zeros((7, 9, 3), np.uint8), "mine")
+    """
+    height, width = image.shape[:2]
+    if window > max(min(height, width), _SMALL_WINDOW):
+        raise MethodError(
+            "the window is larger than the image",
+            where=f"{method}: window",
+            expected=f"at most {min(height, width)}, of an image of {height} x {width} pixels",
+            got=str(window),
+        )
 
 
 def number_within(name: str, value: Any, low: float, high: float) -> list[Problem]:

@@ -12,7 +12,13 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.calibrated import Calibrated
-from dfdbench.methods.fitted import Image, channels_of, number_within, odd_window
+from dfdbench.methods.fitted import (
+    Image,
+    channels_of,
+    number_within,
+    odd_window,
+    require_window_fits,
+)
 from dfdbench.methods.level_costs import level_costs
 from dfdbench.methods.winner import least_label
 
@@ -41,7 +47,8 @@ class Guided(Calibrated):
     Raises
     ------
     MethodError
-        For a parameter out of range, all of them named; at a call without recipe or fit.
+        For a parameter out of range, all of them named; at a call without recipe or fit, or
+        with an image smaller than the window.
 
     Notes
     -----
@@ -79,10 +86,12 @@ class Guided(Calibrated):
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
-        self(infocus[:32, :32].copy(), defocus[:32, :32].copy())
+        side = max(32, self._window[0])
+        self(infocus[:side, :side].copy(), defocus[:side, :side].copy())
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
+        require_window_fits(self._window[0], infocus, "guided")
         costs = level_costs(self.blur, infocus, defocus, self._limit)
         guide = channels_of(infocus).mean(2)
         mean = self._box(guide)

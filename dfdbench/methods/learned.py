@@ -38,7 +38,9 @@ class _Learned:
         self.trained_on = self.card.trained_on
         #: What a result is to say.
         self.warnings: list[str] = []
-        if recipe_name is not None and recipe_name != self.card.recipe:
+        # Trained on random tracks, it has seen more blurs than one.
+        one_blur = not self.card.configuration.get("tracks")
+        if one_blur and recipe_name is not None and recipe_name != self.card.recipe:
             self.warnings.append(
                 f"trained on {_blur(self.card.recipe)}, run on {_blur(recipe_name)}"
             )

@@ -14,7 +14,7 @@ from dfdbench.blur.point_spread import DISK, point_spread_functions
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.calibrated import Calibrated
-from dfdbench.methods.fitted import Image, channels_of, odd_window
+from dfdbench.methods.fitted import Image, channels_of, odd_window, require_window_fits
 from dfdbench.methods.winner import least_label
 
 # Side of the filters in pixels: as wide as the widest blur.
@@ -53,7 +53,8 @@ class RationalFilters(Calibrated):
     Raises
     ------
     MethodError
-        For a window out of range; at a call without recipe or fit.
+        For a window out of range; at a call without recipe or fit, or with an image
+        smaller than the window.
 
     Notes
     -----
@@ -86,6 +87,7 @@ class RationalFilters(Calibrated):
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
+        require_window_fits(self._window[0], infocus, "rational-filters")
         blur = self.blur
         sigmas = np.asarray(blur.sigmas, np.float64)
         low, high = float(sigmas.min()), float(sigmas.max())

@@ -19,6 +19,7 @@ from dfdbench.methods.fitted import (
     not_fitted,
     number_within,
     odd_window,
+    require_window_fits,
 )
 
 _NAME = "s-transform"
@@ -51,7 +52,8 @@ class STransform:
     ------
     MethodError
         For a parameter out of range, all of them named; for a law that turns; at a call without
-        recipe or fit.
+        recipe or fit, or with an image
+        smaller than the window.
 
     Notes
     -----
@@ -112,6 +114,7 @@ class STransform:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
         if self._variances is None:
             raise not_fitted(_NAME)
+        require_window_fits(self._window[0], infocus, _NAME)
         depth = np.interp(self.variance(infocus, defocus), self._variances, self._depths)
         return np.asarray(depth, np.float32)
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
-from dfdbench.errors import MethodError
+from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.calibrated import Calibrated
-from dfdbench.methods.fitted import Image, number_within, wrong
+from dfdbench.methods.fitted import Image, number_within
 from dfdbench.methods.level_costs import UNIT, level_costs
 from dfdbench.methods.winner import least_label
 
@@ -80,7 +80,17 @@ class SemiGlobal(Calibrated):
         problems = number_within("small_step", small_step, 0, most)
         problems += number_within("large_step", large_step, 0, most)
         if not problems and large_step < small_step:
-            problems.append(wrong("large_step", f"small_step, {small_step}, or more", large_step))
+            # Which of the two was set is not known here: the other may be the default.
+            steps = f"small_step {small_step:g}, large_step {large_step:g}"
+            expected = "small_step at most large_step"
+            problems.append(
+                Problem(
+                    "wrong parameters",
+                    where="small_step and large_step",
+                    expected=expected,
+                    got=steps,
+                )
+            )
         problems += number_within("limit", limit, 0, most)
         if problems:
             raise MethodError.of(problems)

@@ -114,6 +114,9 @@ def _with_safe_name(record: dict[str, Any]) -> dict[str, Any]:
     return record
 
 
+#: A protocol's definition, whose name may become part of a path.
+ProtocolRecord = Annotated[dict[str, Any], AfterValidator(_with_safe_name)]
+RecipeRecord = Annotated[dict[str, Any], AfterValidator(_with_name)]
 #: A data set's name, with its track where it is on one; as safe in a path as a `Name`.
 DataName = Annotated[
     str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*(@[a-z]+-[1-9])?$", max_length=120)
@@ -130,7 +133,7 @@ class DatasetRecord(Record):
     split: Name
     expected: Count
     evaluated: Count
-    recipe: Annotated[dict[str, Any], AfterValidator(_with_name)]
+    recipe: RecipeRecord
     degradation: str
     options: dict[str, Any]
     axes: Annotated[list[Name], Field(min_length=1)]
@@ -202,7 +205,7 @@ class Result(Record):
 
     schema_version: Literal[1]
     dataset: DatasetRecord
-    protocols: list[Annotated[dict[str, Any], AfterValidator(_with_safe_name)]]
+    protocols: list[ProtocolRecord]
     method: MethodRecord
     environment: Environment
     seed: Seed

@@ -71,7 +71,7 @@ def examine_result(path: Path) -> tuple[Result, list[Problem]]:
         Where it cannot be read or is of another schema version.
     """
     path = path / RESULT if path.is_dir() else path
-    content = _read_json(path)
+    content = read_json(path)
     found = content.get("schema_version") if isinstance(content, dict) else None
     if found != RESULT_SCHEMA_VERSION:
         raise ResultError(
@@ -86,7 +86,7 @@ def examine_result(path: Path) -> tuple[Result, list[Problem]]:
     except ValidationError as error:
         problems = problems_of(error, "wrong value in the result", file=path)
         raise ResultError.of(problems) from error
-    problems = list(_contradictions(result, path))
+    problems = contradictions(result, str(path))
     if result.submission and result.submission.seal != seal_of(content):
         problems.append(
             Problem(
@@ -100,7 +100,14 @@ def examine_result(path: Path) -> tuple[Result, list[Problem]]:
     return result, problems
 
 
-def _read_json(path: Path) -> Any:
+def read_json(path: Path) -> Any:
+    """Return what a JSON file that a run wrote says.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot be read.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -124,7 +131,7 @@ def _read_json(path: Path) -> Any:
         ) from error
 
 
-def _misplaced(result: Result, path: Path) -> list[Problem]:
+def _misplaced(result: Result, path: str) -> list[Problem]:
     # Tables and figures look pairs up by axis, maps of depth by scene and coordinates.
     dataset = result.dataset
     axes = dataset.axes
@@ -162,7 +169,8 @@ def _misplaced(result: Result, path: Path) -> list[Problem]:
     return problems
 
 
-def _contradictions(result: Result, path: Path) -> list[Problem]:
+def contradictions(result: Result, path: str) -> list[Problem]:
+    """Return in what a result contradicts itself; `path` says where it stands."""
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
     problems = [
         *_misplaced(result, path),
@@ -173,7 +181,7 @@ def _contradictions(result: Result, path: Path) -> list[Problem]:
     return problems or list(_wrong_averages(result, evaluated, path))
 
 
-def _miscounted(result: Result, evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
+def _miscounted(result: Result, evaluated: list[PairResult], path: str) -> Iterator[Problem]:
     ids = [pair.id for pair in result.pairs]
     if len(set(ids)) != len(ids) or len(ids) != result.dataset.expected:
         yield Problem(
@@ -191,7 +199,7 @@ def _miscounted(result: Result, evaluated: list[PairResult], path: Path) -> Iter
         )
 
 
-def _unscored(result: Result, evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
+def _unscored(result: Result, evaluated: list[PairResult], path: str) -> Iterator[Problem]:
     names = result.protocol_names
     metrics: set[str] | None = None
     for pair in evaluated:
@@ -214,7 +222,7 @@ def _unscored(result: Result, evaluated: list[PairResult], path: Path) -> Iterat
                 )
 
 
-def _impossible(evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
+def _impossible(evaluated: list[PairResult], path: str) -> Iterator[Problem]:
     # What holds for every error cannot be otherwise: its mean never exceeds its root mean square.
     for pair in evaluated:
         for protocol in pair.scores:
@@ -228,7 +236,7 @@ def _impossible(evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
                 )
 
 
-def _wrong_averages(result: Result, evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
+def _wrong_averages(result: Result, evaluated: list[PairResult], path: str) -> Iterator[Problem]:
     expected = average(evaluated, list(result.protocol_names)) if result.complete else None
     if (result.averages is None) != (expected is None):
         state = "null: the run is incomplete" if expected is None else "averages"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dfdbench.blur.tracks import CLEAN
 from dfdbench.results.record import Result
 
 TOLD_NOTE = (
@@ -25,7 +26,7 @@ def told(result: Result) -> str:
     """
     method, dataset = result.method, result.dataset
     parts = []
-    if "recipe" in method.parameters:
+    if method.parameters.get("recipe") is not None:
         same = method.parameters["recipe"] == dataset.recipe["name"]
         parts.append("blur told" if same else "another blur told")
     elif method.fitted_on:
@@ -37,3 +38,14 @@ def told(result: Result) -> str:
     elif method.trained_on:
         parts.append(f"trained on {method.trained_on.partition(',')[0]}")
     return ", ".join(parts) or "nothing"
+
+
+def knew_blur(result: Result) -> bool:
+    """Return whether a method was handed a blur on a track, where nobody tells it.
+
+    It is what the record says: that the method's constructor was offered one, or that whoever ran
+    it gave one, which may be the true one as well. Such a result has no rank.
+    """
+    method = result.method
+    given = method.parameters.get("recipe") is not None
+    return result.dataset.degradation != CLEAN and (given or "recipe" in method.uses)

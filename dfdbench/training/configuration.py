@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from dfdbench.blur.tracks import TRACKS
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.architectures import UNET_FILTERS
 from dfdbench.methods.networks.inference import Readout
@@ -51,6 +52,9 @@ class TrainingConfiguration(Record):
         For data sets with a blur recipe.
     tilt : float
         Of `redraw_depth`: the steepest slope added along rows and columns, in levels a pixel.
+    tracks : list of str
+        Tracks, of which one is drawn for each patch, with a severity from 0, which is clean, to 3;
+        both images of the patch are formed by it. Needs `redraw_depth`.
     unknown : {"level", "ignore"}
         Pixels without ground truth: trained as the level they are stored with, or left out.
     initial_filters : {"random", "differences"}
@@ -92,6 +96,7 @@ class TrainingConfiguration(Record):
     noise: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = 0.0
     redraw_depth: bool = False
     tilt: Annotated[float, Field(ge=0, le=8, allow_inf_nan=False)] = 1.0
+    tracks: tuple[str, ...] = ()
     unknown: Literal["level", "ignore"] = "level"
     initial_filters: Literal["random", "differences"] = "random"
     normalization: Literal["batch", "fixed"] = "batch"
@@ -117,6 +122,9 @@ class TrainingConfiguration(Record):
     def _fits(self) -> TrainingConfiguration:
         if self.schedule == "cosine" and self.steps is None:
             raise ValueError("schedule cosine needs steps")
+        for name in self.tracks:
+            if name not in TRACKS:
+                raise ValueError(f"tracks: any of {', '.join(TRACKS)}, got {name}")
         if isinstance(self.filters, str) and self.filters not in FILTERS:
             raise ValueError(f"filters: one of {', '.join(FILTERS)}, got {self.filters}")
         return self

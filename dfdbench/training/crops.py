@@ -12,9 +12,11 @@ from torch import Tensor
 
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.blur.tracks import Degradation
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
+from dfdbench.training.random_tracks import RandomTracks
 
 #: What cross-entropy leaves out.
 IGNORED = -100
@@ -77,6 +79,10 @@ class Place:
         One of eight, where patches are not given in all of them.
     depth : tuple of float, optional
         Slope down, slope to the right and mean level, where patches are given other depths.
+    degradation : Degradation, optional
+        The track and its severity that form the patch, where these are drawn.
+    name : str
+        What is drawn on the track follows from it.
     """
 
     index: int
@@ -84,6 +90,8 @@ class Place:
     left: int
     orientation: int = 0
     depth: tuple[float, float, float] | None = None
+    degradation: Degradation | None = None
+    name: str = ""
 
 
 class Redraw:
@@ -123,6 +131,13 @@ class Redraw:
         chosen: tuple[float, float, float],
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Return another depth map, uint8 (y, x), and the image blurred by it, (y, x, 3)."""
+        redrawn = self.levels(depth, chosen)
+        return redrawn, synthesize(infocus, redrawn, self._recipe)
+
+    def levels(
+        self, depth: NDArray[np.uint8], chosen: tuple[float, float, float]
+    ) -> NDArray[np.uint8]:
+        """Return another depth map, uint8 (y, x)."""
         known = depth != self._unknown
         mean = depth[known].mean() if known.any() else 0.0
         down, right, level = chosen
@@ -130,8 +145,7 @@ class Redraw:
         plane = down * (rows - depth.shape[0] / 2) + right * (columns - depth.shape[1] / 2)
         moved = depth + (level - mean) + plane
         levels = np.clip(np.rint(moved), self._unknown + 1, LAST_LEVEL)
-        redrawn = np.where(known, levels, depth).astype(np.uint8)
-        return redrawn, synthesize(infocus, redrawn, self._recipe)
+        return np.where(known, levels, depth).astype(np.uint8)
 
 
 class Cropper:
@@ -153,6 +167,8 @@ class Cropper:
         A step's patches follow from seed and step alone.
     redraw : Redraw, optional
         Gives patches another depth.
+    tracks : RandomTracks, optional
+        Forms patches of another depth by a track each.
 
     Raises
     ------
@@ -169,8 +185,10 @@ class Cropper:
         noise: float,
         seed: int,
         redraw: Redraw | None = None,
+        tracks: RandomTracks | None = None,
     ) -> None:
-        self._margin = redraw.margin if redraw else 0
+        self._margin = max(part.margin if part else 0 for part in (redraw, tracks))
+        self._tracks = tracks
         #: Rows and columns of each pair's images.
         self.shapes = tuple((levels.shape[0], levels.shape[1]) for levels in images.levels)
         require_fit(size, self.shapes, self._margin)
@@ -186,7 +204,7 @@ class Cropper:
         """Return pixels, float32 (n, 6, size, size), and levels, int64 (n, size, size)."""
         random = np.random.default_rng((self._seed, step))
         pixels, levels = [], []
-        for place in self._places(random):
+        for place in self._places(random, step):
             patch, truth = self._patch(place)
             chosen = range(8) if self._expand else [place.orientation]
             pixels += [oriented(patch, orientation) for orientation in chosen]
@@ -199,11 +217,11 @@ class Cropper:
 
     def places(self, step: int) -> list[Place]:
         """Return where the patches of a step are taken from, without taking them."""
-        return self._places(np.random.default_rng((self._seed, step)))
+        return self._places(np.random.default_rng((self._seed, step)), step)
 
-    def _places(self, random: np.random.Generator) -> list[Place]:
+    def _places(self, random: np.random.Generator, step: int) -> list[Place]:
         places = []
-        for _ in range(self.count):
+        for number in range(self.count):
             index = int(random.integers(len(self.shapes)))
             # A patch that is given another depth lies inside what its blur depends on.
             side = self.size + 2 * self._margin
@@ -213,25 +231,33 @@ class Cropper:
             )
             depth = self._redraw.choose(random) if self._redraw else None
             orientation = 0 if self._expand else int(random.integers(8))
-            places.append(Place(index, top, left, orientation, depth))
+            track = self._tracks.choose(random) if self._tracks else None
+            name = f"{self._seed}/{step}/{number}"
+            places.append(Place(index, top, left, orientation, depth, track, name))
         return places
 
     def _patch(self, place: Place) -> tuple[Tensor, Tensor]:
         inner = tuple(slice(start, start + self.size) for start in (place.top, place.left))
+        track = place.degradation
+        margin = self._tracks.margin_of(track) if self._tracks and track else self._margin
         around = tuple(
-            slice(start - self._margin, start + self.size + self._margin)
-            for start in (place.top, place.left)
+            slice(start - margin, start + self.size + margin) for start in (place.top, place.left)
         )
         pixels, levels = self._images.pixels[place.index], self._images.levels[place.index]
         if self._redraw is None or place.depth is None:
             return pixels[:, inner[0], inner[1]].float(), levels[inner].long()
         infocus = pixels[:3, around[0], around[1]].permute(1, 2, 0).contiguous().numpy()
         truth = levels[around]
-        redrawn, defocus = self._redraw(infocus, truth.clamp(min=0).byte().numpy(), place.depth)
+        depth = truth.clamp(min=0).byte().numpy()
+        if self._tracks and track:
+            redrawn = self._redraw.levels(depth, place.depth)
+            infocus, defocus = self._tracks.form(infocus, redrawn, track, place.name)
+        else:
+            redrawn, defocus = self._redraw(infocus, depth, place.depth)
         both = torch.from_numpy(np.concatenate([infocus, defocus], axis=2)).permute(2, 0, 1)
         found = torch.from_numpy(redrawn).long()
         found[truth == IGNORED] = IGNORED
-        kept = slice(self._margin, self._margin + self.size)
+        kept = slice(margin, margin + self.size)
         return both[:, kept, kept].float(), found[kept, kept]
 
 

@@ -15,7 +15,7 @@ from dfdbench.methods.networks.weights import build_network, load_weights, weigh
 from dfdbench.training.crops import Cropper, Redraw, TrainingImages, count_levels
 from dfdbench.training.loss import LevelLoss
 from dfdbench.training.schedule import schedule_of
-from dfdbench.training.task import Task, require_trainable
+from dfdbench.training.task import Task, require_trainable, tracks_of
 
 
 class Learner:
@@ -165,6 +165,7 @@ def _cropper(task: Task, images: TrainingImages) -> Cropper:
         choices.noise,
         task.seed,
         _redraw(task, images),
+        tracks_of(task),
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 import dfdbench
+from dfdbench.blur.tracks import TRACKS
 from dfdbench.datasets.folds import require_fold, training_of
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
@@ -16,6 +17,7 @@ from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.weights import build_network, weights_sha256
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import margin_of, require_fit
+from dfdbench.training.random_tracks import RandomTracks
 
 
 @dataclass(frozen=True)
@@ -99,6 +101,10 @@ def task_of(
             if name != split and found == partition.get(split)
         ]
         tested, trained_on = (others or [""])[0], f"{manifest.stem}, split {split}"
+    if configuration.tracks:
+        every = list(configuration.tracks) == list(TRACKS)
+        named = "" if every else ": " + " ".join(configuration.tracks)
+        trained_on += f", random tracks{named}"
     if not train:
         raise StoreError(
             "the store holds no pair to train on",
@@ -108,6 +114,12 @@ def task_of(
         )
     test = store.pairs(tested) if tested else ()
     return Task(method, store, train, test, trained_on, tested, configuration, seed, start)
+
+
+def tracks_of(task: Task) -> RandomTracks | None:
+    """Return what forms the patches of a training by random tracks; None where nothing does."""
+    names, recipe = task.configuration.tracks, task.store.recipe
+    return RandomTracks(recipe, names) if names and recipe else None
 
 
 def require_trainable(task: Task) -> dict[str, Any]:
@@ -139,6 +151,14 @@ def require_trainable(task: Task) -> dict[str, Any]:
             fix="dfdbench train takes them with --weights FILE",
         )
     margin = 0
+    if choices.tracks and not choices.redraw_depth:
+        raise InputError(
+            "tracks form patches whose depth is redrawn",
+            where="tracks",
+            expected="redraw_depth = true beside it",
+            got=f"tracks {', '.join(choices.tracks)}, redraw_depth = false",
+            fix="dfdbench train takes it with --set redraw_depth=true",
+        )
     if choices.redraw_depth:
         if task.store.recipe is None:
             raise InputError(
@@ -147,7 +167,8 @@ def require_trainable(task: Task) -> dict[str, Any]:
                 got=f"{task.store.manifest.short}: "
                 + ("its track tells none" if task.store.manifest.on_track else "captured defocus"),
             )
-        margin = margin_of(task.store.recipe)
+        tracks = tracks_of(task)
+        margin = max(margin_of(task.store.recipe), tracks.margin if tracks else 0)
     scenes = dict.fromkeys(pair.scene for pair in task.train)
     shapes = (task.store.scene(name)["depth"].shape[-2:] for name in scenes)
     require_fit(choices.crop, shapes, margin)

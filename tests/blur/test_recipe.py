@@ -37,3 +37,15 @@ def test_a_gaussian_of_which_the_kernel_holds_only_the_middle_is_refused() -> No
     with pytest.raises(InputError, match=r"got       27\.1"):
         BlurRecipe(26, 0.11, levels=11)
     assert BlurRecipe(26, 0.1, levels=11).sigmas[-1] == pytest.approx(27)
+
+
+def test_all_that_is_wrong_with_given_fields_is_told_at_once() -> None:
+    with pytest.raises(InputError) as caught:
+        find_recipe({"sigma_mni": 1, "sigma_step": -1, "levels": 1})
+    told = [(problem.what, problem.where or problem.got) for problem in caught.value.problems]
+    assert told == [
+        ("unknown field of a blur recipe", "sigma_mni"),
+        ("a field of the blur recipe is lacking", ""),
+        ("wrong blur recipe", "sigma_step"),
+        ("wrong blur recipe", "levels"),
+    ]

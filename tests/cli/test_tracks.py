@@ -15,6 +15,7 @@ from tests.cli.command import Command
         (("--dataset", "realworld"), "captured"),
         (("--track", "nois"), "did you mean noise"),
         (("--split", "tset"), "did you mean test"),
+        (("--submit",), "no leaderboard here"),
         (("--dataset", "middlebury-default"), "dfdbench build"),
     ],
 )
@@ -50,3 +51,26 @@ def test_a_method_is_run_on_clean_images_and_on_each_severity(
     written = {label: (folder / label / "pairs.jsonl").read_bytes() for label in labels}
     assert dfdbench(*words).status == 0
     assert {label: (folder / label / "pairs.jsonl").read_bytes() for label in labels} == written
+
+
+@pytest.mark.slow
+def test_told_runs_are_submitted_without_a_rank_and_verified(
+    dfdbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
+    Path("leaderboard/results").mkdir(parents=True)
+    words = ("tracks", "--method", "local", "--split", "Market", "--track", "shift")
+    done = dfdbench(*words, "--told", "--submit")
+    assert done.status == 0, done.err
+    assert "on tracks: blur told" in done.out
+    file = Path("leaderboard/results/demo-1-Market/tracks/local-told.json")
+    assert dfdbench("leaderboard", "--check").status == 2
+    listed = dfdbench("leaderboard", "--format", "json")
+    (row,) = json.loads(listed.out)[0]["rows"]
+    assert (row["rank"], row["told_on_tracks"]) == (None, True)
+    checked = dfdbench("leaderboard", "verify", "--record", "--pairs", "2", str(file))
+    assert checked.status == 0, checked.err
+    assert "identical    2 of 2" in checked.out
+    assert dfdbench("leaderboard").status == dfdbench("leaderboard", "--check").status == 0
+    refused = dfdbench("leaderboard", "verify", "--dataset", "demo", str(file))
+    assert (refused.status, "several data sets" in refused.err) == (2, True)

@@ -3,18 +3,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+import typer
 
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
+from dfdbench.cli.screen import progress
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import WHOLE, PairImages, Region, Store
 from dfdbench.errors import MethodError, ResultError, StoreError
-from dfdbench.evaluation.fitting import FIT, fit_method, read_fit, training_pairs
+from dfdbench.evaluation.fitting import FIT, Fit, fit_method, keep_fit, read_fit, training_pairs
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
+from dfdbench.methods.method import Method
 from dfdbench.results.record_file import load_result
 from dfdbench.system.parallel import Processes
 from tests.conftest import TINY_TOML
@@ -215,3 +218,47 @@ def test_a_store_without_its_training_scenes_says_what_to_build(
     store = Store(tmp_path / "s.zarr")
     with pytest.raises(StoreError, match=r"no training pair[\s\S]*split train[\s\S]*build tiny"):
         run_method(store, load_for(store, mean, {}), "test", tmp_path / "out")
+
+
+class Stopped:
+    """Is being fitted when the user has had enough."""
+
+    def fit(self, pairs: Any) -> Any:
+        raise KeyboardInterrupt
+
+    def __call__(self, infocus: Any, defocus: Any) -> Any:
+        return infocus[..., 0]
+
+
+def test_ctrl_c_in_a_fit_does_not_promise_to_go_on_from_there(
+    tiny_store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    method = Method("mine", "tests:Stopped", Stopped(), {}, (), "0" * 64)
+    with pytest.raises(typer.Exit) as ended, progress("running mine"):
+        run_method(tiny_store, method, "test", tmp_path / "out")
+    assert ended.value.exit_code == 130
+    said = capsys.readouterr().err
+    assert "stopped; mine was being fitted: the same command begins the fit anew" in said
+    assert "goes on" not in said
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"learned.level": np.array(np.nan)}, "got       nan"),
+        ({"seconds": np.array(np.nan)}, "damaged"),
+        ({"seconds": np.array(-1.0)}, "damaged"),
+    ],
+)
+def test_numbers_that_are_none_are_not_taken_back(
+    tmp_path: Path, changes: dict[str, Any], told: str
+) -> None:
+    keep_fit(tmp_path, Fit("tiny-1, split train", 0.5, {"level": 90.0}))
+    path = tmp_path / FIT
+    assert read_fit(tmp_path).learned == {"level": 90.0}
+    with np.load(path) as arrays:
+        content = dict(arrays)
+    np.savez(path, **(content | changes))
+    with pytest.raises(ResultError, match=told) as caught:
+        read_fit(tmp_path)
+    assert "--fresh" in caught.value.problems[0].fix

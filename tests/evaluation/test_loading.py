@@ -8,10 +8,14 @@ from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
+from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.loading import load_for, training_mean
+from dfdbench.evaluation.plan import RunOptions, plan_run
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.baselines import Constant
+from dfdbench.results.told import knew_blur
+from dfdbench.system.parallel import Processes
 from tests.conftest import TINY_TOML
 
 
@@ -85,3 +89,32 @@ def test_a_user_may_withhold_the_recipe(tiny_store: Store) -> None:
     found = load_for(tiny_store, Fitting, {"recipe": None})
     assert found.predict.recipe is None  # type: ignore[attr-defined]
     assert found.parameters == {"recipe": None}
+
+
+def test_told_a_method_gets_the_true_law_of_a_track_and_the_record_says_so(
+    tiny_folder: Path, tmp_path: Path
+) -> None:
+    tracked = with_track(parse_manifest(TINY_TOML.encode(), "tiny-1.toml"), "psf-3")
+    build_store(tracked, open_source(tracked, tiny_folder), tmp_path / "psf.zarr")
+    store = Store(tmp_path / "psf.zarr")
+    told = load_for(store, "local", {}, told=True)
+    assert told.fit is None
+    assert told.uses == ("recipe",)
+    first = run_method(store, told, "test", tmp_path / "run").result
+    assert knew_blur(first)
+    # Given a blur, by whomever; the same method and data, but not the same run.
+    given = load_for(store, "local", {"recipe": "published"})
+    assert given.uses == ()
+    assert knew_blur(run_method(store, given, "test", tmp_path / "given").result)
+    assert not plan_run(store, load_for(store, "local", {}), "test", RunOptions()).identity.get(
+        "told"
+    )
+    among = run_method(store, told, "test", tmp_path / "among", pool=Processes(2)).result
+    assert among.pairs[0].prediction_sha256 == first.pairs[0].prediction_sha256
+
+
+def test_where_there_is_nothing_to_tell_that_is_said(tiny_store: Store) -> None:
+    assert load_for(tiny_store, "local", {}, told=True).uses == ("recipe",)
+    for method, given in (("constant", {}), ("local", {"recipe": "text"})):
+        with pytest.raises(MethodError, match="nothing to tell"):
+            load_for(tiny_store, method, given, told=True)

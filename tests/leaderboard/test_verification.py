@@ -6,21 +6,25 @@ from typing import Any
 
 import pytest
 
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
 from dfdbench.datasets.store import Store
-from dfdbench.errors import InputError, ResultError, UnknownNameError
+from dfdbench.datasets.tracked import with_track
+from dfdbench.errors import DfdbenchError, InputError, ResultError, UnknownNameError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.leaderboard.boards import boards, collect
 from dfdbench.leaderboard.submission import submit
-from dfdbench.leaderboard.verification import verify_result
-from dfdbench.leaderboard.verification_file import save_verification
+from dfdbench.leaderboard.verification import verify_result, verify_tracks
+from dfdbench.leaderboard.verification_file import load_tracks_verification, save_verification
 from dfdbench.metrics.protocol import RELEASED, find_protocol
 from dfdbench.results.record import Result, average
 from dfdbench.results.record_file import RESULT, load_result, save_result, seal_of
 from dfdbench.results.run_tables import run_tables
 from dfdbench.results.summary import summarise
+from dfdbench.results.tracks_record import results_of, tracks_record
 
 
 @pytest.fixture
@@ -241,3 +245,53 @@ def test_a_fitted_method_is_fitted_anew(
     entry = "fitted_mean.py:Mean"
     found = verify_result(load_result(path), path, tiny_store, count=99, trusted=[entry])
     assert found.identical == len(found.pairs) == 3
+
+
+@pytest.fixture
+def tracked(tiny_folder: Path, tiny_store: Store, tmp_path: Path) -> dict[str, Store]:
+    """The tiny set and one of its tracks, by name."""
+    manifest = with_track(tiny_store.manifest, "gain-3")
+    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "gain.zarr")
+    return {"tiny-1": tiny_store, "tiny-1@gain-3": Store(tmp_path / "gain.zarr")}
+
+
+def runs_on(stores: dict[str, Store], folder: Path, told: bool) -> dict[str, Result]:
+    found = {}
+    for label, store in zip(("clean", "gain-3"), stores.values(), strict=True):
+        method = load_for(store, "local", {"window": 3}, told=told)
+        found[label] = run_method(store, method, "test", folder / label).result
+    return results_of(tracks_record(found, "valid"))
+
+
+def test_runs_on_tracks_are_run_again_as_they_were(
+    tracked: dict[str, Store], tmp_path: Path
+) -> None:
+    results = runs_on(tracked, tmp_path, told=True)
+    path = tmp_path / "tracks.json"
+    path.write_text("{}")
+    found = verify_tracks(results, path, tracked.__getitem__, count=9, seed=3)
+    assert (len(found.pairs), found.identical) == (9, 9)
+    assert {name.partition(": ")[0] for name in found.pairs} == {"clean", "gain-3"}
+    # Scores are kept to six digits.
+    assert found.largest_difference <= 5e-7
+    save_verification(found, 3, path)
+    assert load_tracks_verification(results, path) is not None
+    with pytest.raises(ResultError, match="not those that the seed draws"):
+        load_tracks_verification({"gain-3": results["gain-3"]}, path)
+
+
+def test_who_was_told_and_does_not_say_so_is_found_out(
+    tracked: dict[str, Store], tmp_path: Path
+) -> None:
+    results = runs_on(tracked, tmp_path, told=True)
+    method = results["gain-3"].method.model_copy(update={"uses": []})
+    results["gain-3"] = results["gain-3"].model_copy(update={"method": method})
+    # Not told, it is fitted, which random images do not allow, or gives other depth maps.
+    with pytest.raises(DfdbenchError, match=r"another depth map|do not show"):
+        verify_tracks(results, tmp_path / "x.json", tracked.__getitem__, count=14)
+
+
+def test_runs_on_other_data_are_not_verified(tracked: dict[str, Store], tmp_path: Path) -> None:
+    results = runs_on(tracked, tmp_path, told=True)
+    with pytest.raises(ResultError, match="made with other data"):
+        verify_tracks(results, tmp_path / "x.json", lambda _: tracked["tiny-1"], count=14)

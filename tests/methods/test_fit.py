@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.methods.check import MadePair
-from dfdbench.methods.fit import TrainingPair, restore, teach
+from dfdbench.methods.fit import TrainingPair, check_learned, restore, teach
 from dfdbench.methods.method import Method
 
 PAIR = MadePair(*(np.zeros((2, 2, 3), np.uint8),) * 2, np.full((2, 2), 9, np.uint8), np.eye(2) > 0)
@@ -58,6 +58,9 @@ def test_what_was_learned_comes_back_as_numbers_and_arrays() -> None:
         ({"name": "disk"}, "'name'"),
         ({3: 1.0}, r"no name[\s\S]*got       3"),
         ({"": 1.0}, r"no name[\s\S]*got       ''"),
+        ({"gain": float("nan")}, r"no number[\s\S]*'gain'[\s\S]*got       nan"),
+        ({"gain": np.inf}, r"no number[\s\S]*got       inf"),
+        ({"levels": np.full(3, np.nan)}, r"no number[\s\S]*'levels'"),
         ({"ragged": [[1], [1, 2]]}, "'ragged'"),
         (ValueError("too dark"), "cannot be fitted.*\n.*fit\n.*ValueError: too dark"),
         (SystemExit(3), "cannot be fitted.*\n.*fit\n.*SystemExit: 3"),
@@ -127,3 +130,7 @@ def test_a_fit_is_seeded_prints_to_standard_error_and_leaves_the_process_alone(
 def test_a_fit_that_raises_says_in_which_line() -> None:
     with pytest.raises(MethodError, match=r"KeyError: 'gone' \(test_fit.py, line \d+\)"):
         teach(Method("mine", "m:Learning", Learning(KeyError("gone"))), [])
+
+
+def test_what_training_did_not_show_may_be_unknown() -> None:
+    assert check_learned({"measured": np.array([1.0, np.nan]), "none": np.array([])}, "m:f")

@@ -16,7 +16,7 @@ from dfdbench.methods.fit import restore, teach
 from dfdbench.methods.fitted import depth_table, evenly_spread, learned_array
 from dfdbench.methods.method import Predict
 from dfdbench.methods.registry import load, load_method
-from tests.methods.made_planes import MadePair, slope, texture
+from tests.methods.made_planes import MadePair, plane, slope, texture
 
 NAMES = ["favaro-soatto", "guided", "rational-filters", "s-transform", "sgm"]
 
@@ -147,3 +147,24 @@ def test_indices_are_spread_over_all(count: int) -> None:
 def test_an_array_of_another_shape_or_with_gaps_is_refused(value: Any) -> None:
     with pytest.raises(MethodError, match="mine: table"):
         learned_array({"table": np.array(value)}, "table", "mine", 1)
+
+
+@pytest.mark.parametrize("name", ["guided", "rational-filters", "s-transform"])
+def test_a_window_larger_than_the_image_is_refused(name: str) -> None:
+    pair = plane(120)
+    method = load(name, recipe="published", window=63)
+    assert method(pair.infocus, pair.defocus).shape == (64, 80)
+    if hasattr(method, "warm_up"):
+        method.warm_up(pair.infocus, pair.defocus)
+    with pytest.raises(MethodError, match="window is larger than the image") as caught:
+        load(name, recipe="published", window=255)(pair.infocus, pair.defocus)
+    assert "at most 64, of an image of 64 x 80" in caught.value.problems[0].expected
+
+
+def test_that_holds_for_learned_operators_too() -> None:
+    pairs = [slope(seed) for seed in range(2)]
+    method: Any = load("favaro-soatto", window=95)
+    method.restore(method.fit(pairs))
+    method.warm_up(pairs[0].infocus, pairs[0].defocus)
+    with pytest.raises(MethodError, match="window is larger than the image"):
+        method(pairs[0].infocus[:90], pairs[0].defocus[:90])

@@ -35,6 +35,11 @@ def test_a_run_keeps_the_weights_hash_and_warns_of_another_recipe(
     result = run_method(tiny_store, method, "test", tmp_path / "other").result
     expected = "trained on the blur recipe text, run on the blur recipe published"
     assert expected in result.warnings
+    # Trained on random tracks, it has seen more blurs than its set's.
+    robust = card(recipe="text", configuration={"tracks": ["psf"]})
+    save_weights(other, load_weights(weights, "dfd-net")[0], robust)
+    method = load_for(tiny_store, "dfd-net", {"weights": str(other), "device": "cpu"})
+    assert not method.warnings
 
 
 def test_other_weights_under_the_same_name_are_another_run(

@@ -75,5 +75,8 @@ def test_wrong_parameters_are_all_named() -> None:
         SemiGlobal(PUBLISHED, small_step=0, large_step=1e9, limit=0)
     named = [problem.where for problem in caught.value.problems]
     assert named == ["small_step", "large_step", "limit"]
-    with pytest.raises(MethodError, match="large_step"):
-        SemiGlobal(small_step=5, large_step=4)
+    # The one that was set may be either: the other is the default then.
+    for small, large in ((20.0, 15.0), (0.5, 0.25)):
+        with pytest.raises(MethodError, match="small_step at most large_step") as both:
+            SemiGlobal(small_step=small, large_step=large)
+        assert both.value.problems[0].where == "small_step and large_step"

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.blur.tracks import TRACKS
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import find_weights, load_weights
 from dfdbench.methods.networks.widths import FILTERS
@@ -100,3 +101,10 @@ def test_shipped_weights_were_trained_as_the_docs_say(
     documented = read_configuration(name, {**changes, "precision": "bf16"})
     assert TrainingConfiguration.model_validate(card.configuration) == documented
     assert card.started_from.startswith(first)
+
+
+def test_robust_is_demo_on_every_track() -> None:
+    demo, robust = read_configuration("demo"), read_configuration("robust")
+    assert robust == demo.model_copy(update={"tracks": tuple(TRACKS)})
+    with pytest.raises(InputError, match=r"any of noise, psf.*got nois"):
+        read_configuration("robust", {"tracks": ["nois"]})

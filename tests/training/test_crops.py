@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 import pytest
 
@@ -8,9 +10,11 @@ import torch
 
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.blur.tracks import TRACKS
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
 from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels, oriented
+from dfdbench.training.random_tracks import RandomTracks
 
 SMALL_BLUR = BlurRecipe(0.3, 0.005, kernel_size=7)
 
@@ -138,3 +142,44 @@ def test_levels_are_counted_without_those_left_out() -> None:
     assert counts[3] == 2
     assert counts[255] == 1
     assert counts.sum() == 3
+
+
+def drawn_on_tracks(names: list[str], seed: int, step: int) -> tuple[torch.Tensor, torch.Tensor]:
+    random = np.random.default_rng(5)
+    infocus = random.integers(40, 200, (64, 64, 3)).astype(np.uint8)
+    depth = np.full((64, 64), 100, np.uint8)
+    both = np.concatenate([infocus, infocus], axis=2)
+    whole = torch.from_numpy(both.transpose(2, 0, 1).copy())
+    images = TrainingImages([whole], [torch.from_numpy(depth.astype(np.int16))])
+    redraw, tracks = Redraw(SMALL_BLUR, 60, 160, 0.5, 0), RandomTracks(SMALL_BLUR, names)
+    return Cropper(images, 16, 40, False, 0.0, seed, redraw, tracks).draw(step)
+
+
+def test_patches_on_random_tracks_follow_from_seed_and_step_alone() -> None:
+    pixels, levels = drawn_on_tracks(list(TRACKS), 1, 7)
+    assert (pixels.shape, levels.shape) == ((40, 6, 16, 16), (40, 16, 16))
+    again, _ = drawn_on_tracks(list(TRACKS), 1, 7)
+    assert torch.equal(pixels, again)
+    assert not torch.equal(pixels, drawn_on_tracks(list(TRACKS), 1, 8)[0])
+    assert not torch.equal(pixels, drawn_on_tracks(list(TRACKS), 2, 7)[0])
+
+
+def test_each_patch_has_the_gain_that_its_track_draws() -> None:
+    pixels, _ = drawn_on_tracks(["gain"], 1, 7)
+    gains = pixels[:, 3:].mean((1, 2, 3)) / pixels[:, :3].mean((1, 2, 3))
+    assert float(gains.min()) < 0.97
+    assert float(gains.max()) > 1.03
+    # Severity 0 is among them.
+    assert int(((gains - 1).abs() < 0.005).sum()) >= 5
+
+
+def test_without_tracks_patches_are_drawn_as_before() -> None:
+    random = np.random.default_rng(3)
+    images = TrainingImages(
+        [torch.from_numpy(random.integers(0, 256, (6, 40, 40)).astype(np.uint8))],
+        [torch.from_numpy(random.integers(1, 256, (40, 40)).astype(np.int16))],
+    )
+    redraw = Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
+    pixels, levels = Cropper(images, 16, 4, False, 0.0, 9, redraw).draw(5)
+    digest = hashlib.sha256(pixels.numpy().tobytes() + levels.numpy().tobytes()).hexdigest()
+    assert digest.startswith("72a110f0ed1abf12")

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.blur.tracks import TRACKS
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.training.configuration import TrainingConfiguration
@@ -69,6 +70,7 @@ def test_what_fits_gives_the_networks_arguments(tiny_store: Store) -> None:
         ({"normalization": "fixed"}, "needs weights to begin with"),
         # A patch and what its blur reaches: 13 pixels at each side.
         ({"crop": 16, "redraw_depth": True}, "crop"),
+        ({"tracks": ["noise"]}, "--set redraw_depth=true"),
     ],
 )
 def test_choices_that_do_not_fit_are_told(
@@ -84,3 +86,11 @@ def test_captured_defocus_cannot_be_redrawn(
     monkeypatch.setattr(Store, "recipe", None)
     with pytest.raises(InputError, match="captured defocus"):
         require_trainable(task(tiny_store, redraw_depth=True))
+
+
+def test_what_was_trained_on_random_tracks_says_so(tiny_store: Store) -> None:
+    some = task(tiny_store, redraw_depth=True, tracks=["noise", "psf"])
+    assert some.trained_on == "tiny-1, split train, random tracks: noise psf"
+    every = task(tiny_store, redraw_depth=True, tracks=list(TRACKS))
+    assert every.trained_on == "tiny-1, split train, random tracks"
+    assert "random" not in task(tiny_store, redraw_depth=True).trained_on

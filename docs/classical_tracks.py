@@ -1,0 +1,62 @@
+"""Write docs/classical.md's table of what each track costs each method, from the leaderboard.
+
+`python docs/classical_tracks.py [DATASET-SPLIT]`, by default demo-1-test, after
+`dfdbench tracks --method NAME --submit` of each method, or `make leaderboard`, which runs all of
+them. NRMSE under protocol `valid`, a row a track and severity.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from dfdbench.blur.tracks import CLEAN, TRACKS
+from dfdbench.leaderboard.folder import LEADERBOARD
+from dfdbench.leaderboard.track_boards import TracksEntry, collect_tracks
+from dfdbench.leaderboard.tracks_submission import HEADLINE
+from dfdbench.metrics.metric import RANKED_BY
+from dfdbench.results.wording import score_text
+from dfdbench.system.files import write_whole
+from dfdbench.tables.render import as_markdown
+from dfdbench.tables.table import Table
+
+PAGE = Path(__file__).with_name("classical.md")
+METHODS = ("constant", "s-transform", "rational-filters", "favaro-soatto", "guided", "sgm", "local")
+BEGIN, END = "<!-- written by docs/classical_tracks.py -->\n", "<!-- end -->"
+
+
+def main(place: str) -> None:
+    """Write the table between its two marks."""
+    entries = {
+        entry.label: entry
+        for entry in collect_tracks(LEADERBOARD)
+        if f"{entry.clean.dataset.name}-{entry.clean.dataset.split}" == place
+    }
+    lacking = [name for name in METHODS if name not in entries]
+    if lacking:
+        sys.exit(f"no runs on tracks of {place}: {', '.join(lacking)}; dfdbench tracks --submit")
+    before, _, rest = PAGE.read_text("utf-8").partition(BEGIN)
+    _, _, after = rest.partition(END)
+    text = as_markdown(table_of([entries[name] for name in METHODS], place))
+    write_whole(PAGE, f"{before}{BEGIN}\n{text}\n{END}{after}")
+
+
+def table_of(entries: list[TracksEntry], place: str) -> Table:
+    """Return a row a track and severity, a column a method."""
+    rows = [(CLEAN, *(_score(entry, CLEAN) for entry in entries))]
+    for track in TRACKS.values():
+        for severity in range(1, len(track.severities) + 1):
+            label = f"{track.name}-{severity}"
+            rows.append((label, *(_score(entry, label) for entry in entries)))
+    columns = ("", *(entry.label for entry in entries))
+    title = f"NRMSE, {place}, protocol {HEADLINE}"
+    return Table(title, columns, tuple(rows), "l" + "r" * len(entries))
+
+
+def _score(entry: TracksEntry, label: str) -> str:
+    result = entry.results.get(label)
+    return score_text(((result and result.averages) or {}).get(HEADLINE, {}).get(RANKED_BY))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else "demo-1-test")

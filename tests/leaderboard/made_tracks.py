@@ -1,0 +1,45 @@
+"""Runs on tracks made by hand, for the tests of what reads them."""
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+from dfdbench.blur.tracks import CLEAN, TRACKS
+from dfdbench.datasets.manifest import Pair
+from dfdbench.results.record import Result
+from tests.made_results import make_demo_result
+
+ALL = [
+    f"{track.name}-{number}"
+    for track in TRACKS.values()
+    for number in range(1, len(track.severities) + 1)
+]
+
+
+def _always(value: float, pair: Pair) -> float:
+    return value
+
+
+def make_tracks(
+    name: str = "mine", value: float = 0.1, labels: Sequence[str] = ALL, **method: Any
+) -> dict[str, Result]:
+    """Runs on the demo set and on tracks of it: 0 on clean images, `value` on each track."""
+    found = {}
+    for number, label in enumerate([CLEAN, *labels]):
+        always = functools.partial(_always, 0.0 if label == CLEAN else value)
+        result = make_demo_result(always, name, protocols=("valid",))
+        dataset: dict[str, Any] = {"fingerprint": f"{number:064x}"}
+        own = dict(method)
+        if label != CLEAN:
+            dataset |= {"name": f"demo-1@{label}", "short": f"demo@{label}", "degradation": label}
+            dataset["recipe"] = {"name": "", "parameters": {}}
+        elif own.get("fitted_on"):
+            own["fitted_on"] = None
+        texts = {k: v.format(label=label) for k, v in own.items() if isinstance(v, str)}
+        found[label] = result.model_copy(
+            update={
+                "dataset": result.dataset.model_copy(update=dataset),
+                "method": result.method.model_copy(update=own | texts),
+            }
+        )
+    return found

@@ -1,0 +1,41 @@
+"""What the solvers that learned to calibrate answer where they are told a plain recipe."""
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from dfdbench.blur.noise import uniform_numbers
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
+from dfdbench.methods.registry import load
+
+HEIGHT, WIDTH = 40, 56
+
+
+def made() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coarse and fine random texture, by whole numbers, over two planes and a slope."""
+    fine = uniform_numbers(HEIGHT * WIDTH * 3, "golden", "fine").reshape(HEIGHT, WIDTH, 3)
+    coarse = uniform_numbers(HEIGHT * WIDTH // 16 * 3, "golden", "coarse")
+    blocks = coarse.reshape(HEIGHT // 4, WIDTH // 4, 3).repeat(4, 0).repeat(4, 1)
+    infocus = np.floor(30 + 120 * blocks + 80 * fine).astype(np.uint8)
+    depth = np.full((HEIGHT, WIDTH), 60, np.uint8)
+    depth[:, 20:] = 200
+    depth[24:] = np.arange(WIDTH) * 3 + 40
+    return infocus, synthesize(infocus, depth, RECIPES["published"]), depth
+
+
+@pytest.mark.parametrize(
+    ("name", "digest"),
+    [
+        ("local", "a7d62d59870bef6007e8334784f28c48455565a00d6c87c4e852249e4ff41f95"),
+        ("graph-cuts", "a0609391b7811da2328e2fd5ff1955835bf3eab4427c56f406f18113dcb9eb72"),
+        ("graph-cuts-rounded", "790d724773d31f2c666ba157c3ff1a9d890d66be210a2a0b98b059263ee92a44"),
+    ],
+)
+def test_told_a_recipe_they_answer_bit_for_bit_as_before(name: str, digest: str) -> None:
+    infocus, defocus, depth = made()
+    found = load(name, recipe="published")(infocus, defocus)
+    assert np.abs(found - depth)[4:-4, 4:-4].mean() < 12
+    found = np.ascontiguousarray(found, np.float32)
+    assert hashlib.sha256(found.tobytes()).hexdigest() == digest
