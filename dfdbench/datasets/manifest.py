@@ -11,8 +11,9 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from dfdbench.blur.tracks import CLEAN
+from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.errors import unknown_name
-from dfdbench.system.record import Record
+from dfdbench.system.record import StrictRecord
 
 ALL_PAIRS = "all"
 
@@ -20,12 +21,6 @@ ALL_PAIRS = "all"
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Count = Annotated[int, Field(ge=1)]
-
-
-class StrictRecord(Record):
-    """A record that refuses values of another type: TOML tells text from numbers."""
-
-    model_config = ConfigDict(strict=True)
 
 
 class Origin(StrictRecord):
@@ -50,13 +45,14 @@ class Depth(StrictRecord):
     """What a depth level means.
 
     `axes` are the pair axes along which the depth map changes, `unknown` the level that marks
-    a pixel without ground truth.
+    a pixel without ground truth. `scale` says what levels are in metres, where that is known.
     """
 
     axes: list[str]
     unknown: Annotated[int, Field(ge=0, le=255)]
     grows_with: Literal["nearness", "distance"]
     unit: str
+    scale: DepthScale | None = None
 
     @property
     def direction(self) -> str:
@@ -170,6 +166,7 @@ class Manifest(StrictRecord):
     splits: list[Split]
     folds: list[Fold] = Field(default_factory=list)
     capture: Capture | None = None
+    rig: Rig | None = None
     checksums: dict[str, Sha256] = Field(default_factory=dict)
     toml: str
 
