@@ -12,11 +12,12 @@ from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError, ResultError
 from dfdbench.leaderboard.board_tables import standings_table
-from dfdbench.leaderboard.boards import boards, collect
+from dfdbench.leaderboard.boards import collect, parted
 from dfdbench.leaderboard.claimed_method import ClaimedMethod
 from dfdbench.leaderboard.data_set_problems import data_set_problems
 from dfdbench.leaderboard.folder import LEADERBOARD
 from dfdbench.leaderboard.readme import check_readme, write_readme
+from dfdbench.leaderboard.scored_table import scored_table
 from dfdbench.leaderboard.verification import claim_of, verify_result
 from dfdbench.leaderboard.verification_file import (
     SCORE_TOLERANCE,
@@ -24,7 +25,7 @@ from dfdbench.leaderboard.verification_file import (
     VerifiedSample,
     save_verification,
 )
-from dfdbench.results.record import Result
+from dfdbench.results.record import SCORED, Result
 from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format
@@ -54,9 +55,10 @@ def leaderboard(
     if check:
         print(f"{folder}: {check_readme(folder)} results valid, README up to date")
         return
-    found = boards(collect(folder))
+    found, scored = parted(collect(folder))
     path = write_readme(folder)
     tables = [standings_table(board, folder) for board in found]
+    tables += [scored_table(board, folder) for board in scored]
     if format is None or format is Format.table:
         for table in tables:
             print_table(table)
@@ -102,6 +104,9 @@ def verify_command(
     for path in (path for path in results if not path.name.endswith(SUFFIX)):
         path = path / RESULT if path.is_dir() else path
         claimed = load_result(path)
+        if claimed.method.scored:
+            say(f"left out     {path}: {SCORED}: there is nothing to run again")
+            continue
         problems = data_set_problems(claimed, folder, str(path))
         if problems:
             raise ResultError.of(problems)

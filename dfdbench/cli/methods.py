@@ -94,10 +94,10 @@ def run(
     if not no_predictions:
         draw_run(data, summary, folder)
     _keep_law(loaded.predict, folder, figure=not no_predictions)
-    _print_tables(summary, data.manifest, format)
-    _tell_where_it_lies(done, figures=not no_predictions)
+    print_run_tables(summary, data.manifest, format)
+    tell_where_it_lies(done, figures=not no_predictions)
     if submit:
-        _submit(done.result)
+        submit_run(done.result)
     if any(pair.status == "failed" for pair in done.result.pairs):
         raise typer.Exit(1)
 
@@ -125,7 +125,8 @@ def _tell_what_was_reused(done: Run) -> None:
         say(f"{done.reused} pairs taken over from an earlier call (--fresh evaluates anew)")
 
 
-def _print_tables(summary: RunSummary, manifest: Manifest, format: Format) -> None:
+def print_run_tables(summary: RunSummary, manifest: Manifest, format: Format) -> None:
+    """Print a run's tables in a format."""
     from dfdbench.results.run_data import run_as_csv, run_as_json
     from dfdbench.results.scene_tables import all_tables
     from dfdbench.results.summary import scene_labels
@@ -145,7 +146,8 @@ def _print_tables(summary: RunSummary, manifest: Manifest, format: Format) -> No
         print(render(tables, format), end="")
 
 
-def _tell_where_it_lies(done: Run, figures: bool) -> None:
+def tell_where_it_lies(done: Run, figures: bool) -> None:
+    """Say where a run's files lie, and what failed."""
     from dfdbench.results.record_file import RESULT
 
     method = done.result.method
@@ -215,11 +217,12 @@ def _refuse_what_was_trained_on(method: Method, manifest: Manifest, split: str) 
         raise InputError.of(problems)
 
 
-def _submit(result: Result) -> None:
+def submit_run(result: Result) -> None:
+    """Write a run into the leaderboard of the clone that this is called in."""
     from dfdbench.leaderboard.folder import LEADERBOARD
-    from dfdbench.leaderboard.submission import submit as submit_result
+    from dfdbench.leaderboard.submission import submit
 
-    for path in submit_result(result, LEADERBOARD):
+    for path in submit(result, LEADERBOARD):
         say(f"submission   {path}")
     if not result.complete:
         say("not every pair was evaluated: the leaderboard lists this run without a rank")

@@ -68,13 +68,23 @@ class DepthScale(StrictRecord):
         unknown : int
             The level of what is no distance: not finite, zero or negative.
         """
-        near, far = self._ends
         distances = np.asarray(metres, np.float64)
         known = np.isfinite(distances) & (distances > 0)
-        held = np.clip(np.where(known, distances, self.near), self.near, self.far)
-        share = ((1 / held if self.law == "inverse" else held) - far) / (near - far)
-        levels = np.rint(self.far_level + share * (self.near_level - self.far_level))
+        levels = np.rint(self.to_exact_levels(np.where(known, distances, self.near)))
         return np.where(known, levels, unknown).astype(np.uint8)
+
+    def to_exact_levels(self, metres: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the level of each distance, not rounded to a whole one.
+
+        Parameters
+        ----------
+        metres : ndarray of any shape
+            Distances above 0; what lies beyond near and far counts as the end.
+        """
+        near, far = self._ends
+        held = np.clip(np.asarray(metres, np.float64), self.near, self.far)
+        share = ((1 / held if self.law == "inverse" else held) - far) / (near - far)
+        return np.asarray(self.far_level + share * (self.near_level - self.far_level))
 
     @property
     def _ends(self) -> tuple[float, float]:

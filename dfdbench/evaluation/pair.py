@@ -73,7 +73,7 @@ class PairEvaluator:
             self._warm = True
             with seeded(self._seed):
                 prediction = call(self._method.predict, images.infocus, images.defocus)
-        return _record(self._store, images, prediction, self._protocols), prediction.depth
+        return record_of(self._store, images, prediction, self._protocols), prediction.depth
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,22 @@ def _evaluator_here(remote: RemoteEvaluator) -> PairEvaluator:
     return PairEvaluator(store, method, remote.seed)
 
 
-def _record(
+def record_of(
     store: Store, images: PairImages, prediction: Prediction, protocols: Iterable[Protocol]
 ) -> PairResult:
+    """Return what became of a pair: its prediction scored under every protocol, or its error.
+
+    Parameters
+    ----------
+    store : Store
+        The data set.
+    images : PairImages
+        The pair.
+    prediction : Prediction
+        Depth levels, or why there are none.
+    protocols : iterable of Protocol
+        Under which to score.
+    """
     warnings = []
     if prediction.printed:
         first = prediction.printed.strip().splitlines()[:1]

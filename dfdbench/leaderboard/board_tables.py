@@ -17,6 +17,7 @@ from dfdbench.results.record_file import RESULT
 from dfdbench.results.told import TOLD_NOTE, told
 from dfdbench.results.wording import (
     NOTHING,
+    interval_text,
     machine_of,
     parameters_of,
     score_text,
@@ -66,7 +67,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
             standing.entry.label,
             told(standing.entry.result),
             score_text(standing.entry.score(board.protocol, RANKED_BY)),
-            _interval(standing.interval),
+            interval_text(standing.interval),
             *(score_text(standing.entry.score(board.protocol, each.name)) for each in metrics),
             str(standing.above or NOTHING),
             seconds_text(standing.entry.seconds),
@@ -81,7 +82,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
         rows,
         "rllrl" + "r" * len(metrics) + "lrl",
         tuple(_ranking_notes(board)),
-        records=tuple(_record(board, standing, folder) for standing in board.standings),
+        records=tuple(standing_record(board, standing, folder) for standing in board.standings),
         parts=(tuple(range(scores)), (0, 1, *range(scores, len(columns)))),
     )
 
@@ -163,7 +164,7 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
             method.paper or NOTHING,
         )
         if folder:
-            cells += (_checked(entry), Link("result", _target(entry, folder)))
+            cells += (_checked(entry), Link("result", target_of(entry, folder)))
         rows.append(cells)
     columns: tuple[str, ...] = (
         "method",
@@ -180,7 +181,8 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
     return Table("how they were run", columns, tuple(rows), align, notes)
 
 
-def _record(board: ScoreBoard, standing: Standing, folder: Path) -> dict[str, object]:
+def standing_record(board: ScoreBoard, standing: Standing, folder: Path) -> dict[str, object]:
+    """Return a row of the ranking as data, numbers in full."""
     entry, protocol = standing.entry, board.protocol
     dataset = entry.result.dataset
     low, high = standing.interval or (None, None)
@@ -218,7 +220,7 @@ def _record(board: ScoreBoard, standing: Standing, folder: Path) -> dict[str, ob
         "machine": machine_of(entry.result),
         "pairs": f"{dataset.evaluated}/{dataset.expected}",
         "status": entry.status,
-        "result": _target(entry, folder),
+        "result": target_of(entry, folder),
     }
 
 
@@ -290,9 +292,6 @@ def _checked(entry: Entry) -> str:
     return f"{count} pairs, scores within {found.largest_difference:.1g}"
 
 
-def _target(entry: Entry, folder: Path) -> str:
+def target_of(entry: Entry, folder: Path) -> str:
+    """Return where a link to an entry's file leads, from the leaderboard's folder."""
     return Path(os.path.relpath(entry.path, folder)).as_posix()
-
-
-def _interval(interval: tuple[float, float] | None) -> str:
-    return NOTHING if interval is None else " to ".join(map(score_text, interval))

@@ -53,7 +53,12 @@ class Entry:
 
     @property
     def status(self) -> str:
-        """``reproduced``, where a sample of its pairs was run again, or ``rerun``."""
+        """``reproduced``, where a sample of its pairs was run again, or ``rerun``.
+
+        Depth maps that were scored, not run, are ``unverified``: nothing can be run again.
+        """
+        if self.result.method.scored:
+            return "unverified"
         return "reproduced" if self.verification else "rerun"
 
     @property
@@ -157,20 +162,32 @@ def collect(folder: Path) -> list[Entry]:
     return entries
 
 
+def parted(entries: Sequence[Entry]) -> tuple[list[ScoreBoard], list[ScoreBoard]]:
+    """Return the boards of what was run, and those of what was scored and not run, apart.
+
+    Nobody can run the second again, so a rank among the first would say too much.
+    """
+    run, scored = (
+        [entry for entry in entries if bool(entry.result.method.scored) is apart]
+        for apart in (False, True)
+    )
+    return boards(run), boards(scored)
+
+
 def boards(entries: Sequence[Entry]) -> list[ScoreBoard]:
     """Part entries into boards of what may be compared, and rank each."""
-    parted: dict[tuple[str, str, bool, int, str, str], list[Entry]] = {}
+    groups: dict[tuple[str, str, bool, int, str, str], list[Entry]] = {}
     for entry in entries:
         dataset = entry.result.dataset
         for protocol in entry.result.protocol_names:
             order = list(RELEASED).index(protocol) if protocol in RELEASED else len(RELEASED)
             later = protocol != headline_of(dataset.short)
             key = (dataset.name, dataset.split, later, order, protocol, dataset.fingerprint)
-            parted.setdefault(key, []).append(entry)
+            groups.setdefault(key, []).append(entry)
     return [
         _board(dataset, split, fingerprint, protocol, found)
         for (dataset, split, _, _, protocol, fingerprint), found in sorted(
-            parted.items(), key=lambda item: item[0]
+            groups.items(), key=lambda item: item[0]
         )
     ]
 

@@ -11,10 +11,11 @@ import jinja2
 
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard.board_tables import board_tables
-from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards, collect
+from dfdbench.leaderboard.boards import Entry, ScoreBoard, collect, parted
 from dfdbench.leaderboard.folder import README
 from dfdbench.leaderboard.published import PublishedTable, load_published
 from dfdbench.leaderboard.published_tables import published_summary, published_table
+from dfdbench.leaderboard.scored_table import scored_table
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown
 
@@ -62,7 +63,7 @@ def check_readme(folder: Path) -> int:
 
 def readme_text(folder: Path, entries: Sequence[Entry]) -> str:
     """Return what the README is to say of these entries."""
-    found = boards(entries)
+    found, scored = parted(entries)
     published = load_published(folder)
     note = folder / NOTE
     template = resources.files("dfdbench.leaderboard") / "leaderboard.md.jinja"
@@ -72,6 +73,7 @@ def readme_text(folder: Path, entries: Sequence[Entry]) -> str:
     text = environment.from_string(template.read_text(encoding="utf-8")).render(
         note=note.read_text(encoding="utf-8").rstrip() if note.exists() else "",
         boards=[_board_context(board, folder) for board in found],
+        scored=[as_markdown(scored_table(board, folder)) for board in scored],
         summaries=[as_markdown(published_summary(published, name)) for name in compared],
         published=[_published_context(table) for table in published],
         citation=escape_markdown(published[0].citation) if published else "",

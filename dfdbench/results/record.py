@@ -28,6 +28,10 @@ Seed = Annotated[int, Field(ge=0, lt=2**32)]
 #: Text in one line, without what steers a terminal.
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]+$", max_length=1000)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+#: What depth maps that were made elsewhere may hold.
+Unit = Literal["levels", "metres"]
+#: How a result of such maps is marked wherever its method is named.
+SCORED = "scored, not run"
 
 
 @cache
@@ -149,7 +153,8 @@ class MethodRecord(Record):
 
     `files_sha256` is of what parameters name: files, and folders by their files' names and
     contents. `fitted_on` says which pairs the method's fit saw before the run, in the words of
-    `trained_on`; `fit_seconds` how long that took, which no pair's time holds.
+    `trained_on`; `fit_seconds` how long that took, which no pair's time holds. `scored` is set
+    where nothing was run: depth maps made elsewhere were handed in, in that unit.
     """
 
     name: Line
@@ -163,6 +168,12 @@ class MethodRecord(Record):
     files_sha256: dict[str, Sha256] = Field(default_factory=dict)
     fitted_on: str | None = None
     fit_seconds: Seconds | None = None
+    scored: Unit | None = None
+
+    @property
+    def title(self) -> str:
+        """What tables and figures call it; of depth maps made elsewhere it says that."""
+        return f"{self.name} ({SCORED})" if self.scored else self.name
 
 
 class Environment(Record):

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from dfdbench.errors import Problem, ResultError, reason_of
-from dfdbench.results.record import PairResult, Result, average
+from dfdbench.results.record import SCORED, PairResult, Result, average
 from dfdbench.system.files import write_whole
 from dfdbench.system.record import problems_of
 
@@ -169,6 +169,7 @@ def _contradictions(result: Result, path: Path) -> list[Problem]:
         *_miscounted(result, evaluated, path),
         *_unscored(result, evaluated, path),
         *_impossible(evaluated, path),
+        *_not_run(result, path),
     ]
     return problems or list(_wrong_averages(result, evaluated, path))
 
@@ -226,6 +227,17 @@ def _impossible(evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
                     expected=f"at most {nrmse}",
                     got=str(nmae),
                 )
+
+
+def _not_run(result: Result, path: Path) -> Iterator[Problem]:
+    timed = [pair.id for pair in result.pairs if pair.seconds is not None]
+    if result.method.scored and (timed or result.method.source_sha256):
+        yield Problem(
+            f"{SCORED}, and yet it has a source or times",
+            where=f"{path}: method.scored",
+            expected="no source_sha256, no seconds",
+            got=", ".join(timed[:1]) or str(result.method.source_sha256),
+        )
 
 
 def _wrong_averages(result: Result, evaluated: list[PairResult], path: Path) -> Iterator[Problem]:

@@ -33,7 +33,7 @@ def run_as_csv(summary: RunSummary, labels: Labels | None = None) -> str:
     groups = _placed(summary) + [
         placed for what, label_of in labels.items() for placed in _by_label(summary, what, label_of)
     ]
-    run = (summary.result.method.name, dataset.name, dataset.split, summary.protocol)
+    run = (summary.result.method.title, dataset.name, dataset.split, summary.protocol)
     rows = []
     for place, group in groups:
         found = (place.get(name) for name in places)
@@ -53,7 +53,7 @@ def run_as_json(summary: RunSummary, labels: Labels | None = None) -> str:
         return {"pair": pair.id, **{name: pair.score(protocol, name) for name in METRICS}}
 
     content = {
-        "method": result.method.name,
+        "method": result.method.title,
         "dataset": dataset.name,
         "fingerprint": dataset.fingerprint,
         "split": dataset.split,

@@ -19,7 +19,9 @@ def run_tables(summary: RunSummary) -> list[Table]:
     """Return a run's tables: scores, best and worst pairs, run times."""
     tables = [run_score_table(summary)]
     if summary.ranked:
-        tables += [extremes_table(summary), time_table(summary)]
+        tables.append(extremes_table(summary))
+    if summary.ranked and not summary.result.method.scored:
+        tables.append(time_table(summary))
     failures = [pair for pair in summary.result.pairs if pair.status == "failed"]
     if failures:
         tables.append(_failure_table(failures))
@@ -44,7 +46,7 @@ def run_score_table(summary: RunSummary) -> Table:
         columns.append("pairs")
     state = "" if result.complete else "PARTIAL, "
     title = (
-        f"{result.method.name} on {dataset.name}, split {dataset.split}, "
+        f"{result.method.title} on {dataset.name}, split {dataset.split}, "
         f"protocol {title_of(summary.protocol)} "
         f"({state}{dataset.evaluated} of {dataset.expected} pairs)"
     )

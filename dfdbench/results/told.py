@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dfdbench.results.record import Result
+from dfdbench.results.wording import NOT_TOLD
 
 TOLD_NOTE = (
     "Told, beside the two images: the recipe that made the blur, another recipe, a fit to training "
@@ -24,6 +25,8 @@ def told(result: Result) -> str:
     function that has the blur written into it is told nothing as far as this can know.
     """
     method, dataset = result.method, result.dataset
+    if method.scored:
+        return NOT_TOLD
     parts = []
     if "recipe" in method.parameters:
         same = method.parameters["recipe"] == dataset.recipe["name"]
