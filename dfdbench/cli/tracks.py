@@ -14,7 +14,7 @@ from dfdbench.cli.options import Cache, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError, StoreError, unknown_name
-from dfdbench.metrics.metric import RANKED_BY
+from dfdbench.metrics.of_protocol import ranked_by
 from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
@@ -72,8 +72,9 @@ def tracks(
         results[label] = done.result
     table = tracks_table(results, shown)
     print_table(table) if format is Format.table else print(render([table], format), end="")
-    scores = {method: severities(results, shown, RANKED_BY)}
-    save_figure(tracks_figure(scores, RANKED_BY, table.title), place / "tracks.png")
+    metric = ranked_by(shown)[0]
+    scores = {method: severities(results, shown, metric)}
+    save_figure(tracks_figure(scores, metric, table.title), place / "tracks.png")
     say(f"results      {place}")
     if any(pair.status == "failed" for result in results.values() for pair in result.pairs):
         raise typer.Exit(1)

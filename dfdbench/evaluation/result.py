@@ -9,8 +9,7 @@ from typing import Any
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.evaluation.pair import PRINTED, TURNED
-from dfdbench.evaluation.plan import RunPlan
-from dfdbench.metrics.protocol import PROTOCOLS
+from dfdbench.evaluation.plan import RunPlan, protocols_on
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Result, average
 
@@ -60,15 +59,17 @@ def compose(
         What is said after the warnings that follow from the records.
     """
     evaluated = [pair for pair in pairs if pair.status == "ok"]
+    protocols = protocols_on(store)
+    labels = [protocol.label for protocol in protocols]
     return Result(
         schema_version=1,
         dataset=_dataset_record(store, split, len(pairs), len(evaluated)),
-        protocols=[protocol.as_dict() for protocol in PROTOCOLS.values()],
+        protocols=[protocol.as_dict() for protocol in protocols],
         method=method,
         environment=describe_environment(),
         seed=seed,
         pairs=pairs,
-        averages=average(evaluated, list(PROTOCOLS)) if len(evaluated) == len(pairs) else None,
+        averages=average(evaluated, labels) if len(evaluated) == len(pairs) else None,
         warnings=[*_warnings(store.manifest, pairs, evaluated), *warnings],
     )
 

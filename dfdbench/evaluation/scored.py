@@ -10,11 +10,11 @@ from pydantic import ValidationError
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
 from dfdbench.evaluation.pair import blank_record, record_of
+from dfdbench.evaluation.plan import protocols_on
 from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictions
 from dfdbench.evaluation.result import compose
 from dfdbench.evaluation.run import Run, writing
 from dfdbench.methods.method import Prediction
-from dfdbench.metrics.protocol import PROTOCOLS
 from dfdbench.results.folder import keep_prediction, keep_store_place, open_run_folder
 from dfdbench.results.record import SCORED, MethodRecord, PairResult, Unit
 from dfdbench.results.record_file import RESULT, save_result
@@ -71,7 +71,7 @@ def score_predictions(
         for number, pair in enumerate(found.files, 1):
             images = store.read(pair)
             depth = found.read(pair, store.shape_of(pair.scene))
-            record = record_of(store, images, Prediction(depth, 0.0), PROTOCOLS.values())
+            record = record_of(store, images, Prediction(depth, 0.0), protocols_on(store))
             records[pair.id] = record.model_copy(update={"seconds": None})
             keep_prediction(folder, store.manifest, pair, depth)
             if on_pair:

@@ -23,7 +23,7 @@ from dfdbench.figures.style import (
     without_ticks,
     write_figure,
 )
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.metrics.protocol import title_of
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
@@ -105,7 +105,7 @@ def panel_figure(
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
         scores = (
             f"{metric.title} {score_text(record.score(protocol, name), 'undefined')}"
-            for name, metric in METRICS.items()
+            for name, metric in metrics_of(protocol).items()
         )
         axes[4].set_xlabel("  ".join(scores), fontsize=8)
     figure.supxlabel("grey: depth unknown", fontsize=8)
@@ -141,13 +141,14 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     width = max(4.0, 0.35 * len(scenes) + 2.0)
     # Title and legend are of one width, however few scenes there are.
     whole = max(width * len(columns), 8.0)
-    figure = Figure(figsize=(whole, 0.8 + 2.4 * len(METRICS)), layout="constrained")
-    grid = figure.subplots(len(METRICS), len(columns), squeeze=False, sharey="row", sharex=True)
+    metrics = metrics_of(protocol)
+    figure = Figure(figsize=(whole, 0.8 + 2.4 * len(metrics)), layout="constrained")
+    grid = figure.subplots(len(metrics), len(columns), squeeze=False, sharey="row", sharex=True)
     figure.suptitle(
         f"{plain_text(result.method.title)} on {result.dataset.name}, "
         f"split {result.dataset.split}, protocol {title_of(protocol)}"
     )
-    for line, metric in zip(grid, METRICS.values(), strict=True):
+    for line, metric in zip(grid, metrics.values(), strict=True):
         line[0].set_ylabel(metric.axis_label)
         for axis, value in zip(line, columns, strict=True):
             chosen = [pair for pair in pairs if rows is None or pair.coordinates[rows] == value]

@@ -16,7 +16,8 @@ from dfdbench.leaderboard.submission import TIME_FORMAT, load_submission
 from dfdbench.leaderboard.verification import entry_problems
 from dfdbench.leaderboard.verification_file import SUFFIX, Reproduction, load_verification
 from dfdbench.metrics.intervals import scene_interval
-from dfdbench.metrics.metric import RANKED_BY, TIES_BY, mean_of
+from dfdbench.metrics.metric import mean_of
+from dfdbench.metrics.of_protocol import ranked_by
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.differences import PairedDifference, changes, paired_difference
 from dfdbench.results.record import Result
@@ -82,7 +83,7 @@ class Standing:
     entry : Entry
         The result.
     rank : int or None
-        By NRMSE, ties by NMAE; None for a run that is incomplete or has no NRMSE.
+        By NRMSE, ties by NMAE, in metres by AbsRel; None for a run that is incomplete or has none.
     interval : tuple of float, or None
         Of NRMSE, as `dfdbench.metrics.intervals.scene_interval` has it.
     above : PairedDifference or None
@@ -201,8 +202,9 @@ def _board(
         if entry.label in newest:
             superseded.append((newest[entry.label], entry))
         newest[entry.label] = entry
+    ranks_by = ranked_by(protocol)[0]
     ranked = sorted(
-        (entry for entry in newest.values() if entry.score(protocol, RANKED_BY) is not None),
+        (entry for entry in newest.values() if entry.score(protocol, ranks_by) is not None),
         key=lambda entry: (*_order(entry, protocol), entry.label),
     )
     standings: list[Standing] = []
@@ -212,10 +214,10 @@ def _board(
         rank = standings[-1].rank if tied else place
         difference = None
         if above is not None:
-            found_changes = changes(above.result, entry.result, protocol, RANKED_BY)
-            difference = paired_difference(found_changes, RANKED_BY)
+            found_changes = changes(above.result, entry.result, protocol, ranks_by)
+            difference = paired_difference(found_changes, ranks_by)
         standings.append(Standing(entry, rank, _interval(entry.result, protocol), difference))
-    unranked = [entry for entry in newest.values() if entry.score(protocol, RANKED_BY) is None]
+    unranked = [entry for entry in newest.values() if entry.score(protocol, ranks_by) is None]
     standings += [
         Standing(entry, None, None, None)
         for entry in sorted(unranked, key=lambda entry: entry.label)
@@ -232,15 +234,16 @@ def _age(entry: Entry) -> tuple[str, str]:
 
 
 def _order(entry: Entry, protocol: str) -> tuple[float, float]:
-    first, second = (entry.score(protocol, metric) for metric in (RANKED_BY, TIES_BY))
+    first, second = (entry.score(protocol, metric) for metric in ranked_by(protocol))
     return (math.inf if first is None else first, math.inf if second is None else second)
 
 
 def _interval(result: Result, protocol: str) -> tuple[float, float] | None:
+    metric = ranked_by(protocol)[0]
     defined = [
         (score, pair.scene)
         for pair in result.pairs
-        if pair.status == "ok" and (score := pair.score(protocol, RANKED_BY)) is not None
+        if pair.status == "ok" and (score := pair.score(protocol, metric)) is not None
     ]
     return scene_interval([score for score, _ in defined], [scene for _, scene in defined])
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from dfdbench.leaderboard.board_tables import standing_record, target_of
 from dfdbench.leaderboard.boards import ScoreBoard
 from dfdbench.metrics.intervals import interval_name
-from dfdbench.metrics.metric import METRICS, RANKED_BY
+from dfdbench.metrics.of_protocol import metrics_of, ranked_by
 from dfdbench.metrics.protocol import title_of
 from dfdbench.results.record import SCORED
 from dfdbench.results.wording import interval_text, score_text
@@ -24,11 +24,12 @@ def scored_table(board: ScoreBoard, folder: Path) -> Table:
     folder : Path
         The leaderboard's folder, from which links go out.
     """
-    others = [metric for name, metric in METRICS.items() if name != RANKED_BY]
+    metrics, first = metrics_of(board.protocol), ranked_by(board.protocol)[0]
+    others = [metric for name, metric in metrics.items() if name != first]
     rows = tuple(
         (
             standing.entry.label,
-            score_text(standing.entry.score(board.protocol, RANKED_BY)),
+            score_text(standing.entry.score(board.protocol, first)),
             interval_text(standing.interval),
             *(score_text(standing.entry.score(board.protocol, each.name)) for each in others),
             standing.entry.status,
@@ -43,7 +44,7 @@ def scored_table(board: ScoreBoard, folder: Path) -> Table:
         f"{board.dataset}, split {board.split}, protocol {title_of(board.protocol)}: {SCORED}",
         (
             "method",
-            METRICS[RANKED_BY].heading,
+            metrics[first].heading,
             interval_name(board.scenes),
             *(metric.heading for metric in others),
             "status",

@@ -14,7 +14,7 @@ from dfdbench.evaluation.result import without_folder
 from dfdbench.leaderboard.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
 from dfdbench.leaderboard.verification_file import SCORE_TOLERANCE, VerifiedSample, sample
 from dfdbench.methods.registry import registered_methods
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import RELEASED, Protocol
 from dfdbench.results.folder import require_pairs_of
 from dfdbench.results.record import MethodRecord, PairResult, Result
@@ -185,7 +185,7 @@ def _mismatch(claim: PairResult, rerun: PairResult, path: Path, tolerance: float
         if not pair.scores:
             return pair.error or pair.status
         return ", ".join(
-            f"{METRICS[name].title} {'undefined' if value is None else format(value, '.6f')}"
+            f"{find_metric(name).title} {'undefined' if value is None else format(value, '.6f')}"
             for name, value in pair.scores[protocol].items()
         )
 

@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from dfdbench.figures.runs import ERROR_LIMIT
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.report.content import Content, ShownPair, gather
 from dfdbench.report.pictures import depth_map, error_map, ink, inline_svg, photo, scale
 from dfdbench.results.saved_run import SavedRun
@@ -115,7 +115,7 @@ def _card(shown: ShownPair, content: Content, pictures: dict[str, str]) -> dict[
         "high": f"{high:.0f}",
         "scores": [
             (metric.title, score_text(pair.score(content.protocol, name), "undefined"))
-            for name, metric in METRICS.items()
+            for name, metric in metrics_of(content.protocol).items()
         ],
         "seconds": f"{seconds_text(pair.seconds)} s",
     }

@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from dfdbench.errors import Problem, ResultError, reason_of
+from dfdbench.metrics.protocol import label_of
 from dfdbench.results.record import SCORED, PairResult, Result, average
 from dfdbench.system.files import write_whole
 from dfdbench.system.record import problems_of
@@ -18,6 +19,8 @@ from dfdbench.system.record import problems_of
 RESULT_SCHEMA_VERSION = 1
 #: What a result is called in the folder of its run.
 RESULT = "result.json"
+# Each holds all pixels of the one before.
+_WIDER = ("delta_1", "delta_2", "delta_3")
 #: How far a recorded average may be from the one recomputed from the pairs.
 _TOLERANCE = 1e-9
 
@@ -194,6 +197,8 @@ def _miscounted(result: Result, evaluated: list[PairResult], path: Path) -> Iter
 
 def _unscored(result: Result, evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
     names = result.protocol_names
+    # What protocols in metres score they name; the others have the same metrics all over.
+    named = {label_of(protocol): protocol.get("metrics") for protocol in result.protocols}
     metrics: set[str] | None = None
     for pair in evaluated:
         if set(pair.scores) != set(names):
@@ -205,18 +210,21 @@ def _unscored(result: Result, evaluated: list[PairResult], path: Path) -> Iterat
             )
         # A run from before a metric lacks it altogether: no mean is of some of the pairs.
         for protocol, scores in pair.scores.items():
-            metrics = metrics or set(scores)
-            if set(scores) != metrics:
+            of_metres = named.get(protocol)
+            metrics = metrics if of_metres else metrics or set(scores)
+            wanted = set(of_metres or metrics or ())
+            if set(scores) != wanted:
                 yield Problem(
                     "the pairs are not scored by the same metrics",
                     where=f"{path}: {pair.id}, {protocol}",
-                    expected=", ".join(sorted(metrics)),
+                    expected=", ".join(sorted(wanted)),
                     got=", ".join(sorted(scores)),
                 )
 
 
 def _impossible(evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
-    # What holds for every error cannot be otherwise: its mean never exceeds its root mean square.
+    # What holds for every error cannot be otherwise: its mean never exceeds its root mean square,
+    # and a wider bound holds more pixels.
     for pair in evaluated:
         for protocol in pair.scores:
             nrmse, nmae = pair.score(protocol, "nrmse"), pair.score(protocol, "nmae")
@@ -226,6 +234,14 @@ def _impossible(evaluated: list[PairResult], path: Path) -> Iterator[Problem]:
                     where=f"{path}: {pair.id}, {protocol}",
                     expected=f"at most {nrmse}",
                     got=str(nmae),
+                )
+            shares = [pair.score(protocol, name) or 0.0 for name in _WIDER]
+            if shares != sorted(shares):
+                yield Problem(
+                    "fewer pixels lie within a wider bound",
+                    where=f"{path}: {pair.id}, {protocol}",
+                    expected=" <= ".join(_WIDER),
+                    got=", ".join(map(str, shares)),
                 )
 
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.results.record import PairResult
 from dfdbench.results.run_tables import EXTREMES
 from dfdbench.results.summary import RunSummary, ScoreGroup, Statistic, summarise_scenes
@@ -50,7 +50,8 @@ def run_as_json(summary: RunSummary, labels: Labels | None = None) -> str:
     dataset = result.dataset
 
     def line(pair: PairResult) -> dict[str, Any]:
-        return {"pair": pair.id, **{name: pair.score(protocol, name) for name in METRICS}}
+        scores = {name: pair.score(protocol, name) for name in metrics_of(protocol)}
+        return {"pair": pair.id, **scores}
 
     content = {
         "method": result.method.title,
