@@ -165,6 +165,7 @@ def check_method_command(
     method: Annotated[str, typer.Argument(help="As for run --method.")], param: Params = None
 ) -> None:
     """Try a method on awkward inputs and say what is wrong, before an hour is spent."""
+    from dfdbench.datasets.depth_scale import Rig
     from dfdbench.methods.check import check_method
     from dfdbench.methods.registry import load_method
 
@@ -173,6 +174,7 @@ def check_method_command(
         "recipe_name": lambda: "published",
         "training_mean": lambda: 128.0,
         "seed": lambda: 0,
+        "rig": Rig,
     }
     # A class with a fit has to find out the blur, so that the fit is tried too.
     for_fits = {"recipe": lambda: None}

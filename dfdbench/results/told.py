@@ -11,6 +11,10 @@ TOLD_NOTE = (
 )
 
 
+def _is_lens(recipe: object) -> bool:
+    return recipe == "rig" or (isinstance(recipe, dict) and "focal_length" in recipe)
+
+
 def told(result: Result) -> str:
     """Return what a run's method was told, in a few words.
 
@@ -28,7 +32,9 @@ def told(result: Result) -> str:
     if method.scored:
         return NOT_TOLD
     parts = []
-    if "recipe" in method.parameters:
+    if _is_lens(method.parameters.get("recipe")):
+        parts.append("lens told")
+    elif "recipe" in method.parameters:
         same = method.parameters["recipe"] == dataset.recipe["name"]
         parts.append("blur told" if same else "another blur told")
     elif method.fitted_on:
