@@ -75,6 +75,7 @@ def run(
         _refuse_what_cannot_be_submitted(limit)
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
+    require_shown(shown, data.manifest)
     loaded = load_for(data, method, values_of(param, "--param"), seed)
     if submit:
         _refuse_what_was_trained_on(loaded, data.manifest, split)
@@ -100,6 +101,14 @@ def run(
         submit_run(done.result)
     if any(pair.status == "failed" for pair in done.result.pairs):
         raise typer.Exit(1)
+
+
+def require_shown(protocol: str, manifest: Manifest) -> None:
+    """Refuse a protocol that a data set's runs are not scored under, before hours are spent."""
+    from dfdbench.metrics.protocol import protocols_of, require_scored
+
+    there = protocols_of(manifest.depth.scale is not None)
+    require_scored(protocol, there, f"runs on {manifest.stem}")
 
 
 def _keep_law(predict: Any, folder: Path, figure: bool) -> None:

@@ -7,7 +7,13 @@ from typing import Annotated, Literal
 
 import typer
 
-from dfdbench.cli.methods import folder_name, print_run_tables, submit_run, tell_where_it_lies
+from dfdbench.cli.methods import (
+    folder_name,
+    print_run_tables,
+    require_shown,
+    submit_run,
+    tell_where_it_lies,
+)
 from dfdbench.cli.options import Cache
 from dfdbench.cli.screen import progress, say
 from dfdbench.tables.table import Format
@@ -57,6 +63,7 @@ def score(
         require_leaderboard(LEADERBOARD)
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
+    require_shown(shown, data.manifest)
     name = method or predictions.resolve().name
     folder = out or (
         Path("results") / f"{data.path.stem}-{split}" / f"{folder_name(name, None)}-scored"

@@ -9,7 +9,7 @@ import typer
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.cli.building import source_of
-from dfdbench.cli.methods import Params, folder_name
+from dfdbench.cli.methods import Params, folder_name, require_shown
 from dfdbench.cli.options import Cache, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.datasets.catalog import find_manifest
@@ -62,6 +62,8 @@ def tracks(
     place = out or Path("results") / f"{plain.file_stem}-tracks-{split}" / name
     # What cannot be run is told before anything is built or run for long.
     stores = {label: _built(plain, dataset, label, source, cache) for label in labels}
+    for store in stores.values():
+        require_shown(shown, store.manifest)
     given = values_of(param, "--param")
     results = {}
     for label, store in stores.items():

@@ -113,7 +113,7 @@ def find_predictions(folder: Path, store: Store, split: str, unit: Unit) -> Pred
             wrong.append(Problem(text, where=str(files[pair]), expected=_expected(shape, unit)))
     problems += wrong[:_TOLD]
     if wrong[_TOLD:]:
-        problems.append(Problem(f"{len(wrong) - _TOLD} more files that cannot be scored"))
+        problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _TOLD}"))
     if problems:
         raise ResultError.of(problems)
     chosen = {pair: files[pair] for pair in wanted}
@@ -176,7 +176,7 @@ def _sorted_out(
     )
     fix = f"dfdbench info {store.manifest.short} --pairs {split} lists the pairs"
     problems = [
-        Problem(f"{len(names)} {what}", where=str(folder), expected=wish, got=_few(names), fix=fix)
+        Problem(f"{what}: {len(names)}", where=str(folder), expected=wish, got=_few(names), fix=fix)
         for what, names, wish in lists
         if names
     ]
@@ -199,14 +199,16 @@ def _levels(
     try:
         values = _read(path, unit)
     except (*_UNREADABLE, zipfile.BadZipFile) as error:
-        return None, 0, f"cannot be read: {reason_of(error)}"
+        # What is no array NumPy takes for a pickle, and says how it would run it.
+        reason = "no array of numbers" if "pickle" in str(error) else reason_of(error)
+        return None, 0, f"cannot be read: {reason}"
     if scale is None or unit == "levels" or values.shape != shape or values.dtype.kind not in "uif":
         levels, wrong = check_depth(values, shape)
         return levels, 0, wrong.replace("returned", "holds", 1)
     if not (np.isfinite(values) & (values > 0)).all():
         bad = int(np.size(values) - np.count_nonzero(np.isfinite(values) & (values > 0)))
         return None, 0, f"holds no distance in {bad} of {values.size} pixels"
-    beyond = np.count_nonzero((values < scale.near) | (values > scale.far))
+    beyond = int(np.count_nonzero((values < scale.near) | (values > scale.far)))
     return scale.to_exact_levels(values).astype(np.float32), beyond, ""
 
 

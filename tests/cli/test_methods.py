@@ -1,6 +1,7 @@
 import json
 from pathlib import Path
 
+from dfdbench.datasets.store import Store
 from dfdbench.results.record_file import load_result
 from tests.cli.command import Command
 
@@ -51,3 +52,14 @@ def test_check_method_passes_and_fails(dfdbench: Command) -> None:
     assert (good.status, "fit for a run" in good.out) == (0, True)
     bad = dfdbench("check-method", "mymodule:nan")
     assert (bad.status, "NaN" in bad.out) == (1, True)
+
+
+def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
+    dfdbench: Command, demo_store: Store, tmp_path: Path
+) -> None:
+    store = str(demo_store.path)
+    asked = ("run", "--method", "mymodule:predict", "--dataset", store, "--protocol", "metric")
+    told = dfdbench(*asked, "--out", "run")
+    assert told.status == 2
+    assert "not scored in metres" in told.err
+    assert not (tmp_path / "work/run").exists()

@@ -42,7 +42,7 @@ def test_what_cannot_be_scored_is_told_with_status_2(dfdbench: Command, tmp_path
     (tmp_path / "work/empty").mkdir()
     told = dfdbench("score", "--predictions", "empty", "--dataset", "demo")
     assert told.status == 2
-    assert "54 pairs without a depth map" in told.err
+    assert "pairs without a depth map: 54" in told.err
     assert "Traceback" not in told.err
     told = dfdbench("score", "--predictions", "empty", "--dataset", "demo", "--unit", "metres")
     assert "does not say how levels become metres" in told.err

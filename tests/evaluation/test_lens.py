@@ -13,7 +13,8 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import DfdbenchError, MethodError
 from dfdbench.evaluation.lens import lens_law, rig_of, told_by_lens
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.run import RunOptions, run_method
+from dfdbench.evaluation.plan import RunOptions
+from dfdbench.evaluation.run import run_method
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.results.told import told
 
@@ -136,7 +137,7 @@ def test_told_a_lens_a_method_finds_depth_on_both_sides_of_the_focus(
     # Blur alone cannot tell the sides apart: each level's twin beyond the focus is as right.
     for level in (40, 200):
         soft = cv2.filter2D(sharp, -1, law.kernels()[level], borderType=cv2.BORDER_REPLICATE)
-        found = loaded.predict(sharp, soft)
+        found = loaded.predict(sharp, np.asarray(soft, np.uint8))
         widths = np.array(law.sigmas)[np.rint(found).astype(int)]
         assert np.median(widths) == pytest.approx(law.sigmas[level], rel=0.05)
 

@@ -120,14 +120,14 @@ def test_all_that_is_wrong_is_told_together_and_nothing_else(
     told = str(raised.value)
     assert len(raised.value.problems) == 7
     for text in (
-        "1 pairs without a depth map",
+        "pairs without a depth map: 1",
         files[0].relative_to(folder).as_posix().removesuffix(".npy"),
-        "1 pairs with two depth maps",
-        "2 files that are no pair's depth map",
+        "pairs with two depth maps: 1",
+        "files that are no pair's depth map: 2",
         "Four_view1.npy, notes.txt",
         "holds shape (3, 4)",
         "holds NaN or infinity",
-        "cannot be read",
+        "cannot be read: no array of numbers",
         "holds levels from 300 to 300",
         "--pairs test",
     ):

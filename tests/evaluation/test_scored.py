@@ -55,7 +55,7 @@ def test_a_result_with_times_was_not_only_scored(tiny_store: Store, tmp_path: Pa
 
 def test_nothing_is_written_where_a_file_is_wrong(tiny_store: Store, tmp_path: Path) -> None:
     (tmp_path / "made").mkdir()
-    with pytest.raises(ResultError, match="7 pairs without a depth map"):
+    with pytest.raises(ResultError, match="pairs without a depth map: 7"):
         score_predictions(tmp_path / "made", tiny_store, "test", tmp_path / "out", "mine")
     assert not (tmp_path / "out").exists()
     with pytest.raises(InputError, match="no name for a method"):

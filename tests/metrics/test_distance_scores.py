@@ -35,7 +35,7 @@ def test_levels_are_scored_as_distances_over_known_pixels() -> None:
 
 def test_levels_linear_in_inverse_depth_are_aligned_whatever_their_scale() -> None:
     depth = np.arange(1, 241, dtype=np.uint8).reshape(12, 20)
-    half = depth.astype(np.float32) / 2 + 100
+    half = (depth / 2 + 100).astype(np.float32)
     scores = score(RELEASED["aligned"], depth, depth > 0, half, 16, SCALE)
     assert scores["abs_rel"] == pytest.approx(0, abs=1e-6)
     assert scores["delta_1"] == 1

@@ -182,7 +182,7 @@ def test_pairs_that_are_not_on_the_axes_are_refused(
 
 
 def metric_result() -> dict[str, Any]:
-    content = json.loads(make_result(VALUES).model_dump_json())
+    content: dict[str, Any] = json.loads(make_result(VALUES).model_dump_json())
     scores = {"abs_rel": 0.1, "rmse_m": 0.5, "delta_1": 0.5, "delta_2": 0.75, "delta_3": 1.0}
     content["protocols"].append(RELEASED["metric"].as_dict())
     for pair in content["pairs"]:
