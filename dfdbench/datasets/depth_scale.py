@@ -21,7 +21,7 @@ class DepthScale(StrictRecord):
     Parameters
     ----------
     law : {"inverse", "linear"}
-        Levels are linear in 1/z, as defocus blur is, or in z.
+        Levels are linear in 1/z, as defocus blur is (the default), or in z.
     near, far : float
         The distances at both ends, in metres.
     near_level, far_level : int
@@ -36,7 +36,7 @@ class DepthScale(StrictRecord):
     [0.5, 0.999, 5.0]
     """
 
-    law: Literal["inverse", "linear"]
+    law: Literal["inverse", "linear"] = "inverse"
     near: Positive
     far: Positive
     near_level: Level = 255

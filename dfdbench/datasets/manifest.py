@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from dfdbench.blur.tracks import CLEAN
+from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.errors import unknown_name
 from dfdbench.system.record import StrictRecord
@@ -33,12 +34,17 @@ class Origin(StrictRecord):
 
 
 class Scene(StrictRecord):
-    """A scene; `geometry` and `texture` where the data set tells them apart."""
+    """A scene; `geometry` and `texture` where the data set tells them apart.
+
+    `names` are what its files are called by, where patterns of `CapturedFiles` ask for more than
+    the scene's name.
+    """
 
     name: Name
     source: str
     geometry: str | None = None
     texture: int | None = None
+    names: dict[str, str] = Field(default_factory=dict)
 
 
 class Depth(StrictRecord):
@@ -167,6 +173,7 @@ class Manifest(StrictRecord):
     folds: list[Fold] = Field(default_factory=list)
     capture: Capture | None = None
     rig: Rig | None = None
+    files: CapturedFiles | None = None
     checksums: dict[str, Sha256] = Field(default_factory=dict)
     toml: str
 

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from dfdbench.datasets.captured_checks import check_patterns, check_reader, check_rig, check_scale
 from dfdbench.datasets.manifest import ALL_PAIRS, Pair, excluded_pairs, grid_of_pairs
 from dfdbench.errors import Problem, unknown_name
 
@@ -183,48 +184,6 @@ def _check_folds(sections: dict[str, Any], file: str) -> Iterator[Problem]:
         names.add(fold.name)
 
 
-def _check_scale(sections: dict[str, Any], file: str) -> Iterator[Problem]:
-    depth = sections["depth"]
-    scale, field = depth.scale, f"{file}: depth.scale"
-    if scale is None:
-        return
-    if scale.near >= scale.far:
-        yield Problem(
-            "near is not before far",
-            where=field,
-            expected="near < far, in metres",
-            got=f"near {scale.near:g}, far {scale.far:g}",
-        )
-    above = scale.near_level > scale.far_level
-    if scale.near_level == scale.far_level or above != (depth.grows_with == "nearness"):
-        yield Problem(
-            "levels go another way than depth.grows_with says",
-            where=field,
-            expected=f"the level {'near' if depth.grows_with == 'nearness' else 'far'} above the "
-            "other",
-            got=f"near_level {scale.near_level}, far_level {scale.far_level}",
-        )
-    ends = sorted((scale.near_level, scale.far_level))
-    if ends[0] <= depth.unknown <= ends[1]:
-        yield Problem(
-            "the level for unknown depth stands for a distance as well",
-            where=field,
-            expected=f"levels without {depth.unknown}",
-            got=f"{ends[0]} to {ends[1]}",
-        )
-
-
-def _check_rig(sections: dict[str, Any], file: str) -> Iterator[Problem]:
-    rig = sections["rig"]
-    if rig and rig.near and rig.far and rig.near >= rig.far:
-        yield Problem(
-            "near is not before far",
-            where=f"{file}: rig",
-            expected="near < far, in metres",
-            got=f"near {rig.near:g}, far {rig.far:g}",
-        )
-
-
 def _check_checksums(sections: dict[str, Any], file: str) -> Iterator[Problem]:
     scenes = [scene.name for scene in sections["scenes"]]
     for path in sections["checksums"]:
@@ -240,7 +199,9 @@ CHECKS: tuple[tuple[Callable[[dict[str, Any], str], Iterator[Problem]], tuple[st
     (_check_exclusions, ("axes", "scenes", "exclusions", "pair_count")),
     (_check_splits, ("axes", "scenes", "exclusions", "splits")),
     (_check_folds, ("scenes", "splits", "folds")),
-    (_check_scale, ("depth",)),
-    (_check_rig, ("rig",)),
+    (check_scale, ("depth",)),
+    (check_rig, ("rig",)),
+    (check_reader, ("reader", "files", "depth", "recipe")),
+    (check_patterns, ("files", "scenes", "axes", "depth")),
     (_check_checksums, ("scenes", "checksums")),
 )
