@@ -118,7 +118,7 @@ def lens_law(told: Mapping[str, Any], where: str = "lens") -> BlurLaw:
     ...     "focal_length": 0.025, "defocus_f_number": 2.8, "focus_distance": 1.6,
     ...     "pixel_pitch": 3e-5, "scale": {"law": "inverse", "near": 0.5, "far": 5.0}})
     >>> law.levels, round(law.sigmas[255], 3), law.kernel_size
-    (256, 2.599, 17)
+    (256, 2.598, 17)
     """
     problems = [
         Problem("unknown field of a lens", where=where, expected=_names(), got=name)

@@ -222,7 +222,9 @@ def _read(path: Path, unit: Unit) -> NDArray[Any]:
             return np.asarray(arrays[_only(arrays.files)])
     with Image.open(path) as image:
         image.load()
-        return _of_image(np.asarray(image), image.mode, unit)
+        # A PNG file has no more than 16 bits, which older versions of Pillow widen to 32.
+        mode = "I;16" if (image.format, image.mode) == ("PNG", "I") else image.mode
+        return _of_image(np.asarray(image), mode, unit)
 
 
 def _only(names: Iterable[str]) -> str:
@@ -237,8 +239,7 @@ def _of_image(values: NDArray[Any], mode: str, unit: Unit) -> NDArray[Any]:
         return values
     if mode == "L" and unit == "levels":
         return values
-    # A library's older versions give 16-bit PNG files as whole numbers of 32 bits.
-    if mode.startswith("I;16") or (mode == "I" and values.min() >= 0 and values.max() < 2**16):
+    if mode.startswith("I;16"):
         return values / SIXTEEN_BIT[unit]
     kind = "8 bits hold no metres" if mode == "L" else f"an image of kind {mode}"
     raise ValueError(f"{kind}; a depth map is grey, of 8 bits (levels) or 16, or a TIFF of floats")

@@ -16,6 +16,9 @@ from dfdbench.leaderboard.folder import README
 from dfdbench.leaderboard.published import PublishedTable, load_published
 from dfdbench.leaderboard.published_tables import published_summary, published_table
 from dfdbench.leaderboard.scored_table import scored_table
+from dfdbench.metrics.metric import IN_METRES
+from dfdbench.metrics.of_protocol import ranked_by
+from dfdbench.results.told import told
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown
 
@@ -73,6 +76,8 @@ def readme_text(folder: Path, entries: Sequence[Entry]) -> str:
     text = environment.from_string(template.read_text(encoding="utf-8")).render(
         note=note.read_text(encoding="utf-8").rstrip() if note.exists() else "",
         boards=[_board_context(board, folder) for board in found],
+        lens_told=any("lens told" in told(entry.result) for entry in entries),
+        in_metres=any(ranked_by(board.protocol)[0] in IN_METRES for board in found),
         scored=[as_markdown(scored_table(board, folder)) for board in scored],
         summaries=[as_markdown(published_summary(published, name)) for name in compared],
         published=[_published_context(table) for table in published],

@@ -136,6 +136,10 @@ def test_all_that_is_wrong_is_told_together_and_nothing_else(
     assert str(files[6]) not in told
 
 
+#: Whole numbers of 32 bits: levels, or times 256?
+LONG = np.full((24, 31), 255, np.int32)
+
+
 def damaged_png(path: Path) -> None:
     assert cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 256, (24, 31)))
     path.write_bytes(path.read_bytes()[:200])
@@ -154,6 +158,7 @@ def boastful_npy(path: Path) -> None:
         (damaged_png, "cannot be read"),
         (boastful_npy, "cannot be read"),
         (lambda path: cv2.imwrite(str(path), np.zeros((24, 31, 3), np.uint8)), "kind RGB"),
+        (lambda path: cv2.imwrite(f"{path.with_suffix('.tif')}", LONG), "kind I"),
         (lambda path: cv2.imwrite(str(path), np.full((24, 31), 65535, np.uint16)), "255.996"),
         (lambda path: np.savez(path.with_suffix(".npz"), a=[1], b=[2]), "none of them called"),
         (lambda path: np.savez(path.with_suffix(".npz"), np.array([{}])), "cannot be read"),
