@@ -105,7 +105,8 @@ def run(
 
 def require_shown(protocol: str, manifest: Manifest) -> None:
     """Refuse a protocol that a data set's runs are not scored under, before hours are spent."""
-    from dfdbench.metrics.protocol import protocols_of, require_scored
+    from dfdbench.metrics.of_protocol import protocols_of
+    from dfdbench.metrics.protocol import require_scored
 
     there = protocols_of(manifest.depth.scale is not None)
     require_scored(protocol, there, f"runs on {manifest.stem}")

@@ -12,7 +12,8 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.fitting import Fit
 from dfdbench.methods.method import Method
-from dfdbench.metrics.protocol import Protocol, protocols_of
+from dfdbench.metrics.of_protocol import protocols_of
+from dfdbench.metrics.protocol import Protocol
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,28 @@
-"""Which metrics a protocol scores by, and which of them rank."""
+"""Which protocols a data set is scored under, by which metrics, and which of them rank."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from dfdbench.metrics.metric import IN_METRES, METRICS, RANKED_BY, TIES_BY, Metric
-from dfdbench.metrics.protocol import RELEASED
+from dfdbench.metrics.protocol import RELEASED, Protocol
+
+
+def protocols_of(in_metres: bool) -> dict[str, Protocol]:
+    """Return the protocols that a run scores under, by label.
+
+    Parameters
+    ----------
+    in_metres : bool
+        Whether the data set says how levels become metres.
+
+    Examples
+    --------
+    >>> list(protocols_of(False)), list(protocols_of(True))[3:]
+    (['thesis', 'thesis-networks-2', 'valid'], ['metric', 'aligned'])
+    """
+    newest = {label: p for label, p in RELEASED.items() if p.superseded_by is None}
+    return {label: p for label, p in newest.items() if in_metres or not p.metrics}
 
 
 def metrics_of(label: str) -> Mapping[str, Metric]:

@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from dfdbench.errors import UnknownNameError, unknown_name
 from dfdbench.metrics.distance_scores import Scale, score_distances
 from dfdbench.metrics.metric import METRICS
-
-# The published networks halve their images four times, so their program cuts images to this.
-_NETWORK_MULTIPLE = 16
+from dfdbench.metrics.window import Crop, window_of
 
 
 def label_of(protocol: Mapping[str, Any]) -> str:
@@ -62,7 +60,7 @@ class Protocol:
     version: int
     pixels: Literal["all", "known"]
     divisor: Literal["own-range", "255", "none"]
-    crop: Literal["whole", "network", "network-of-16"]
+    crop: Crop
     source: str
     metrics: tuple[str, ...] = ()
     alignment: Literal["", "scale and shift in inverse depth"] = ""
@@ -167,22 +165,6 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
 RELEASED: Mapping[str, Protocol] = MappingProxyType(
     {**_CURRENT, **{protocol.label: protocol for protocol in _ALL}}
 )
-
-
-def protocols_of(in_metres: bool) -> dict[str, Protocol]:
-    """Return the protocols that a run scores under, by label.
-
-    Parameters
-    ----------
-    in_metres : bool
-        Whether the data set says how levels become metres.
-
-    Examples
-    --------
-    >>> list(protocols_of(False)), list(protocols_of(True))[3:]
-    (['thesis', 'thesis-networks-2', 'valid'], ['metric', 'aligned'])
-    """
-    return dict(_CURRENT) if in_metres else dict(PROTOCOLS)
 
 
 def find_protocol(name: str) -> Protocol:
@@ -299,7 +281,7 @@ def score(
     >>> score(PROTOCOLS["thesis"], depth, depth > 0, depth.astype(np.float32), 32)
     {'nrmse': 0.0, 'nmae': 0.0, 'ssim': 1.0}
     """
-    window = _window(protocol, depth.shape, network_crop)
+    window = window_of(protocol.crop, depth.shape, network_crop)
     truth, test = depth[window], prediction[window]
     if not truth.size:
         return dict.fromkeys(protocol.metrics or METRICS, math.nan)
@@ -316,14 +298,3 @@ def score(
         )
         for name, metric in METRICS.items()
     }
-
-
-def _window(protocol: Protocol, shape: tuple[int, ...], side: int) -> tuple[slice, ...]:
-    if protocol.crop == "whole":
-        return tuple(slice(0, extent) for extent in shape)
-    if protocol.crop == "network-of-16":
-        shape = tuple(extent - extent % _NETWORK_MULTIPLE for extent in shape)
-    starts = (max(extent - side, 0) // 2 for extent in shape)
-    return tuple(
-        slice(start, min(start + side, extent)) for start, extent in zip(starts, shape, strict=True)
-    )

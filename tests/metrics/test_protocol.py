@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.metrics.protocol import (
-    PROTOCOLS,
-    RELEASED,
-    find_protocol,
-    protocols_of,
-    require_scored,
-    score,
-)
+from dfdbench.metrics.of_protocol import protocols_of
+from dfdbench.metrics.protocol import PROTOCOLS, RELEASED, find_protocol, require_scored, score
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 
