@@ -231,7 +231,7 @@ def errors_as_json(
     content = {
         "format": "dfdbench coverage errors",
         "schema_version": SCHEMA_VERSION,
-        "method": result.method.name,
+        "method": result.method.title,
         "dataset": result.dataset.name,
         "fingerprint": result.dataset.fingerprint,
         "split": result.dataset.split,

@@ -16,7 +16,7 @@ from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.building.plan import NamedRecipe, refuse_another_set, refuse_recipe_on_track
-from dfdbench.building.sources.interface import SceneImages, Source
+from dfdbench.building.sources.interface import SceneError, SceneImages, Source
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
 from dfdbench.errors import Problem, SourceError
@@ -39,7 +39,11 @@ class BuildReport:
     pairs : int
         Pairs in the store.
     missing : tuple of Pair
-        Pairs of the manifest that the source does not have.
+        Pairs of the manifest that the source does not have, or that are of scenes left out.
+    problems : tuple of Problem
+        Why scenes were left out.
+    warnings : tuple of str
+        What looks odd in scenes that were built.
     """
 
     path: UPath
@@ -48,6 +52,8 @@ class BuildReport:
     scenes_kept: tuple[str, ...]
     pairs: int
     missing: tuple[Pair, ...]
+    problems: tuple[Problem, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def build_store(
@@ -61,7 +67,8 @@ def build_store(
     """Build a data set and put it into place whole.
 
     Scenes that an earlier, interrupted call finished from the same files are kept. Missing
-    pairs are left out and reported; damaged files stop the build after all were looked at.
+    pairs, and scenes that the source leaves out (`SceneError`), are reported; other damaged files
+    stop the build after all were looked at.
 
     Parameters
     ----------
@@ -109,14 +116,21 @@ def build_store(
         builder = _SceneBuilder(manifest, source, made_by.blur if made_by else None, writer.scenes)
         outcomes = (pool or Threads()).map(builder, scenes, on_done=on_scene)
         _refuse_damage(outcomes, source, missing)
-        fingerprint = writer.finish({one.scene: one.digest for one in outcomes}, left_out)
+        whole = [outcome for outcome in outcomes if outcome.digest]
+        there = {outcome.scene for outcome in whole}
+        missing = tuple(p for p in manifest.pairs() if p not in available or p.scene not in there)
+        left_out = [pair.id for pair in missing]
+        writer.refuse_to_lose(left_out)
+        fingerprint = writer.finish({one.scene: one.digest for one in whole}, left_out)
     return BuildReport(
         writer.path,
         fingerprint,
-        tuple(outcome.scene for outcome in outcomes if not outcome.kept),
-        tuple(outcome.scene for outcome in outcomes if outcome.kept),
-        len(available),
+        tuple(outcome.scene for outcome in whole if not outcome.kept),
+        tuple(outcome.scene for outcome in whole if outcome.kept),
+        sum(pair.scene in there for pair in available),
         missing,
+        tuple(problem for outcome in outcomes for problem in outcome.problems),
+        tuple(text for outcome in whole for text in outcome.warnings),
     )
 
 
@@ -126,6 +140,8 @@ class _Outcome:
     digest: str = ""
     kept: bool = False
     problems: tuple[Problem, ...] = ()
+    left_out: bool = False
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -143,11 +159,14 @@ class _SceneBuilder:
             digest = self.writer.digest_of_finished(scene, signature)
             if digest:
                 return _Outcome(scene, digest, kept=True)
-            dataset = scene_dataset(self.manifest, scene, self.source.read(scene), self.blur)
-            return _Outcome(scene, self.writer.write(scene, dataset, signature))
+            images = self.source.read(scene)
+            dataset = scene_dataset(self.manifest, scene, images, self.blur)
+            digest = self.writer.write(scene, dataset, signature)
+            return _Outcome(scene, digest, warnings=images.warnings)
         except SourceError as error:
             # Told together with those of the other scenes.
-            return _Outcome(scene, problems=error.problems)
+            left_out = isinstance(error, SceneError)
+            return _Outcome(scene, problems=error.problems, left_out=left_out)
 
 
 def scene_dataset(
@@ -183,7 +202,8 @@ def scene_dataset(
         "available": (pair_axes, images.available),
     }
     coordinates = {axis: np.asarray(values, np.int64) for axis, values in axes.items()}
-    return xarray.Dataset(variables, coords=coordinates)
+    told: dict[str, Any] = {"found": dict(images.found)} if images.found else {}
+    return xarray.Dataset(variables, coords=coordinates, attrs=told)
 
 
 def _attributes(manifest: Manifest, source: Source, made_by: NamedRecipe | None) -> dict[str, Any]:
@@ -204,7 +224,11 @@ def _attributes(manifest: Manifest, source: Source, made_by: NamedRecipe | None)
 
 
 def _refuse_damage(outcomes: Sequence[_Outcome], source: Source, missing: tuple[Pair, ...]) -> None:
-    problems = [problem for outcome in outcomes for problem in outcome.problems]
+    if all(outcome.left_out for outcome in outcomes):
+        raise SourceError.of(problem for outcome in outcomes for problem in outcome.problems)
+    problems = [
+        problem for outcome in outcomes for problem in outcome.problems if not outcome.left_out
+    ]
     if problems and missing:
         named = ", ".join(pair.id for pair in missing[:3])
         problems.append(

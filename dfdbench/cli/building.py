@@ -68,6 +68,10 @@ def build(
     with progress("building scenes") as step:
         report = build_store(plan.manifest, files, plan.place, plan.recipe, pool, step)
     _tell(plan.manifest, report)
+    for text in report.warnings:
+        say(f"warning: {text}")
+    for number, problem in enumerate(report.problems, 1):
+        say(f"{number}. {problem}")
     if report.missing:
         say(_missing_text(plan.manifest, report.missing, files.missing_help(report.missing)))
         if not allow_missing:

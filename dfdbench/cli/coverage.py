@@ -210,7 +210,7 @@ def _answer_errors(
     record = rule.compare(sides.train, sides.test, leaks_between(sides.train, sides.test))
     join = join_errors(store, run, folder, record)
     title = (
-        f"errors of {run.method.name} on {run.dataset.name}, {run.dataset.split}, by what "
+        f"errors of {run.method.title} on {run.dataset.name}, {run.dataset.split}, by what "
         f"{record.train.dataset}, {record.train.split}, covers"
     )
     meaning = conclusion(join, record, sides.training)

@@ -199,8 +199,10 @@ def _show_store(store: Store) -> None:
     ]
     print("\n".join(lines))
     rows = []
+    told: list[tuple[str, dict[str, float]]] = []
     for scene in store.scenes:
         found = store.scene(scene).attrs
+        told += found.get("found", {}).items()
         rows_, columns = store.shape_of(scene)
         pairs = str(len(store.pairs(scene)))
         rows.append(
@@ -214,6 +216,11 @@ def _show_store(store: Store) -> None:
         )
     heading = ("scene", "y × x", "pairs", "made from", "digest")
     print_table(Table("scenes", heading, tuple(rows), "lrrll"))
+    if told:
+        names = tuple(told[0][1])
+        matched = tuple((pair, *(f"{found[name]:g}" for name in names)) for pair, found in told)
+        title = "what lays one image on the other"
+        print_table(Table(title, ("pair", *names), matched, "l" + "r" * len(names)))
 
 
 def _recipe_text(manifest: Manifest) -> str:

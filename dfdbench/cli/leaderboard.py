@@ -12,11 +12,12 @@ from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError, ResultError
 from dfdbench.leaderboard.board_tables import standings_table
-from dfdbench.leaderboard.boards import boards
+from dfdbench.leaderboard.boards import parted
 from dfdbench.leaderboard.claimed_method import ClaimedMethod
 from dfdbench.leaderboard.data_set_problems import data_set_problems
 from dfdbench.leaderboard.folder import LEADERBOARD
 from dfdbench.leaderboard.readme import check_readme, collect_all, write_readme
+from dfdbench.leaderboard.scored_table import scored_table
 from dfdbench.leaderboard.track_board_tables import tracks_board_table
 from dfdbench.leaderboard.track_boards import track_boards
 from dfdbench.leaderboard.tracks_submission import is_tracks_file, read_tracks, runs_problems
@@ -27,7 +28,7 @@ from dfdbench.leaderboard.verification_file import (
     VerifiedSample,
     save_verification,
 )
-from dfdbench.results.record import Result
+from dfdbench.results.record import SCORED, Result
 from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.results.tracks_record import results_of
 from dfdbench.tables.render import render
@@ -59,9 +60,11 @@ def leaderboard(
         print(f"{folder}: {check_readme(folder)} results valid, README up to date")
         return
     entries, tracked = collect_all(folder)
+    found, scored = parted(entries)
     path = write_readme(folder)
-    tables = [standings_table(board, folder) for board in boards(entries)]
+    tables = [standings_table(board, folder) for board in found]
     tables += [tracks_board_table(board, folder) for board in track_boards(tracked)]
+    tables += [scored_table(board, folder) for board in scored]
     if format is None or format is Format.table:
         for table in tables:
             print_table(table)
@@ -108,6 +111,9 @@ def verify_command(
         path = path / RESULT if path.is_dir() else path
         runs = _read(path, folder, dataset)
         claimed = next(iter(runs.values()))
+        if claimed.method.scored:
+            say(f"left out     {path}: {SCORED}: there is nothing to run again")
+            continue
         trusted = consent.to(claim_of(claimed, path), path)
         how = (pairs, seed, tolerance, trusted, weights)
         with progress(f"verifying {claimed.method.name}") as step:

@@ -75,6 +75,7 @@ def run(
         refuse_what_cannot_be_submitted(limit)
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
+    require_shown(shown, data.manifest)
     loaded = load_for(data, method, values_of(param, "--param"), seed)
     if submit:
         refuse_what_was_trained_on(loaded, data.manifest, split)
@@ -94,12 +95,21 @@ def run(
     if not no_predictions:
         draw_run(data, summary, folder)
     _keep_law(loaded.predict, folder, figure=not no_predictions)
-    _print_tables(summary, data.manifest, format)
-    _tell_where_it_lies(done, figures=not no_predictions)
+    print_run_tables(summary, data.manifest, format)
+    tell_where_it_lies(done, figures=not no_predictions)
     if submit:
-        _submit(done.result)
+        submit_run(done.result)
     if any(pair.status == "failed" for pair in done.result.pairs):
         raise typer.Exit(1)
+
+
+def require_shown(protocol: str, manifest: Manifest) -> None:
+    """Refuse a protocol that a data set's runs are not scored under, before hours are spent."""
+    from dfdbench.metrics.of_protocol import protocols_of
+    from dfdbench.metrics.protocol import require_scored
+
+    there = protocols_of(manifest.depth.scale is not None)
+    require_scored(protocol, there, f"runs on {manifest.stem}")
 
 
 def _keep_law(predict: Any, folder: Path, figure: bool) -> None:
@@ -125,7 +135,8 @@ def _tell_what_was_reused(done: Run) -> None:
         say(f"{done.reused} pairs taken over from an earlier call (--fresh evaluates anew)")
 
 
-def _print_tables(summary: RunSummary, manifest: Manifest, format: Format) -> None:
+def print_run_tables(summary: RunSummary, manifest: Manifest, format: Format) -> None:
+    """Print a run's tables in a format."""
     from dfdbench.results.run_data import run_as_csv, run_as_json
     from dfdbench.results.scene_tables import all_tables
     from dfdbench.results.summary import scene_labels
@@ -145,7 +156,8 @@ def _print_tables(summary: RunSummary, manifest: Manifest, format: Format) -> No
         print(render(tables, format), end="")
 
 
-def _tell_where_it_lies(done: Run, figures: bool) -> None:
+def tell_where_it_lies(done: Run, figures: bool) -> None:
+    """Say where a run's files lie, and what failed."""
     from dfdbench.results.record_file import RESULT
 
     method = done.result.method
@@ -163,6 +175,7 @@ def check_method_command(
     method: Annotated[str, typer.Argument(help="As for run --method.")], param: Params = None
 ) -> None:
     """Try a method on awkward inputs and say what is wrong, before an hour is spent."""
+    from dfdbench.datasets.depth_scale import Rig
     from dfdbench.methods.check import check_method
     from dfdbench.methods.registry import load_method
 
@@ -171,6 +184,7 @@ def check_method_command(
         "recipe_name": lambda: "published",
         "training_mean": lambda: 128.0,
         "seed": lambda: 0,
+        "rig": Rig,
     }
     # A class with a fit has to find out the blur, so that the fit is tried too.
     for_fits = {"recipe": lambda: None}
@@ -217,11 +231,12 @@ def refuse_what_was_trained_on(method: Method, manifest: Manifest, split: str) -
         raise InputError.of(problems)
 
 
-def _submit(result: Result) -> None:
+def submit_run(result: Result) -> None:
+    """Write a run into the leaderboard of the clone that this is called in."""
     from dfdbench.leaderboard.folder import LEADERBOARD
-    from dfdbench.leaderboard.submission import submit as submit_result
+    from dfdbench.leaderboard.submission import submit
 
-    for path in submit_result(result, LEADERBOARD):
+    for path in submit(result, LEADERBOARD):
         say(f"submission   {path}")
     if not result.complete:
         say("not every pair was evaluated: the leaderboard lists this run without a rank")

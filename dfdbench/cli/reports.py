@@ -15,7 +15,7 @@ from dfdbench.errors import InputError
 from dfdbench.figures.comparison import change_figure
 from dfdbench.figures.style import write_figure
 from dfdbench.leaderboard.folder import file_stems
-from dfdbench.metrics.metric import RANKED_BY
+from dfdbench.metrics.of_protocol import ranked_by
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.report.html import write_html
 from dfdbench.report.markdown import write_markdown
@@ -100,7 +100,7 @@ def _draw_changes(
     runs: tuple[SavedRun, SavedRun], protocol: str, count: int, picture: Path
 ) -> None:
     found = changes_to_show(runs[0].result, runs[1].result, protocol, count)
-    figure = change_figure(*runs, found, RANKED_BY)
+    figure = change_figure(*runs, found, ranked_by(protocol)[0])
     if figure is None:
         reasons = dict.fromkeys(run.without for run in runs if run.without)
         nothing = "no depth maps of these pairs" if found else "no pair changed"

@@ -14,12 +14,13 @@ from dfdbench.cli.methods import (
     folder_name,
     refuse_what_cannot_be_submitted,
     refuse_what_was_trained_on,
+    require_shown,
 )
 from dfdbench.cli.options import Cache, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError, StoreError, unknown_name
-from dfdbench.metrics.metric import RANKED_BY
+from dfdbench.metrics.of_protocol import ranked_by
 from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
@@ -75,6 +76,8 @@ def tracks(
     place = out or Path("results") / f"{plain.file_stem}-tracks-{split}" / name
     # What cannot be run is told before anything is built or run for long.
     stores = {label: _built(plain, dataset, label, source, cache) for label in labels}
+    for store in stores.values():
+        require_shown(shown, store.manifest)
     given = values_of(param, "--param")
     results = {}
     for label, store in stores.items():
@@ -87,8 +90,9 @@ def tracks(
         results[label] = done.result
     table = tracks_table(results, shown)
     print_table(table) if format is Format.table else print(render([table], format), end="")
-    scores = {method: severities(results, shown, RANKED_BY)}
-    save_figure(tracks_figure(scores, RANKED_BY, table.title), place / "tracks.png")
+    metric = ranked_by(shown)[0]
+    scores = {method: severities(results, shown, metric)}
+    save_figure(tracks_figure(scores, metric, table.title), place / "tracks.png")
     say(f"results      {place}")
     if submit:
         from dfdbench.leaderboard.folder import LEADERBOARD

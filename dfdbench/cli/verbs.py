@@ -61,6 +61,11 @@ VERBS = {
     "run": Verb(
         "methods", "run", "Run a method on a data set and print its tables; a stopped run goes on."
     ),
+    "score": Verb(
+        "scoring",
+        "score",
+        "Score depth maps that were made elsewhere, a file a pair; nothing is run.",
+    ),
     "tracks": Verb(
         "tracks", "tracks", "Run a method over all tracks and severities; a stopped call goes on."
     ),

@@ -11,8 +11,10 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from dfdbench.blur.tracks import CLEAN
+from dfdbench.datasets.captured_files import CapturedFiles
+from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.errors import unknown_name
-from dfdbench.system.record import Record
+from dfdbench.system.record import StrictRecord
 
 ALL_PAIRS = "all"
 
@@ -20,12 +22,6 @@ ALL_PAIRS = "all"
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Count = Annotated[int, Field(ge=1)]
-
-
-class StrictRecord(Record):
-    """A record that refuses values of another type: TOML tells text from numbers."""
-
-    model_config = ConfigDict(strict=True)
 
 
 class Origin(StrictRecord):
@@ -38,25 +34,31 @@ class Origin(StrictRecord):
 
 
 class Scene(StrictRecord):
-    """A scene; `geometry` and `texture` where the data set tells them apart."""
+    """A scene; `geometry` and `texture` where the data set tells them apart.
+
+    `names` are what its files are called by, where patterns of `CapturedFiles` ask for more than
+    the scene's name.
+    """
 
     name: Name
     source: str
     geometry: str | None = None
     texture: int | None = None
+    names: dict[str, str] = Field(default_factory=dict)
 
 
 class Depth(StrictRecord):
     """What a depth level means.
 
     `axes` are the pair axes along which the depth map changes, `unknown` the level that marks
-    a pixel without ground truth.
+    a pixel without ground truth. `scale` says what levels are in metres, where that is known.
     """
 
     axes: list[str]
     unknown: Annotated[int, Field(ge=0, le=255)]
     grows_with: Literal["nearness", "distance"]
     unit: str
+    scale: DepthScale | None = None
 
     @property
     def direction(self) -> str:
@@ -170,6 +172,8 @@ class Manifest(StrictRecord):
     splits: list[Split]
     folds: list[Fold] = Field(default_factory=list)
     capture: Capture | None = None
+    rig: Rig | None = None
+    files: CapturedFiles | None = None
     checksums: dict[str, Sha256] = Field(default_factory=dict)
     toml: str
 

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from dfdbench.datasets.captured_checks import check_patterns, check_reader, check_rig, check_scale
 from dfdbench.datasets.manifest import ALL_PAIRS, Pair, excluded_pairs, grid_of_pairs
 from dfdbench.errors import Problem, unknown_name
 
@@ -198,5 +199,9 @@ CHECKS: tuple[tuple[Callable[[dict[str, Any], str], Iterator[Problem]], tuple[st
     (_check_exclusions, ("axes", "scenes", "exclusions", "pair_count")),
     (_check_splits, ("axes", "scenes", "exclusions", "splits")),
     (_check_folds, ("scenes", "splits", "folds")),
+    (check_scale, ("depth",)),
+    (check_rig, ("rig",)),
+    (check_reader, ("reader", "files", "depth", "recipe")),
+    (check_patterns, ("files", "scenes", "axes", "depth")),
     (_check_checksums, ("scenes", "checksums")),
 )

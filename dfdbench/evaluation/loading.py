@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, StoreError
+from dfdbench.evaluation.lens import rig_of, told_by_lens
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import entry_of, load_method
 
@@ -29,7 +31,9 @@ def load_for(
     at the top of a module. A class with a parameter ``recipe`` gets the data set's blur recipe
     (None where there is none and the class has a ``fit``), one with ``recipe_name`` that recipe's
     name, empty for captured defocus, one with ``training_mean`` the mean depth of the training
-    split, one with ``seed`` the run's seed.
+    split, one with ``seed`` the run's seed, one with ``rig`` a `dfdbench.datasets.depth_scale.Rig`
+    of what the manifest knows of the lens. A recipe that is a lens becomes the blur law that
+    follows: see `dfdbench.evaluation.lens`.
 
     With `told`, ``recipe`` is on a track the law of its formation, `dfdbench.blur.told.told_law`,
     which is not told otherwise: what that knowledge is worth. The result then has ``recipe``
@@ -42,14 +46,16 @@ def load_for(
     """
     recipe: Callable[[], BlurRecipe | BlurLaw | None]
     recipe = (lambda: _formation_of(store)) if told else (lambda: store.recipe)
+    taken, recorded = told_by_lens(store.manifest, parameters)
     found = load_method(
         method if isinstance(method, str) else entry_of(method),
-        parameters,
+        taken,
         {
             "recipe": recipe if told else lambda: _recipe_of(store),
             "recipe_name": lambda: store.recipe_name,
             "training_mean": lambda: training_mean(store),
             "seed": lambda: seed,
+            "rig": lambda: rig_of(store.manifest),
         },
         for_fits={"recipe": recipe},
     )
@@ -60,7 +66,7 @@ def load_for(
             expected="a constructor parameter recipe that is left open, as graph-cuts has it",
             fix="leave out --told, or --param recipe",
         )
-    return found
+    return replace(found, parameters={**found.parameters, **recorded})
 
 
 def _formation_of(store: Store) -> BlurRecipe | BlurLaw | None:
@@ -90,7 +96,8 @@ def _recipe_of(store: Store) -> BlurRecipe:
             where=str(store.path),
             expected="a data set with synthetic blur",
             got=f"{store.manifest.short}: captured defocus",
-            fix="--param recipe=published gives it one, which is not how these images were made",
+            fix="--param recipe=FILE.toml tells a lens, and recipe=rig that of the manifest; "
+            "recipe=published gives a recipe, which is not how these images were made",
         )
     return recipe
 

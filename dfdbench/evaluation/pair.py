@@ -16,11 +16,12 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import PairImages, Store
 from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.plan import protocols_on
 from dfdbench.methods.calling import call
 from dfdbench.methods.fit import restore
 from dfdbench.methods.isolation import seeded
 from dfdbench.methods.method import Method, Prediction
-from dfdbench.metrics.protocol import PROTOCOLS, Protocol, score
+from dfdbench.metrics.protocol import Protocol, score
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.results.record import PairResult, pair_scores
 from dfdbench.system.location import is_local
@@ -45,20 +46,16 @@ class PairEvaluator:
     seed : int
         Set in `random` and `numpy.random` before each pair.
     protocols : iterable of Protocol, optional
-        Under which to score; default: the current ones.
+        Under which to score; default: the current ones that the data set allows.
     """
 
     def __init__(
-        self,
-        store: Store,
-        method: Method,
-        seed: int,
-        protocols: Iterable[Protocol] = tuple(PROTOCOLS.values()),
+        self, store: Store, method: Method, seed: int, protocols: Iterable[Protocol] | None = None
     ) -> None:
         self._store = store
         self._method = method
         self._seed = seed
-        self._protocols = tuple(protocols)
+        self._protocols = protocols_on(store) if protocols is None else tuple(protocols)
         self._warm = False
         self._one_at_a_time = threading.Lock()
 
@@ -73,7 +70,7 @@ class PairEvaluator:
             self._warm = True
             with seeded(self._seed):
                 prediction = call(self._method.predict, images.infocus, images.defocus)
-        return _record(self._store, images, prediction, self._protocols), prediction.depth
+        return record_of(self._store, images, prediction, self._protocols), prediction.depth
 
 
 @dataclass(frozen=True)
@@ -126,9 +123,22 @@ def _evaluator_here(remote: RemoteEvaluator) -> PairEvaluator:
     return PairEvaluator(store, method, remote.seed)
 
 
-def _record(
+def record_of(
     store: Store, images: PairImages, prediction: Prediction, protocols: Iterable[Protocol]
 ) -> PairResult:
+    """Return what became of a pair: its prediction scored under every protocol, or its error.
+
+    Parameters
+    ----------
+    store : Store
+        The data set.
+    images : PairImages
+        The pair.
+    prediction : Prediction
+        Depth levels, or why there are none.
+    protocols : iterable of Protocol
+        Under which to score.
+    """
     warnings = []
     if prediction.printed:
         first = prediction.printed.strip().splitlines()[:1]
@@ -139,9 +149,9 @@ def _record(
     likeness = correlation(images.depth[images.valid], prediction.depth[images.valid])
     if likeness < AGAINST:
         warnings.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")
-    crop = store.manifest.network_crop
+    crop, scale = store.manifest.network_crop, store.manifest.depth.scale
     scores = {
-        protocol.label: score(protocol, images.depth, images.valid, prediction.depth, crop)
+        protocol.label: score(protocol, images.depth, images.valid, prediction.depth, crop, scale)
         for protocol in protocols
     }
     return blank.model_copy(

@@ -12,7 +12,8 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.fitting import Fit
 from dfdbench.methods.method import Method
-from dfdbench.metrics.protocol import PROTOCOLS
+from dfdbench.metrics.of_protocol import protocols_of
+from dfdbench.metrics.protocol import Protocol
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class RunPlan:
             "parameters": self.method.parameters,
             "weights_sha256": self.method.weights_sha256,
             "files_sha256": self.method.files_sha256,
-            "protocols": [protocol.as_dict() for protocol in PROTOCOLS.values()],
+            "protocols": [protocol.as_dict() for protocol in protocols_on(self.store)],
             "network_crop": self.store.manifest.network_crop,
             "keep_predictions": self.options.keep_predictions,
             "seed": self.options.seed,
@@ -88,6 +89,14 @@ class RunPlan:
             # The same method, parameters and data without it are another run.
             identity["told"] = True
         return dict(json.loads(json.dumps(identity)))
+
+
+def protocols_on(store: Store) -> tuple[Protocol, ...]:
+    """Return the protocols to score under on a data set.
+
+    Those in metres are among them where its manifest says how levels become metres.
+    """
+    return tuple(protocols_of(store.manifest.depth.scale is not None).values())
 
 
 def plan_run(store: Store, method: Method, split: str, options: RunOptions) -> RunPlan:

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store
 from dfdbench.evaluation.pair import PRINTED, TURNED
-from dfdbench.evaluation.plan import RunPlan
-from dfdbench.metrics.protocol import PROTOCOLS
+from dfdbench.evaluation.plan import RunPlan, protocols_on
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Result, average
 
@@ -28,28 +29,59 @@ def result_of(plan: RunPlan, pairs: list[PairResult], warnings: Sequence[str] = 
     warnings : sequence of str
         What is said after the warnings that follow from the records.
     """
+    said = [*plan.method.warnings, *warnings]
+    return compose(plan.store, plan.split, _method_record(plan), pairs, plan.options.seed, said)
+
+
+def compose(
+    store: Store,
+    split: str,
+    method: MethodRecord,
+    pairs: list[PairResult],
+    seed: int = 0,
+    warnings: Sequence[str] = (),
+) -> Result:
+    """Return the result of a split's pairs.
+
+    Parameters
+    ----------
+    store : Store
+        The data set.
+    split : str
+        Which pairs of it.
+    method : MethodRecord
+        Where the depth maps come from.
+    pairs : list of PairResult
+        A record for each pair of the split.
+    seed : int
+        Of the run.
+    warnings : sequence of str
+        What is said after the warnings that follow from the records.
+    """
     evaluated = [pair for pair in pairs if pair.status == "ok"]
+    protocols = protocols_on(store)
+    labels = [protocol.label for protocol in protocols]
     return Result(
         schema_version=1,
-        dataset=_dataset_record(plan, len(pairs), len(evaluated)),
-        protocols=[protocol.as_dict() for protocol in PROTOCOLS.values()],
-        method=_method_record(plan),
+        dataset=_dataset_record(store, split, len(pairs), len(evaluated)),
+        protocols=[protocol.as_dict() for protocol in protocols],
+        method=method,
         environment=describe_environment(),
-        seed=plan.options.seed,
+        seed=seed,
         pairs=pairs,
-        averages=average(evaluated, list(PROTOCOLS)) if len(evaluated) == len(pairs) else None,
-        warnings=[*_warnings(plan, pairs, evaluated), *plan.method.warnings, *warnings],
+        averages=average(evaluated, labels) if len(evaluated) == len(pairs) else None,
+        warnings=[*_warnings(store.manifest, pairs, evaluated), *warnings],
     )
 
 
-def _dataset_record(plan: RunPlan, expected: int, evaluated: int) -> DatasetRecord:
-    store, manifest = plan.store, plan.store.manifest
+def _dataset_record(store: Store, split: str, expected: int, evaluated: int) -> DatasetRecord:
+    manifest = store.manifest
     return DatasetRecord(
         name=manifest.stem,
         short=manifest.short,
         manifest_sha256=manifest.sha256,
         fingerprint=store.fingerprint,
-        split=plan.split,
+        split=split,
         expected=expected,
         evaluated=evaluated,
         recipe=store.attributes["recipe"],
@@ -81,8 +113,9 @@ def _method_record(plan: RunPlan) -> MethodRecord:
     )
 
 
-def _warnings(plan: RunPlan, pairs: list[PairResult], evaluated: list[PairResult]) -> list[str]:
-    manifest = plan.store.manifest
+def _warnings(
+    manifest: Manifest, pairs: list[PairResult], evaluated: list[PairResult]
+) -> list[str]:
     warnings = []
     missing = [pair.id for pair in pairs if pair.status == "missing"]
     if missing:

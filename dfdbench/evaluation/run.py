@@ -101,7 +101,7 @@ def run_method(
     """
     plan = plan_run(store, method, split, options or RunOptions())
     identity = plan.identity
-    with _writing(folder):
+    with writing(folder):
         goes_on = not plan.options.fresh and is_of_run(folder, identity)
         plan = replace(plan, fit=_fitted(plan, folder if goes_on else None, pool))
         set_aside = open_run_folder(folder, identity, plan.options.fresh)
@@ -117,7 +117,14 @@ def run_method(
 
 
 @contextmanager
-def _writing(folder: Path) -> Iterator[None]:
+def writing(folder: Path) -> Iterator[None]:
+    """Keep a run's folder for the block alone, and tell what the disk does not take.
+
+    Raises
+    ------
+    ResultError
+        Where another run is writing it, or it cannot be written.
+    """
     taken = ResultError(
         "another run is writing this folder",
         where=str(folder),

@@ -16,7 +16,8 @@ from dfdbench.figures.style import (
     without_ticks,
     wrapped,
 )
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.metric import find_metric
+from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.results.differences import PairChange
 from dfdbench.results.record import PairResult
 from dfdbench.results.saved_run import SavedRun
@@ -118,7 +119,7 @@ def change_figure(
         for axis, depth in zip(axes[4:], predictions, strict=True):
             error = axis.imshow(depth - known, **error_style)
         axes[0].set_ylabel(change.first.id.replace("/", "\n"), fontsize=8)
-        axes[5].set_xlabel(f"{METRICS[metric].title} {change.difference:+.4f}", fontsize=9)
+        axes[5].set_xlabel(f"{find_metric(metric).title} {change.difference:+.4f}", fontsize=9)
         without_ticks(axes, "0.75")
         figure.colorbar(shown, ax=axes[3], label="depth level", fraction=0.05)
         figure.colorbar(error, ax=axes[5], label="levels", fraction=0.05, extend="both")
@@ -135,9 +136,10 @@ def _scene_figure(
     width = max(3.2, 0.3 * len(scenes) + 1.5)
     # One exposure alone would leave no room for the names below it.
     whole = max(width * len(levels), 8.0)
-    figure = Figure(figsize=(whole, 2.5 * len(METRICS)), layout="constrained")
-    grid = figure.subplots(len(METRICS), len(levels), squeeze=False, sharey="row", sharex=True)
-    for line, metric in enumerate(METRICS.values()):
+    metrics = metrics_of(protocol)
+    figure = Figure(figsize=(whole, 2.5 * len(metrics)), layout="constrained")
+    grid = figure.subplots(len(metrics), len(levels), squeeze=False, sharey="row", sharex=True)
+    for line, metric in enumerate(metrics.values()):
         for column, level in enumerate(levels):
             axis = grid[line][column]
             for number, run in enumerate(runs):

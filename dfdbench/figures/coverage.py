@@ -126,7 +126,7 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
     figure = Figure(figsize=(15, 2.7 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 5, squeeze=False)
     shown = "where training lacks levels" if join.total.share(join.uncovered) else _ALL_COVERED
-    figure.suptitle(f"{result.method.name} on {result.dataset.name}: {shown}")
+    figure.suptitle(f"{result.method.title} on {result.dataset.name}: {shown}")
     heads = ("ground truth", "prediction", "uncovered levels", "|error|", "error under the mask")
     for axis, head in zip(grid[0], heads, strict=True):
         axis.set_title(head, fontsize=10)

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from dfdbench.datasets.manifest import Scene
 from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text
-from dfdbench.metrics.metric import METRICS, mean_of
+from dfdbench.metrics.metric import mean_of
+from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.metrics.protocol import title_of
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.summary import scene_labels
@@ -55,9 +56,10 @@ def _figure(
     labels = [name for name in dict.fromkeys(map(label, found)) if name is not None]
     several = len(results) > 1
     height = 1.3 + max(0.3, 0.16 * len(results)) * len(labels) + 0.3 * several
-    figure = Figure(figsize=(9, height), layout="constrained")
-    grid = figure.subplots(1, len(METRICS), sharey=True)
-    for axis, metric in zip(grid, METRICS.values(), strict=True):
+    metrics = metrics_of(protocol)
+    figure = Figure(figsize=(3 * len(metrics), height), layout="constrained")
+    grid = figure.subplots(1, len(metrics), sharey=True)
+    for axis, metric in zip(grid, metrics.values(), strict=True):
         for number, (name, result) in enumerate(results.items()):
             offset = (number - (len(results) - 1) / 2) * 0.7 / len(results)
             by_label = _by_label(result, protocol, metric.name, label)

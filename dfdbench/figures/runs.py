@@ -23,7 +23,7 @@ from dfdbench.figures.style import (
     without_ticks,
     write_figure,
 )
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.metrics.protocol import title_of
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
@@ -60,7 +60,7 @@ def draw_run(
         "depths.png": depth_figure(store, result, folder),
         "time_by_pixels.png": pixel_time_figure(store, result),
     }
-    runs = {result.method.name: result}
+    runs = {result.method.title: result}
     for what, parted in group_figures(runs, protocol, store.manifest.scenes).items():
         figures[f"by_{what}.png"] = parted
     paths = []
@@ -94,7 +94,7 @@ def panel_figure(
     figure = Figure(figsize=(15, 2.55 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 5, squeeze=False)
     figure.suptitle(
-        f"{plain_text(result.method.name)}: {kind} pairs of {result.dataset.name}, "
+        f"{plain_text(result.method.title)}: {kind} pairs of {result.dataset.name}, "
         f"split {result.dataset.split}, protocol {title_of(protocol)}"
     )
     heads = ("in-focus", "defocus", "ground truth", "prediction", "prediction − truth")
@@ -105,7 +105,7 @@ def panel_figure(
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
         scores = (
             f"{metric.title} {score_text(record.score(protocol, name), 'undefined')}"
-            for name, metric in METRICS.items()
+            for name, metric in metrics_of(protocol).items()
         )
         axes[4].set_xlabel("  ".join(scores), fontsize=8)
     figure.supxlabel("grey: depth unknown", fontsize=8)
@@ -141,13 +141,14 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     width = max(4.0, 0.35 * len(scenes) + 2.0)
     # Title and legend are of one width, however few scenes there are.
     whole = max(width * len(columns), 8.0)
-    figure = Figure(figsize=(whole, 0.8 + 2.4 * len(METRICS)), layout="constrained")
-    grid = figure.subplots(len(METRICS), len(columns), squeeze=False, sharey="row", sharex=True)
+    metrics = metrics_of(protocol)
+    figure = Figure(figsize=(whole, 0.8 + 2.4 * len(metrics)), layout="constrained")
+    grid = figure.subplots(len(metrics), len(columns), squeeze=False, sharey="row", sharex=True)
     figure.suptitle(
-        f"{plain_text(result.method.name)} on {result.dataset.name}, split {result.dataset.split}, "
-        f"protocol {title_of(protocol)}"
+        f"{plain_text(result.method.title)} on {result.dataset.name}, "
+        f"split {result.dataset.split}, protocol {title_of(protocol)}"
     )
-    for line, metric in zip(grid, METRICS.values(), strict=True):
+    for line, metric in zip(grid, metrics.values(), strict=True):
         line[0].set_ylabel(metric.axis_label)
         for axis, value in zip(line, columns, strict=True):
             chosen = [pair for pair in pairs if rows is None or pair.coordinates[rows] == value]
@@ -207,7 +208,7 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
         where="mid",
         color=COLOURS[5],
         linewidth=1,
-        label=f"prediction of {plain_text(result.method.name)}",
+        label=f"prediction of {plain_text(result.method.title)}",
     )
     axis.set(
         xlabel="depth level",
@@ -272,7 +273,7 @@ def pixel_time_figure(store: Store, result: Result) -> Figure | None:
         xlabel="pixels of an image",
         ylabel="seconds a pair",
         ylim=(0, None),
-        title=f"time of {plain_text(result.method.name)} on {result.dataset.name}, "
+        title=f"time of {plain_text(result.method.title)} on {result.dataset.name}, "
         f"split {result.dataset.split}",
     )
     axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))

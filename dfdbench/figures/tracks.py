@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.figures.style import COLOURS, MARKERS, plain_text
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.metric import find_metric
 
 _COLUMNS = 4
 _WIDTH, _HEIGHT = 2.7, 2.4
@@ -53,7 +53,7 @@ def tracks_figure(
         axis.set_ylim(bottom=0)
         axis.grid(alpha=0.3)
     for axis in axes[:, 0]:
-        axis.set_ylabel(METRICS[metric].heading)
+        axis.set_ylabel(find_metric(metric).heading)
     figure.supxlabel("severity", fontsize=10)
     figure.suptitle(plain_text(title), fontsize=11)
     if len(scores) > 1:

@@ -10,13 +10,15 @@ from dfdbench.datasets.catalog import released_manifests
 from dfdbench.leaderboard.boards import Entry, ScoreBoard, Standing
 from dfdbench.leaderboard.by_scene import folds_table, scenes_table
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
-from dfdbench.metrics.metric import METRICS, RANKED_BY, mean_of
+from dfdbench.metrics.metric import find_metric, mean_of
+from dfdbench.metrics.of_protocol import metrics_of, ranked_by
 from dfdbench.metrics.protocol import RELEASED, title_of
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT
 from dfdbench.results.told import TOLD_NOTE, knew_blur, told
 from dfdbench.results.wording import (
     NOTHING,
+    interval_text,
     machine_of,
     parameters_of,
     score_text,
@@ -48,12 +50,13 @@ def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
 
 def standings_table(board: ScoreBoard, folder: Path) -> Table:
     """Return the ranking: by NRMSE, ties by NMAE, as the thesis ranks."""
-    metrics = [metric for name, metric in METRICS.items() if name != RANKED_BY]
+    first = ranked_by(board.protocol)[0]
+    metrics = [metric for name, metric in metrics_of(board.protocol).items() if name != first]
     columns = (
         "",
         "method",
         "told",
-        METRICS[RANKED_BY].heading,
+        find_metric(first).heading,
         interval_name(board.scenes),
         *(metric.heading for metric in metrics),
         "behind the row above",
@@ -65,8 +68,8 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
             NOTHING if standing.rank is None else str(standing.rank),
             standing.entry.label,
             told(standing.entry.result),
-            score_text(standing.entry.score(board.protocol, RANKED_BY)),
-            _interval(standing.interval),
+            score_text(standing.entry.score(board.protocol, first)),
+            interval_text(standing.interval),
             *(score_text(standing.entry.score(board.protocol, each.name)) for each in metrics),
             str(standing.above or NOTHING),
             seconds_text(standing.entry.seconds),
@@ -81,14 +84,14 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
         rows,
         "rllrl" + "r" * len(metrics) + "lrl",
         tuple(_ranking_notes(board)),
-        records=tuple(_record(board, standing, folder) for standing in board.standings),
+        records=tuple(standing_record(board, standing, folder) for standing in board.standings),
         parts=(tuple(range(scores)), (0, 1, *range(scores, len(columns)))),
     )
 
 
 def _ranking_notes(board: ScoreBoard) -> list[str]:
     return [
-        _interval_note(board.scenes),
+        _interval_note(board.scenes, find_metric(ranked_by(board.protocol)[0]).title),
         TOLD_NOTE,
         *_training_notes(board),
         *_floor_notes(board),
@@ -116,7 +119,7 @@ def _floor_notes(board: ScoreBoard) -> list[str]:
     ]
     if not floors or floors[0] is None:
         return []
-    name = METRICS["ssim"].title
+    name = find_metric("ssim").title
     return [f"{name} is to be read from its floor: a constant has {floors[0]:.2f} here."]
 
 
@@ -129,7 +132,7 @@ def lighting_table(board: ScoreBoard) -> Table:
     records: list[Mapping[str, object]] = []
     for standing in board.standings:
         entry = standing.entry
-        for number, (metric, shown) in enumerate(METRICS.items()):
+        for number, (metric, shown) in enumerate(metrics_of(board.protocol).items()):
             means = [_mean(entry.result, board.protocol, metric, axis, level) for level in levels]
             whole = entry.score(board.protocol, metric)
             name = "" if number else entry.label
@@ -163,7 +166,7 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
             method.paper or NOTHING,
         )
         if folder:
-            cells += (_checked(entry), Link("result", _target(entry, folder)))
+            cells += (_checked(entry), Link("result", target_of(entry, folder)))
         rows.append(cells)
     columns: tuple[str, ...] = (
         "method",
@@ -180,9 +183,11 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
     return Table("how they were run", columns, tuple(rows), align, notes)
 
 
-def _record(board: ScoreBoard, standing: Standing, folder: Path) -> dict[str, object]:
+def standing_record(board: ScoreBoard, standing: Standing, folder: Path) -> dict[str, object]:
+    """Return a row of the ranking as data, numbers in full."""
     entry, protocol = standing.entry, board.protocol
     dataset = entry.result.dataset
+    metrics, first = metrics_of(protocol), ranked_by(protocol)[0]
     low, high = standing.interval or (None, None)
     above = standing.above
     released = RELEASED.get(protocol)
@@ -191,7 +196,7 @@ def _record(board: ScoreBoard, standing: Standing, folder: Path) -> dict[str, ob
         f"{metric} {dataset.blocks} {level}": _mean(
             entry.result, protocol, metric, dataset.blocks, level
         )
-        for metric in METRICS
+        for metric in metrics
         for level in _levels(board)
     }
     return {
@@ -206,19 +211,19 @@ def _record(board: ScoreBoard, standing: Standing, folder: Path) -> dict[str, ob
         "told": told(entry.result),
         "trained_on": entry.result.method.trained_on,
         "fitted_on": entry.result.method.fitted_on,
-        **{metric: entry.score(protocol, metric) for metric in METRICS},
-        f"{RANKED_BY}_low": low,
-        f"{RANKED_BY}_high": high,
+        **{metric: entry.score(protocol, metric) for metric in metrics},
+        f"{first}_low": low,
+        f"{first}_high": high,
         "interval": interval_name(board.scenes),
-        f"{RANKED_BY}_behind": above.mean if above else None,
-        f"{RANKED_BY}_behind_low": above.low if above else None,
-        f"{RANKED_BY}_behind_high": above.high if above else None,
+        f"{first}_behind": above.mean if above else None,
+        f"{first}_behind_low": above.low if above else None,
+        f"{first}_behind_high": above.high if above else None,
         **by_level,
         "seconds": entry.seconds,
         "machine": machine_of(entry.result),
         "pairs": f"{dataset.evaluated}/{dataset.expected}",
         "status": entry.status,
-        "result": _target(entry, folder),
+        "result": target_of(entry, folder),
     }
 
 
@@ -236,8 +241,7 @@ def _mean(result: Result, protocol: str, metric: str, axis: str, level: int) -> 
     return mean_of(pair.score(protocol, metric) for pair in pairs)
 
 
-def _interval_note(scenes: int) -> str:
-    score = METRICS[RANKED_BY].title
+def _interval_note(scenes: int, score: str) -> str:
     behind = f"Behind the row above: how much larger {score} is, pair by pair, with its"
     if scenes >= SCENES_TO_TELL:
         return (
@@ -266,6 +270,7 @@ def _file(entry: Entry, other: Entry) -> str:
 
 def _incomplete_notes(board: ScoreBoard) -> list[str]:
     notes = []
+    title = find_metric(ranked_by(board.protocol)[0]).title
     for standing in board.standings:
         dataset = standing.entry.result.dataset
         if not standing.entry.result.complete:
@@ -276,9 +281,7 @@ def _incomplete_notes(board: ScoreBoard) -> list[str]:
         elif knew_blur(standing.entry.result):
             notes.append(f"{standing.entry.label}: told a blur on a track, which gives no rank")
         elif standing.rank is None:
-            notes.append(
-                f"{standing.entry.label}: {METRICS[RANKED_BY].title} is defined for no pair"
-            )
+            notes.append(f"{standing.entry.label}: {title} is defined for no pair")
     return notes
 
 
@@ -292,9 +295,6 @@ def _checked(entry: Entry) -> str:
     return f"{count} pairs, scores within {found.largest_difference:.1g}"
 
 
-def _target(entry: Entry, folder: Path) -> str:
+def target_of(entry: Entry, folder: Path) -> str:
+    """Return where a link to an entry's file leads, from the leaderboard's folder."""
     return Path(os.path.relpath(entry.path, folder)).as_posix()
-
-
-def _interval(interval: tuple[float, float] | None) -> str:
-    return NOTHING if interval is None else " to ".join(map(score_text, interval))

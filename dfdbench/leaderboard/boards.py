@@ -17,7 +17,8 @@ from dfdbench.leaderboard.tracks_submission import is_tracks_file
 from dfdbench.leaderboard.verification import entry_problems
 from dfdbench.leaderboard.verification_file import SUFFIX, Reproduction, load_verification
 from dfdbench.metrics.intervals import scene_interval
-from dfdbench.metrics.metric import RANKED_BY, TIES_BY, mean_of
+from dfdbench.metrics.metric import mean_of
+from dfdbench.metrics.of_protocol import ranked_by
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.differences import PairedDifference, changes, paired_difference
 from dfdbench.results.record import Result
@@ -55,7 +56,12 @@ class Entry:
 
     @property
     def status(self) -> str:
-        """``reproduced``, where a sample of its pairs was run again, or ``rerun``."""
+        """``reproduced``, where a sample of its pairs was run again, or ``rerun``.
+
+        Depth maps that were scored, not run, are ``unverified``: nothing can be run again.
+        """
+        if self.result.method.scored:
+            return "unverified"
         return "reproduced" if self.verification else "rerun"
 
     @property
@@ -79,8 +85,8 @@ class Standing:
     entry : Entry
         The result.
     rank : int or None
-        By NRMSE, ties by NMAE; None for a run that is incomplete or has no NRMSE, and for one
-        that was told the blur on a track.
+        By NRMSE, ties by NMAE, in metres by AbsRel; None for a run that is incomplete or has none,
+        and for one that was told the blur on a track.
     interval : tuple of float, or None
         Of NRMSE, as `dfdbench.metrics.intervals.scene_interval` has it.
     above : PairedDifference or None
@@ -160,20 +166,32 @@ def collect(folder: Path) -> list[Entry]:
     return entries
 
 
+def parted(entries: Sequence[Entry]) -> tuple[list[ScoreBoard], list[ScoreBoard]]:
+    """Return the boards of what was run, and those of what was scored and not run, apart.
+
+    Nobody can run the second again, so a rank among the first would say too much.
+    """
+    run, scored = (
+        [entry for entry in entries if bool(entry.result.method.scored) is apart]
+        for apart in (False, True)
+    )
+    return boards(run), boards(scored)
+
+
 def boards(entries: Sequence[Entry]) -> list[ScoreBoard]:
     """Part entries into boards of what may be compared, and rank each."""
-    parted: dict[tuple[str, str, bool, int, str, str], list[Entry]] = {}
+    groups: dict[tuple[str, str, bool, int, str, str], list[Entry]] = {}
     for entry in entries:
         dataset = entry.result.dataset
         for protocol in entry.result.protocol_names:
             order = list(RELEASED).index(protocol) if protocol in RELEASED else len(RELEASED)
             later = protocol != headline_of(dataset.short)
             key = (dataset.name, dataset.split, later, order, protocol, dataset.fingerprint)
-            parted.setdefault(key, []).append(entry)
+            groups.setdefault(key, []).append(entry)
     return [
         _board(dataset, split, fingerprint, protocol, found)
         for (dataset, split, _, _, protocol, fingerprint), found in sorted(
-            parted.items(), key=lambda item: item[0]
+            groups.items(), key=lambda item: item[0]
         )
     ]
 
@@ -187,6 +205,7 @@ def _board(
         if entry.label in newest:
             superseded.append((newest[entry.label], entry))
         newest[entry.label] = entry
+    ranks_by = ranked_by(protocol)[0]
     ranked = sorted(
         (entry for entry in newest.values() if _can_rank(entry, protocol)),
         key=lambda entry: (*_order(entry, protocol), entry.label),
@@ -198,8 +217,8 @@ def _board(
         rank = standings[-1].rank if tied else place
         difference = None
         if above is not None:
-            found_changes = changes(above.result, entry.result, protocol, RANKED_BY)
-            difference = paired_difference(found_changes, RANKED_BY)
+            found_changes = changes(above.result, entry.result, protocol, ranks_by)
+            difference = paired_difference(found_changes, ranks_by)
         standings.append(Standing(entry, rank, _interval(entry.result, protocol), difference))
     unranked = [entry for entry in newest.values() if not _can_rank(entry, protocol)]
     standings += [
@@ -210,7 +229,7 @@ def _board(
 
 
 def _can_rank(entry: Entry, protocol: str) -> bool:
-    return entry.score(protocol, RANKED_BY) is not None and not knew_blur(entry.result)
+    return entry.score(protocol, ranked_by(protocol)[0]) is not None and not knew_blur(entry.result)
 
 
 def _age(entry: Entry) -> tuple[str, str]:
@@ -222,15 +241,16 @@ def _age(entry: Entry) -> tuple[str, str]:
 
 
 def _order(entry: Entry, protocol: str) -> tuple[float, float]:
-    first, second = (entry.score(protocol, metric) for metric in (RANKED_BY, TIES_BY))
+    first, second = (entry.score(protocol, metric) for metric in ranked_by(protocol))
     return (math.inf if first is None else first, math.inf if second is None else second)
 
 
 def _interval(result: Result, protocol: str) -> tuple[float, float] | None:
+    metric = ranked_by(protocol)[0]
     defined = [
         (score, pair.scene)
         for pair in result.pairs
-        if pair.status == "ok" and (score := pair.score(protocol, RANKED_BY)) is not None
+        if pair.status == "ok" and (score := pair.score(protocol, metric)) is not None
     ]
     return scene_interval([score for score, _ in defined], [scene for _, scene in defined])
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from dfdbench.leaderboard.boards import ScoreBoard, Standing
-from dfdbench.metrics.metric import METRICS, RANKED_BY, mean_of
+from dfdbench.metrics.metric import find_metric, mean_of
+from dfdbench.metrics.of_protocol import ranked_by
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
 
@@ -39,7 +40,7 @@ def folds_table(board: ScoreBoard) -> Table:
 
 
 def _table(board: ScoreBoard, what: str, groups: Iterable[tuple[str, Sequence[str]]]) -> Table:
-    metric = METRICS[RANKED_BY]
+    metric = find_metric(ranked_by(board.protocol)[0])
     labels = [standing.entry.label for standing in board.standings]
     rows, records = [], []
     for name, scenes in groups:
@@ -59,4 +60,4 @@ def _mean(standing: Standing, protocol: str, scenes: Sequence[str]) -> float | N
     pairs = [pair for pair in standing.entry.result.pairs if pair.scene in scenes]
     if not pairs or any(pair.status != "ok" for pair in pairs):
         return None
-    return mean_of(pair.score(protocol, RANKED_BY) for pair in pairs)
+    return mean_of(pair.score(protocol, ranked_by(protocol)[0]) for pair in pairs)

@@ -11,12 +11,16 @@ import jinja2
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.board_tables import board_tables
-from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards, collect
+from dfdbench.leaderboard.boards import Entry, ScoreBoard, collect, parted
 from dfdbench.leaderboard.folder import README
 from dfdbench.leaderboard.published import PublishedTable, load_published
 from dfdbench.leaderboard.published_tables import published_summary, published_table
 from dfdbench.leaderboard.track_board_tables import tracks_board_table
 from dfdbench.leaderboard.track_boards import TracksBoard, TracksEntry, collect_tracks, track_boards
+from dfdbench.leaderboard.scored_table import scored_table
+from dfdbench.metrics.metric import IN_METRES
+from dfdbench.metrics.of_protocol import ranked_by
+from dfdbench.results.told import told
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown
 
@@ -88,7 +92,7 @@ def collect_all(folder: Path) -> tuple[list[Entry], list[TracksEntry]]:
 
 def readme_text(folder: Path, entries: Sequence[Entry], tracked: Sequence[TracksEntry] = ()) -> str:
     """Return what the README is to say of these entries."""
-    found = boards(entries)
+    found, scored = parted(entries)
     published = load_published(folder)
     note = folder / NOTE
     template = resources.files("dfdbench.leaderboard") / "leaderboard.md.jinja"
@@ -99,6 +103,9 @@ def readme_text(folder: Path, entries: Sequence[Entry], tracked: Sequence[Tracks
         note=note.read_text(encoding="utf-8").rstrip() if note.exists() else "",
         boards=[_board_context(board, folder) for board in found],
         tracks=[_tracks_context(board, folder) for board in track_boards(tracked)],
+        lens_told=any("lens told" in told(entry.result) for entry in entries),
+        in_metres=any(ranked_by(board.protocol)[0] in IN_METRES for board in found),
+        scored=[as_markdown(scored_table(board, folder)) for board in scored],
         summaries=[as_markdown(published_summary(published, name)) for name in compared],
         published=[_published_context(table) for table in published],
         citation=escape_markdown(published[0].citation) if published else "",

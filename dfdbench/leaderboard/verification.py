@@ -20,7 +20,7 @@ from dfdbench.leaderboard.verification_file import (
     tracks_sample,
 )
 from dfdbench.methods.registry import registered_methods
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import RELEASED, Protocol
 from dfdbench.results.folder import require_pairs_of
 from dfdbench.results.record import MethodRecord, PairResult, Result
@@ -33,8 +33,15 @@ def claim_of(result: Result, path: Path) -> ClaimedMethod:
     ------
     ResultError, UnknownNameError
         As `dfdbench.leaderboard.claimed_method.claimed_method`,
-        and where name and entry are not one.
+        and where name and entry are not one, or where nothing was run.
     """
+    if result.method.scored:
+        raise ResultError(
+            "depth maps made elsewhere: there is nothing to run again",
+            where=f"{path}: method",
+            expected="a result that `dfdbench run` wrote",
+            got=result.method.title,
+        )
     if problems := entry_problems(result.method, path):
         raise ResultError.of(problems)
     return claimed_method(result.method, path)
@@ -226,8 +233,11 @@ def entry_problems(method: MethodRecord, path: Path) -> list[Problem]:
     """Return what is wrong where a result's method is not found by its name.
 
     The name is what runs, the entry what a reader takes for its origin: they must be one. A
-    name that is not registered here is another package's, of which nothing is known.
+    name that is not registered here is another package's, of which nothing is known. Depth maps
+    made elsewhere have no entry; their title keeps them apart from a method of the same name.
     """
+    if method.scored:
+        return []
     entry = method.name if ":" in method.name else registered_methods().get(method.name)
     if entry is None or without_folder(entry) == method.entry:
         return []
@@ -260,7 +270,7 @@ def _mismatch(claim: PairResult, rerun: PairResult, path: Path, tolerance: float
         if not pair.scores:
             return pair.error or pair.status
         return ", ".join(
-            f"{METRICS[name].title} {'undefined' if value is None else format(value, '.6f')}"
+            f"{find_metric(name).title} {'undefined' if value is None else format(value, '.6f')}"
             for name, value in pair.scores[protocol].items()
         )
 

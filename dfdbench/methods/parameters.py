@@ -59,7 +59,7 @@ def read_parameters(
         recipe, where = given["recipe"], "parameter recipe"
         if isinstance(recipe, str | Path) and recipe not in RECIPES:
             where = str(recipe)
-            recipe = _read_fields(recipe)
+            recipe = read_fields(recipe)
         taken["recipe"] = _recipe_of(recipe, where)
         recorded["recipe"] = _plain(recipe)
     return taken, recorded
@@ -115,7 +115,16 @@ def _recipe_of(given: Any, where: str) -> BlurRecipe | BlurLaw:
         ) from error
 
 
-def _read_fields(file: str | Path) -> dict[str, Any]:
+def read_fields(file: str | Path) -> dict[str, Any]:
+    """Return what a TOML file says of a blur.
+
+    Raises
+    ------
+    UnknownNameError
+        Where it is not called ``.toml``, and so is taken for a recipe's name.
+    MethodError
+        Where it cannot be read.
+    """
     path = Path(file)
     if path.suffix != ".toml":
         raise unknown_name(
@@ -128,7 +137,7 @@ def _read_fields(file: str | Path) -> dict[str, Any]:
         raise MethodError(
             what="cannot read the blur recipe",
             where=str(file),
-            expected="a TOML file with sigma_min, sigma_step, ..., or with sigmas",
+            expected="a TOML file with sigma_min, sigma_step, ..., with sigmas, or of a lens",
             got=reason,
         ) from error
 

@@ -1,12 +1,18 @@
-"""What a metric is, and all that there are: whatever shows or checks scores loops over these."""
+"""What a metric is, and all that there are, each defined here once.
+
+Whatever shows or checks scores loops over those of its protocol, which
+`dfdbench.metrics.protocol.metrics_of` tells.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import fsum
 from types import MappingProxyType
 
+from dfdbench.metrics.metres import abs_rel, rmse_metres, share_within
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 
@@ -23,7 +29,7 @@ class Metric:
     function : callable
         Called with ground truth and estimate in depth levels, shape (y, x), with `data_range`
         and with `mask`, true where a pixel counts, or None; gives the score, NaN where it is
-        undefined.
+        undefined. One of metres is called with distances, and without `data_range`.
     lowest, highest : float
         What it may be; a result that says otherwise is refused.
     data_range : float, optional
@@ -31,6 +37,8 @@ class Metric:
     younger : bool
         Whether there are results from before the metric. They lack it, and that is no mistake:
         it was not scored. Of every other metric a result has a score, null where undefined.
+    shown : str
+        What text calls it; if not given, its name in capitals.
 
     Examples
     --------
@@ -47,11 +55,12 @@ class Metric:
     highest: float
     data_range: float | None = None
     younger: bool = False
+    shown: str = ""
 
     @property
     def title(self) -> str:
         """What text calls it."""
-        return self.name.upper()
+        return self.shown or self.name.upper()
 
     @property
     def heading(self) -> str:
@@ -73,10 +82,35 @@ _METRICS = {
         Metric("ssim", True, ssim, -1, 1, data_range=255.0),
     )
 }
-#: Every metric by name, in the order in which they are shown.
+# Far above any distance that a camera sees; sums of such numbers stay finite.
+_FAR = 1e9
+_IN_METRES = {
+    metric.name: metric
+    for metric in (
+        Metric("abs_rel", False, abs_rel, 0, _FAR, shown="AbsRel"),
+        Metric("rmse_m", False, rmse_metres, 0, _FAR, shown="RMSE (m)"),
+        Metric("delta_1", True, share_within, 0, 1, shown="δ < 1.25"),
+        Metric("delta_2", True, partial(share_within, factor=1.25**2), 0, 1, shown="δ < 1.25²"),
+        Metric("delta_3", True, partial(share_within, factor=1.25**3), 0, 1, shown="δ < 1.25³"),
+    )
+}
+#: Every metric of depth levels by name, in the order in which they are shown.
 METRICS: Mapping[str, Metric] = MappingProxyType(_METRICS)
+#: Every metric of distances, scored where a manifest says how levels become metres.
+IN_METRES: Mapping[str, Metric] = MappingProxyType(_IN_METRES)
 #: What pairs and methods are ranked by, and what by where that ties: as the thesis ranks.
 RANKED_BY, TIES_BY = "nrmse", "nmae"
+
+
+def find_metric(name: str) -> Metric:
+    """Return a metric of either kind by its name.
+
+    Examples
+    --------
+    >>> find_metric("nmae").heading, find_metric("delta_2").heading
+    ('NMAE ↓', 'δ < 1.25² ↑')
+    """
+    return METRICS[name] if name in METRICS else IN_METRES[name]
 
 
 def mean_of(scores: Iterable[float | None]) -> float | None:

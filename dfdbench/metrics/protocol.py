@@ -1,4 +1,4 @@
-"""A protocol: which pixels count, what the error is divided by, which crop is scored."""
+"""A protocol: which pixels count, by which metrics, divided by what, of which crop."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import UnknownNameError, unknown_name
+from dfdbench.metrics.distance_scores import Scale, score_distances
 from dfdbench.metrics.metric import METRICS
-
-# The published networks halve their images four times, so their program cuts images to this.
-_NETWORK_MULTIPLE = 16
+from dfdbench.metrics.window import Crop, window_of
 
 
 def label_of(protocol: Mapping[str, Any]) -> str:
@@ -42,22 +41,29 @@ class Protocol:
         Results name it by both, see `label`.
     pixels : {"all", "known"}
         Whether pixels without ground truth count (at their stored level) or are left out.
-    divisor : {"own-range", "255"}
+    divisor : {"own-range", "255", "none"}
         What NRMSE and NMAE are divided by: the ground truth's range over the pixels that
-        count, or 255.
+        count, or 255. A protocol without them says none.
     crop : {"whole", "network", "network-of-16"}
         The whole image; the centre square of the data set's `network_crop`; or that square of
         the image cut to multiples of 16, at its lower and right edge.
     source : str
         Where the definition comes from.
+    metrics : tuple of str
+        By which of `IN_METRES` distances are scored; none: levels, by all of `METRICS`.
+    alignment : {"", "scale and shift in inverse depth"}
+        What is fitted to the ground truth of each image first: see
+        `dfdbench.metrics.metres.aligned`.
     """
 
     name: str
     version: int
     pixels: Literal["all", "known"]
-    divisor: Literal["own-range", "255"]
-    crop: Literal["whole", "network", "network-of-16"]
+    divisor: Literal["own-range", "255", "none"]
+    crop: Crop
     source: str
+    metrics: tuple[str, ...] = ()
+    alignment: Literal["", "scale and shift in inverse depth"] = ""
 
     @property
     def label(self) -> str:
@@ -88,8 +94,12 @@ class Protocol:
         return version if self == newest else f"{version}: superseded by version {newest.version}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the definition by name, fit for JSON."""
-        return asdict(self)
+        """Return the definition by name, fit for JSON.
+
+        What only protocols in metres say the others leave out, as their results always did.
+        """
+        fields = asdict(self) | {"metrics": list(self.metrics)}
+        return {name: value for name, value in fields.items() if value not in ([], "")}
 
 
 _ALL = (
@@ -119,6 +129,26 @@ _ALL = (
         "of 16 before it takes their centre",
     ),
     Protocol("valid", 1, "known", "255", "whole", "dfdbench: known pixels only"),
+    Protocol(
+        "metric",
+        1,
+        "known",
+        "none",
+        "whole",
+        "Eigen et al. 2014, in metres, known pixels only",
+        ("abs_rel", "rmse_m", "delta_1", "delta_2", "delta_3"),
+    ),
+    Protocol(
+        "aligned",
+        1,
+        "known",
+        "none",
+        "whole",
+        "Ranftl et al. 2020: least-squares scale and shift in inverse depth, at most the farthest "
+        "distance; then Eigen et al. 2014, known pixels only",
+        ("abs_rel", "delta_1", "delta_2", "delta_3"),
+        "scale and shift in inverse depth",
+    ),
 )
 
 
@@ -126,13 +156,14 @@ def _newest(name: str) -> Protocol:
     return max((p for p in _ALL if p.name == name), key=lambda protocol: protocol.version)
 
 
-#: The protocols that a run scores under, by label: the newest version of each.
+_CURRENT = {protocol.label: protocol for protocol in _ALL if protocol == _newest(protocol.name)}
+#: The protocols that every run scores under, by label: the newest version of each.
 PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
-    {protocol.label: protocol for protocol in _ALL if protocol == _newest(protocol.name)}
+    {label: protocol for label, protocol in _CURRENT.items() if not protocol.metrics}
 )
 #: Every protocol that was ever released, by label; the current ones first.
 RELEASED: Mapping[str, Protocol] = MappingProxyType(
-    {**PROTOCOLS, **{protocol.label: protocol for protocol in _ALL}}
+    {**_CURRENT, **{protocol.label: protocol for protocol in _ALL}}
 )
 
 
@@ -195,6 +226,14 @@ def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
                 fix=f"`dfdbench run` scores under version {_newest(asked.name).version}; "
                 f"--protocol {other.name}-{other.version} shows what is there",
             )
+    if asked and asked.metrics:
+        raise UnknownNameError(
+            what="not scored in metres",
+            where=whose,
+            expected="a data set whose manifest says how levels become metres",
+            got=f"--protocol {label}",
+            fix=f"one of: {', '.join(there)}",
+        )
     raise unknown_name(f"protocol of {whose}", label, there)
 
 
@@ -204,6 +243,7 @@ def score(
     valid: NDArray[np.bool_],
     prediction: NDArray[np.float32],
     network_crop: int,
+    scale: Scale | None = None,
 ) -> dict[str, float]:
     """Score one prediction under one protocol.
 
@@ -220,13 +260,20 @@ def score(
     network_crop : int
         Side of the centre square, in pixels, for protocols that crop; along an axis on which
         the image is smaller all of it is taken.
+    scale : Scale, optional
+        How levels become metres; for protocols in metres.
 
     Returns
     -------
     dict of str to float
-        Each of `METRICS` by name, NaN where it is undefined. All are where nothing is left to
-        score: ``network-of-16`` on fewer than 16 rows or columns, an image that the published
-        networks cannot take either.
+        Each of the protocol's metrics by name, NaN where it is undefined. All are where nothing
+        is left to score: ``network-of-16`` on fewer than 16 rows or columns, an image that the
+        published networks cannot take either.
+
+    Raises
+    ------
+    InputError
+        For a protocol in metres without a scale.
 
     Examples
     --------
@@ -234,11 +281,13 @@ def score(
     >>> score(PROTOCOLS["thesis"], depth, depth > 0, depth.astype(np.float32), 32)
     {'nrmse': 0.0, 'nmae': 0.0, 'ssim': 1.0}
     """
-    window = _window(protocol, depth.shape, network_crop)
+    window = window_of(protocol.crop, depth.shape, network_crop)
     truth, test = depth[window], prediction[window]
     if not truth.size:
-        return dict.fromkeys(METRICS, math.nan)
+        return dict.fromkeys(protocol.metrics or METRICS, math.nan)
     mask = valid[window] if protocol.pixels == "known" else None
+    if protocol.metrics:
+        return score_distances(protocol.metrics, bool(protocol.alignment), truth, test, mask, scale)
     divisor = 255.0 if protocol.divisor == "255" else None
     return {
         name: metric.function(
@@ -249,14 +298,3 @@ def score(
         )
         for name, metric in METRICS.items()
     }
-
-
-def _window(protocol: Protocol, shape: tuple[int, ...], side: int) -> tuple[slice, ...]:
-    if protocol.crop == "whole":
-        return tuple(slice(0, extent) for extent in shape)
-    if protocol.crop == "network-of-16":
-        shape = tuple(extent - extent % _NETWORK_MULTIPLE for extent in shape)
-    starts = (max(extent - side, 0) // 2 for extent in shape)
-    return tuple(
-        slice(start, min(start + side, extent)) for start, extent in zip(starts, shape, strict=True)
-    )

@@ -88,7 +88,7 @@ def nrmse(
     >>> nrmse(np.full((2, 2), 7), np.zeros((2, 2)))
     nan
     """
-    truth, test, counts = _checked(image_true, image_test, mask)
+    truth, test, counts = checked(image_true, image_test, mask)
     error = (truth - test)[counts]
     divisor = _divisor(truth[counts], data_range)
     if math.isnan(divisor):
@@ -117,7 +117,7 @@ def nmae(
     >>> nmae(truth, [[0, 100], [200, 140]], data_range=200)
     0.05
     """
-    truth, test, counts = _checked(image_true, image_test, mask)
+    truth, test, counts = checked(image_true, image_test, mask)
     error = (truth - test)[counts]
     divisor = _divisor(truth[counts], data_range)
     if math.isnan(divisor):
@@ -168,7 +168,7 @@ def ssim(
     >>> ssim(truth, 255 - truth) < 0
     True
     """
-    truth, test, counts = _checked(image_true, image_test, mask)
+    truth, test, counts = checked(image_true, image_test, mask)
     _divisor(truth[counts], data_range)
     if min(truth.shape) <= 2 * _SSIM_RADIUS:
         return math.nan
@@ -186,9 +186,16 @@ def ssim(
     return float(np.clip(mean, -1.0, 1.0))
 
 
-def _checked(
+def checked(
     image_true: ArrayLike, image_test: ArrayLike, mask: ArrayLike | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return ground truth and estimate as float64, and which pixels count; all of shape (y, x).
+
+    Raises
+    ------
+    InputError
+        For shapes that differ, complex or non-finite values, or a mask that is none.
+    """
     problems: list[Problem] = []
     arrays = []
     for name, image in (("image_true", image_true), ("image_test", image_test)):

@@ -51,6 +51,28 @@ def dct_sharpness(image: Image, threshold: float = 0.0) -> float:
     return float((coefficients >= np.exp(threshold)).mean())
 
 
+def laplacian_energy(image: Image) -> float:
+    """Return the variance of the Laplacian over the squared mean: no gain changes it.
+
+    A focus measure, LAP4 of Pertuz, Puig and Garcia (2013), here made free of brightness so that
+    two exposures of one scene can be compared; 0 for a black image.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (y, x) or (y, x, 3)
+        Grey or RGB.
+
+    Examples
+    --------
+    >>> checks = np.indices((8, 8)).sum(axis=0) % 2
+    >>> laplacian_energy(np.uint8(100 * checks)) == laplacian_energy(np.uint8(200 * checks))
+    True
+    """
+    grey = to_grey(image).astype(np.float64)
+    mean = float(grey.mean())
+    return float(cv2.Laplacian(grey, cv2.CV_64F).var()) / mean**2 if mean else 0.0
+
+
 def sharpest(images: list[Image]) -> int:
     """Return which image has the largest `spectrum_sum`, the first of equals."""
     return int(np.argmax([spectrum_sum(image) for image in images]))

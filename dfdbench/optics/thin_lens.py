@@ -98,6 +98,46 @@ class ThinLens:
         """
         return np.abs(self.blur_radius_far(distance))
 
+    def blur_sigma(self, distance: ArrayLike, infocus_f_number: float | None = None) -> Floats:
+        """Return how wide a Gaussian blurs as much as the lens, in pixels.
+
+        Parameters
+        ----------
+        distance : array_like of float
+            In metres.
+        infocus_f_number : float, optional
+            Of the image that is to be blurred, where the same lens took it with a smaller
+            aperture; by default it has no blur of its own.
+
+        Raises
+        ------
+        InputError
+            Where that aperture is not the smaller one.
+
+        Notes
+        -----
+        The blur of a point is a disk of the width c of `blur_radius`. Along each axis its standard
+        deviation is c / 4. Variances of blurs add up, so what is left to blur an image that has the
+        blur c_0 already is ``sqrt(c^2 - c_0^2) / 4``, and c goes with 1 / n (Eq. 2.11).
+
+        Examples
+        --------
+        >>> lens = ThinLens(2.8, 0.025, 1.6, 3e-5)
+        >>> lens.blur_sigma([0.8, 1.6, 3.2]).round(3).tolist()
+        [1.181, 0.0, 0.591]
+        """
+        sigmas = self.blur_radius(distance) / (4 * self.pixel_size)
+        if infocus_f_number is None:
+            return np.asarray(sigmas)
+        if not infocus_f_number > self.f_number:
+            raise InputError(
+                "the in-focus image has no smaller aperture",
+                where="infocus_f_number",
+                expected=f"more than {self.f_number:g}",
+                got=f"{infocus_f_number:g}",
+            )
+        return np.asarray(sigmas * np.sqrt(1 - (self.f_number / infocus_f_number) ** 2))
+
     def max_blur_radius(self) -> float:
         """Return the blur of a point at infinity, in metres on the sensor (Eq. 2.12)."""
         return float(self.focal_length**2 / (self.f_number * self._reach()))

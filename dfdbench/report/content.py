@@ -12,7 +12,8 @@ from dfdbench.figures.comparison import lighting_figures, time_figure
 from dfdbench.figures.groups import group_figures
 from dfdbench.leaderboard.board_tables import lighting_table, runs_table, standings_table
 from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards
-from dfdbench.metrics.metric import METRICS, RANKED_BY
+from dfdbench.metrics.metric import find_metric
+from dfdbench.metrics.of_protocol import ranked_by
 from dfdbench.metrics.protocol import require_scored
 from dfdbench.results.record import PairResult
 from dfdbench.results.saved_run import SavedRun
@@ -68,7 +69,7 @@ class Content:
     sections : tuple of Section
         One for each set of comparable runs.
     pairs : tuple of ShownPair
-        Worst first, by the protocol's NRMSE.
+        Worst first, by what ranks under the protocol.
     missing : tuple of str
         Runs without a gallery, and why.
     """
@@ -154,7 +155,7 @@ def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:
         return f"{where}: no run is complete."
     best = scored[0].result.averages or {}
     parts = [
-        f"{METRICS[name].title} {score_text(value)}"
+        f"{find_metric(name).title} {score_text(value)}"
         for name, value in best[protocol].items()
         if value
     ]
@@ -164,7 +165,7 @@ def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:
 
 def _worst_first(runs: Sequence[tuple[SavedRun, RunSummary]]) -> tuple[ShownPair, ...]:
     found = [
-        (pair.score(summary.protocol, RANKED_BY) or 0.0, ShownPair(run, pair))
+        (pair.score(summary.protocol, ranked_by(summary.protocol)[0]) or 0.0, ShownPair(run, pair))
         for run, summary in runs
         if run.store is not None
         for pair in summary.ranked

@@ -12,9 +12,10 @@ import numpy as np
 from markupsafe import Markup
 
 from dfdbench.figures.runs import ERROR_LIMIT
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.report.content import Content, ShownPair, gather
 from dfdbench.report.pictures import depth_map, error_map, ink, inline_svg, photo, scale
+from dfdbench.results.record import SCORED
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.wording import score_text, seconds_text
 from dfdbench.system.files import write_whole
@@ -115,9 +116,9 @@ def _card(shown: ShownPair, content: Content, pictures: dict[str, str]) -> dict[
         "high": f"{high:.0f}",
         "scores": [
             (metric.title, score_text(pair.score(content.protocol, name), "undefined"))
-            for name, metric in METRICS.items()
+            for name, metric in metrics_of(content.protocol).items()
         ],
-        "seconds": f"{seconds_text(pair.seconds)} s",
+        "seconds": SCORED if pair.seconds is None else f"{seconds_text(pair.seconds)} s",
     }
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 from dfdbench.errors import ResultError
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
-from dfdbench.metrics.metric import METRICS, RANKED_BY
+from dfdbench.metrics.metric import find_metric
+from dfdbench.metrics.of_protocol import metrics_of, ranked_by
 from dfdbench.results.differences import (
     PairChange,
     PairedDifference,
@@ -44,7 +45,7 @@ def change_tables(first: Result, second: Result, protocol: str, most: int = 10) 
         Where the runs are not comparable, or no pair was evaluated by both.
     """
     check_comparable(first, second, protocol)
-    if not any(changes(first, second, protocol, metric) for metric in METRICS):
+    if not any(changes(first, second, protocol, metric) for metric in metrics_of(protocol)):
         raise ResultError(
             "no pair was scored in both runs", fix="complete them: `dfdbench run` goes on"
         )
@@ -59,7 +60,7 @@ def difference_table(first: Result, second: Result, protocol: str) -> Table:
     dataset = first.dataset
     rows, records = [], []
     rules = set()
-    for name, metric in METRICS.items():
+    for name, metric in metrics_of(protocol).items():
         for where, group in _parted(changes(first, second, protocol, name), first):
             difference = paired_difference(group, name)
             if difference is None:
@@ -69,7 +70,7 @@ def difference_table(first: Result, second: Result, protocol: str) -> Table:
             rows.append((head, where, str(difference), *map(str, counts)))
             records.append({"metric": name, "pairs": where, **_as_record(difference)})
         rules.add(len(rows) - 1)
-    compared = changes(first, second, protocol, RANKED_BY)
+    compared = changes(first, second, protocol, ranked_by(protocol)[0])
     scenes = len({change.first.scene for change in compared})
     interval = f"B less A, {interval_name(scenes)}"
     names = [method_label(result.method) for result in (first, second)]
@@ -113,7 +114,7 @@ def _notes(first: Result, second: Result, protocol: str, scenes: int) -> Iterato
             f"{scenes} scenes: fewer than six are too few for a 95 % interval. Likely: all lean "
             "one way."
         )
-    both = len(changes(first, second, protocol, RANKED_BY))
+    both = len(changes(first, second, protocol, ranked_by(protocol)[0]))
     if both < first.dataset.expected:
         yield f"{both} of {first.dataset.expected} pairs were scored in both runs"
     if _same_depth_maps(first, second):
@@ -121,9 +122,10 @@ def _notes(first: Result, second: Result, protocol: str, scenes: int) -> Iterato
 
 
 def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table:
-    """Return the pairs whose NRMSE changed most, largest change first."""
+    """Return the pairs whose NRMSE, in metres AbsRel, changed most, largest change first."""
+    metric = ranked_by(protocol)[0]
     found = [
-        (change, change.first.score(protocol, RANKED_BY), change.second.score(protocol, RANKED_BY))
+        (change, change.first.score(protocol, metric), change.second.score(protocol, metric))
         for change in most_changed(first, second, protocol, most)
     ]
     rows = tuple(
@@ -134,20 +136,20 @@ def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table
         {"pair": change.first.id, "a": a, "b": b, "difference": change.difference}
         for change, a, b in found
     )
-    title = f"pairs that changed most in {METRICS[RANKED_BY].title}"
+    title = f"pairs that changed most in {find_metric(metric).title}"
     return Table(title, ("pair", "A", "B", "B less A"), rows, "lrrr", records=records)
 
 
 def most_changed(first: Result, second: Result, protocol: str, most: int) -> tuple[PairChange, ...]:
-    """Return the pairs whose NRMSE changed most, largest change first; none that did not."""
-    found = [c for c in changes(first, second, protocol, RANKED_BY) if c.difference]
+    """Return the pairs that changed most in what ranks them, largest change first."""
+    found = [c for c in changes(first, second, protocol, ranked_by(protocol)[0]) if c.difference]
     return tuple(sorted(found, key=lambda c: (-abs(c.difference), c.first.id))[:most])
 
 
 def changes_to_show(
     first: Result, second: Result, protocol: str, count: int
 ) -> tuple[PairChange, ...]:
-    """Return pairs whose NRMSE changed much, of as many scenes and views as there are.
+    """Return pairs that changed much in what ranks them, of as many scenes and views as there are.
 
     The pairs that changed most are often one scene's view under other lights, the same picture
     over and over: a pair counts behind those of scenes, then views, that were chosen less often.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.metrics.intervals import SCENES_TO_TELL, scene_interval
-from dfdbench.metrics.metric import METRICS, mean_of
+from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import label_of, require_scored
 from dfdbench.results.record import PairResult, Result
 
@@ -136,7 +136,7 @@ def paired_difference(
         return None
     better = sum(value > 0 for value in values)
     worse = sum(value < 0 for value in values)
-    if not METRICS[metric].larger_is_better:
+    if not find_metric(metric).larger_is_better:
         better, worse = worse, better
     scenes = [change.first.scene for change in found]
     low, high = scene_interval(values, scenes, seed) or (None, None)

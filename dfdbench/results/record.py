@@ -12,7 +12,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, WithJsonSchema, create_model
 
 from dfdbench.datasets.manifest import Name, Pair
-from dfdbench.metrics.metric import METRICS, Metric, mean_of
+from dfdbench.metrics.metric import IN_METRES, METRICS, Metric, mean_of
+from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.metrics.protocol import label_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
 from dfdbench.system.record import Record
@@ -28,32 +29,46 @@ Seed = Annotated[int, Field(ge=0, lt=2**32)]
 #: Text in one line, without what steers a terminal.
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]+$", max_length=1000)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+#: What depth maps that were made elsewhere may hold.
+Unit = Literal["levels", "metres"]
+#: How a result of such maps is marked wherever its method is named.
+SCORED = "scored, not run"
 
 
 @cache
-def _score_model(metrics: tuple[Metric, ...]) -> type[Record]:
+def _score_model(name: str, metrics: tuple[Metric, ...]) -> type[Record]:
     fields: dict[str, Any] = {
         metric.name: (
             Annotated[float, Field(allow_inf_nan=False, ge=metric.lowest, le=metric.highest)]
             | None,
-            None if metric.younger else ...,
+            # Which metrics in metres there are a protocol's definition says.
+            None if metric.younger or metric.name in IN_METRES else ...,
         )
         for metric in metrics
     }
     what = "The metrics of one pair under one protocol; null where a metric is undefined."
-    return create_model("PairScores", __base__=Record, __doc__=what, **fields)
+    return create_model(name, __base__=Record, __doc__=what, **fields)
+
+
+def _models() -> tuple[type[Record], type[Record]]:
+    return (
+        _score_model("PairScores", tuple(METRICS.values())),
+        _score_model("PairScoresInMetres", tuple(IN_METRES.values())),
+    )
 
 
 def _by_metric(scores: dict[str, float | None]) -> dict[str, float | None]:
-    checked = _score_model(tuple(METRICS.values())).model_validate(scores)
-    return checked.model_dump(exclude_unset=True)
+    of_levels, of_metres = _models()
+    model = of_metres if scores.keys() & IN_METRES.keys() else of_levels
+    return model.model_validate(scores).model_dump(exclude_unset=True)
 
 
-#: The scores of one pair under one protocol by `METRICS`; None where a metric is undefined.
+#: The scores of one pair under one protocol, by metric, all of levels or all of metres; None
+#: where a metric is undefined.
 PairScores = Annotated[
     dict[str, float | None],
     AfterValidator(_by_metric),
-    WithJsonSchema(_score_model(tuple(METRICS.values())).model_json_schema()),
+    WithJsonSchema({"anyOf": [model.model_json_schema() for model in _models()]}),
 ]
 
 
@@ -111,6 +126,8 @@ def _with_name(record: dict[str, Any]) -> dict[str, Any]:
 
 def _with_safe_name(record: dict[str, Any]) -> dict[str, Any]:
     TypeAdapter(Name).validate_python(_with_name(record)["name"])
+    if not set(TypeAdapter(list[str]).validate_python(record.get("metrics", []))) <= {*IN_METRES}:
+        raise ValueError(f"its metrics are not of {', '.join(IN_METRES)}")
     return record
 
 
@@ -152,7 +169,8 @@ class MethodRecord(Record):
 
     `files_sha256` is of what parameters name: files, and folders by their files' names and
     contents. `fitted_on` says which pairs the method's fit saw before the run, in the words of
-    `trained_on`; `fit_seconds` how long that took, which no pair's time holds.
+    `trained_on`; `fit_seconds` how long that took, which no pair's time holds. `scored` is set
+    where nothing was run: depth maps made elsewhere were handed in, in that unit.
     """
 
     name: Line
@@ -166,6 +184,12 @@ class MethodRecord(Record):
     files_sha256: dict[str, Sha256] = Field(default_factory=dict)
     fitted_on: str | None = None
     fit_seconds: Seconds | None = None
+    scored: Unit | None = None
+
+    @property
+    def title(self) -> str:
+        """What tables and figures call it; of depth maps made elsewhere it says that."""
+        return f"{self.name} ({SCORED})" if self.scored else self.name
 
 
 class Environment(Record):
@@ -229,7 +253,8 @@ def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str
     """Return each metric's mean over the pairs where it is defined, by protocol."""
     return {
         protocol: {
-            metric: mean_of(pair.score(protocol, metric) for pair in pairs) for metric in METRICS
+            metric: mean_of(pair.score(protocol, metric) for pair in pairs)
+            for metric in metrics_of(protocol)
         }
         for protocol in protocols
     }

@@ -11,13 +11,16 @@ from typing import Any
 from pydantic import ValidationError
 
 from dfdbench.errors import Problem, ResultError, reason_of
-from dfdbench.results.record import PairResult, Result, average
+from dfdbench.metrics.protocol import label_of
+from dfdbench.results.record import SCORED, PairResult, Result, average
 from dfdbench.system.files import write_whole
 from dfdbench.system.record import problems_of
 
 RESULT_SCHEMA_VERSION = 1
 #: What a result is called in the folder of its run.
 RESULT = "result.json"
+# Each holds all pixels of the one before.
+_WIDER = ("delta_1", "delta_2", "delta_3")
 #: How far a recorded average may be from the one recomputed from the pairs.
 _TOLERANCE = 1e-9
 
@@ -177,6 +180,7 @@ def contradictions(result: Result, path: str) -> list[Problem]:
         *_miscounted(result, evaluated, path),
         *_unscored(result, evaluated, path),
         *_impossible(evaluated, path),
+        *_not_run(result, path),
     ]
     return problems or list(_wrong_averages(result, evaluated, path))
 
@@ -201,6 +205,8 @@ def _miscounted(result: Result, evaluated: list[PairResult], path: str) -> Itera
 
 def _unscored(result: Result, evaluated: list[PairResult], path: str) -> Iterator[Problem]:
     names = result.protocol_names
+    # What protocols in metres score they name; the others have the same metrics all over.
+    named = {label_of(protocol): protocol.get("metrics") for protocol in result.protocols}
     metrics: set[str] | None = None
     for pair in evaluated:
         if set(pair.scores) != set(names):
@@ -212,18 +218,21 @@ def _unscored(result: Result, evaluated: list[PairResult], path: str) -> Iterato
             )
         # A run from before a metric lacks it altogether: no mean is of some of the pairs.
         for protocol, scores in pair.scores.items():
-            metrics = metrics or set(scores)
-            if set(scores) != metrics:
+            of_metres = named.get(protocol)
+            metrics = metrics if of_metres else metrics or set(scores)
+            wanted = set(of_metres or metrics or ())
+            if set(scores) != wanted:
                 yield Problem(
                     "the pairs are not scored by the same metrics",
                     where=f"{path}: {pair.id}, {protocol}",
-                    expected=", ".join(sorted(metrics)),
+                    expected=", ".join(sorted(wanted)),
                     got=", ".join(sorted(scores)),
                 )
 
 
 def _impossible(evaluated: list[PairResult], path: str) -> Iterator[Problem]:
-    # What holds for every error cannot be otherwise: its mean never exceeds its root mean square.
+    # What holds for every error cannot be otherwise: its mean never exceeds its root mean square,
+    # and a wider bound holds more pixels.
     for pair in evaluated:
         for protocol in pair.scores:
             nrmse, nmae = pair.score(protocol, "nrmse"), pair.score(protocol, "nmae")
@@ -234,6 +243,25 @@ def _impossible(evaluated: list[PairResult], path: str) -> Iterator[Problem]:
                     expected=f"at most {nrmse}",
                     got=str(nmae),
                 )
+            shares = [pair.score(protocol, name) or 0.0 for name in _WIDER]
+            if shares != sorted(shares):
+                yield Problem(
+                    "fewer pixels lie within a wider bound",
+                    where=f"{path}: {pair.id}, {protocol}",
+                    expected=" <= ".join(_WIDER),
+                    got=", ".join(map(str, shares)),
+                )
+
+
+def _not_run(result: Result, path: str) -> Iterator[Problem]:
+    timed = [pair.id for pair in result.pairs if pair.seconds is not None]
+    if result.method.scored and (timed or result.method.source_sha256):
+        yield Problem(
+            f"{SCORED}, and yet it has a source or times",
+            where=f"{path}: method.scored",
+            expected="no source_sha256, no seconds",
+            got=", ".join(timed[:1]) or str(result.method.source_sha256),
+        )
 
 
 def _wrong_averages(result: Result, evaluated: list[PairResult], path: str) -> Iterator[Problem]:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.results.record import PairResult
 from dfdbench.results.run_tables import EXTREMES
 from dfdbench.results.summary import RunSummary, ScoreGroup, Statistic, summarise_scenes
@@ -33,7 +33,7 @@ def run_as_csv(summary: RunSummary, labels: Labels | None = None) -> str:
     groups = _placed(summary) + [
         placed for what, label_of in labels.items() for placed in _by_label(summary, what, label_of)
     ]
-    run = (summary.result.method.name, dataset.name, dataset.split, summary.protocol)
+    run = (summary.result.method.title, dataset.name, dataset.split, summary.protocol)
     rows = []
     for place, group in groups:
         found = (place.get(name) for name in places)
@@ -50,10 +50,11 @@ def run_as_json(summary: RunSummary, labels: Labels | None = None) -> str:
     dataset = result.dataset
 
     def line(pair: PairResult) -> dict[str, Any]:
-        return {"pair": pair.id, **{name: pair.score(protocol, name) for name in METRICS}}
+        scores = {name: pair.score(protocol, name) for name in metrics_of(protocol)}
+        return {"pair": pair.id, **scores}
 
     content = {
-        "method": result.method.name,
+        "method": result.method.title,
         "dataset": dataset.name,
         "fingerprint": dataset.fingerprint,
         "split": dataset.split,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dfdbench.metrics.intervals import SCENES_TO_TELL
-from dfdbench.metrics.metric import METRICS, mean_of
+from dfdbench.metrics.metric import find_metric, mean_of
+from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.metrics.protocol import title_of
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.summary import RunSummary, ScoreGroup
@@ -19,7 +20,9 @@ def run_tables(summary: RunSummary) -> list[Table]:
     """Return a run's tables: scores, best and worst pairs, run times."""
     tables = [run_score_table(summary)]
     if summary.ranked:
-        tables += [extremes_table(summary), time_table(summary)]
+        tables.append(extremes_table(summary))
+    if summary.ranked and not summary.result.method.scored:
+        tables.append(time_table(summary))
     failures = [pair for pair in summary.result.pairs if pair.status == "failed"]
     if failures:
         tables.append(_failure_table(failures))
@@ -32,11 +35,12 @@ def run_score_table(summary: RunSummary) -> Table:
     dataset = result.dataset
     partial = any(group.evaluated < group.expected for group in groups)
     labels = _labels(result)
-    columns = [*labels, *(head for metric in METRICS.values() for head in (metric.heading, "std"))]
+    metrics = metrics_of(summary.protocol)
+    columns = [*labels, *(head for metric in metrics.values() for head in (metric.heading, "std"))]
     rows = []
     for group in groups:
         cells = [*_place(group, len(labels))]
-        for metric in METRICS:
+        for metric in metrics:
             statistic = group.metrics[metric]
             cells += [score_text(statistic.mean), score_text(statistic.std)]
         rows.append((*cells, f"{group.evaluated}/{group.expected}") if partial else tuple(cells))
@@ -44,7 +48,7 @@ def run_score_table(summary: RunSummary) -> Table:
         columns.append("pairs")
     state = "" if result.complete else "PARTIAL, "
     title = (
-        f"{result.method.name} on {dataset.name}, split {dataset.split}, "
+        f"{result.method.title} on {dataset.name}, split {dataset.split}, "
         f"protocol {title_of(summary.protocol)} "
         f"({state}{dataset.evaluated} of {dataset.expected} pairs)"
     )
@@ -55,8 +59,8 @@ def run_score_table(summary: RunSummary) -> Table:
 
 
 def extremes_table(summary: RunSummary) -> Table:
-    """Return the best and the worst pairs, by NRMSE, ties by NMAE, as the thesis's Table 5.2."""
-    protocol = summary.protocol
+    """Return the best and the worst pairs as they rank, as the thesis's Table 5.2."""
+    protocol, metrics = summary.protocol, metrics_of(summary.protocol)
     top = summary.ranked[:EXTREMES]
     bottom = summary.ranked[len(top) :][-EXTREMES:]
     axes = summary.result.dataset.axes
@@ -65,16 +69,16 @@ def extremes_table(summary: RunSummary) -> Table:
             kind,
             pair.scene,
             *(str(pair.coordinates[axis]) for axis in axes),
-            *(score_text(pair.score(protocol, metric)) for metric in METRICS),
+            *(score_text(pair.score(protocol, metric)) for metric in metrics),
         )
         for kind, pairs in (("top", top), ("bottom", bottom))
         for pair in pairs
     ]
     return Table(
         f"best and worst pairs, protocol {title_of(protocol)}",
-        ("", "scene", *axes, *(metric.heading for metric in METRICS.values())),
+        ("", "scene", *axes, *(metric.heading for metric in metrics.values())),
         tuple(rows),
-        "ll" + "r" * (len(axes) + len(METRICS)),
+        "ll" + "r" * (len(axes) + len(metrics)),
         (),
         frozenset({len(top) - 1}),
     )
@@ -118,7 +122,7 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
     whole = groups[-1]
     notes = []
     intervals = [
-        f"{METRICS[name].title} {score_text(value.low)} to {score_text(value.high)}"
+        f"{find_metric(name).title} {score_text(value.low)} to {score_text(value.high)}"
         for name, value in whole.metrics.items()
         if value.low is not None
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from dfdbench.datasets.manifest import Scene, Split
-from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.metrics.protocol import title_of
 from dfdbench.results.record import Result
 from dfdbench.results.run_tables import run_tables
@@ -61,6 +61,7 @@ def spread_table(summary: RunSummary, splits: Sequence[Split] = ()) -> Table:
         Of the manifest.
     """
     result, protocol = summary.result, summary.protocol
+    metrics = metrics_of(protocol)
     rows, rules, lacking = [], [], []
     for part, scenes in _parts(result, splits).items():
         (group,) = summarise_scenes(result, protocol, dict.fromkeys(scenes, part)).values()
@@ -74,17 +75,17 @@ def spread_table(summary: RunSummary, splits: Sequence[Split] = ()) -> Table:
             ("std deviation", "std"),
         ):
             first = (part, str(group.expected)) if name == "minimum" else ("", "")
-            found = (getattr(group.metrics[metric], statistic) for metric in METRICS)
+            found = (getattr(group.metrics[metric], statistic) for metric in metrics)
             rows.append((*first, name, *map(score_text, found)))
         rules.append(len(rows) - 1)
     dataset = result.dataset
     title = (
-        f"{result.method.name} on {dataset.name}, spread over pairs, protocol {title_of(protocol)}"
+        f"{result.method.title} on {dataset.name}, spread over pairs, protocol {title_of(protocol)}"
     )
-    columns = ("of", "pairs", "", *(metric.heading for metric in METRICS.values()))
+    columns = ("of", "pairs", "", *(metric.heading for metric in metrics.values()))
     notes = (f"not every pair was evaluated of {', '.join(lacking)}",) if lacking else ()
     return Table(
-        title, columns, tuple(rows), "lrl" + "r" * len(METRICS), notes, frozenset(rules[:-1])
+        title, columns, tuple(rows), "lrl" + "r" * len(metrics), notes, frozenset(rules[:-1])
     )
 
 
@@ -101,6 +102,7 @@ def _parts(result: Result, splits: Sequence[Split]) -> dict[str, tuple[str, ...]
 
 def _table(summary: RunSummary, what: str, label_of: Mapping[str, str]) -> Table:
     result, protocol = summary.result, summary.protocol
+    metrics = metrics_of(protocol)
     members: dict[str, list[str]] = {}
     for pair in result.pairs:
         names = members.setdefault(label_of.get(pair.scene, NOTHING), [])
@@ -112,15 +114,15 @@ def _table(summary: RunSummary, what: str, label_of: Mapping[str, str]) -> Table
             idle.append(label)
             continue
         cells = [label, _listed(members[label])]
-        for metric in METRICS:
+        for metric in metrics:
             statistic = group.metrics[metric]
             cells += [score_text(statistic.mean), score_text(statistic.std)]
         rows.append((*cells, f"{group.evaluated}/{group.expected}"))
     notes = (f"nothing was run of {what} {', '.join(idle)}",) if idle else ()
-    heads = [head for metric in METRICS.values() for head in (metric.heading, "std")]
+    heads = [head for metric in metrics.values() for head in (metric.heading, "std")]
     dataset = result.dataset
     title = (
-        f"{result.method.name} on {dataset.name}, split {dataset.split}, by {what}, "
+        f"{result.method.title} on {dataset.name}, split {dataset.split}, by {what}, "
         f"protocol {title_of(protocol)}"
     )
     columns = (what, "scenes", *heads, "pairs")

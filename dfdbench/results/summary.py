@@ -9,7 +9,8 @@ import numpy as np
 
 from dfdbench.datasets.manifest import Scene
 from dfdbench.metrics.intervals import interval_name, scene_interval
-from dfdbench.metrics.metric import METRICS, RANKED_BY, TIES_BY, mean_of
+from dfdbench.metrics.metric import mean_of
+from dfdbench.metrics.of_protocol import metrics_of, ranked_by
 from dfdbench.metrics.protocol import require_scored
 from dfdbench.results.record import PairResult, Result
 
@@ -165,12 +166,13 @@ def summarise_scenes(
 def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:
     """Return the evaluated pairs, best first: by NRMSE, ties by NMAE, as the thesis ranks.
 
-    Pairs for which NRMSE is undefined are left out.
+    In metres it is by AbsRel. Pairs for which that score is undefined are left out.
     """
+    first_by, ties_by = ranked_by(protocol)
     keys = [
-        (first, pair.score(protocol, TIES_BY), pair.id, pair)
+        (first, pair.score(protocol, ties_by), pair.id, pair)
         for pair in result.pairs
-        if pair.status == "ok" and (first := pair.score(protocol, RANKED_BY)) is not None
+        if pair.status == "ok" and (first := pair.score(protocol, first_by)) is not None
     ]
     return tuple(pair for *_, pair in sorted(keys, key=lambda key: key[:3]))
 
@@ -204,7 +206,10 @@ def _group(
         len(evaluated),
         failed,
         undefined,
-        {name: statistic([pair.score(protocol, name) for pair in evaluated]) for name in METRICS},
+        {
+            name: statistic([pair.score(protocol, name) for pair in evaluated])
+            for name in metrics_of(protocol)
+        },
         statistic([pair.seconds for pair in evaluated]),
     )
 

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.results.record import Result
+from dfdbench.results.wording import NOT_TOLD
 
 TOLD_NOTE = (
     "Told, beside the two images: the recipe that made the blur, another recipe, a fit to training "
     "pairs, weights and the data they were trained on, the training scenes' mean depth, or nothing."
 )
+
+
+def _is_lens(recipe: object) -> bool:
+    return recipe == "rig" or (isinstance(recipe, dict) and "focal_length" in recipe)
 
 
 def told(result: Result) -> str:
@@ -25,8 +30,12 @@ def told(result: Result) -> str:
     function that has the blur written into it is told nothing as far as this can know.
     """
     method, dataset = result.method, result.dataset
+    if method.scored:
+        return NOT_TOLD
     parts = []
-    if method.parameters.get("recipe") is not None:
+    if _is_lens(method.parameters.get("recipe")):
+        parts.append("lens told")
+    elif method.parameters.get("recipe") is not None:
         same = method.parameters["recipe"] == dataset.recipe["name"]
         parts.append("blur told" if same else "another blur told")
     elif method.fitted_on:

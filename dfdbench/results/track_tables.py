@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from dfdbench.blur.tracks import CLEAN, find_degradation
-from dfdbench.metrics.metric import METRICS, RANKED_BY, mean_of
+from dfdbench.metrics.metric import mean_of
+from dfdbench.metrics.of_protocol import metrics_of, ranked_by
 from dfdbench.metrics.protocol import title_of
 from dfdbench.results.record import Result
 from dfdbench.results.told import told
@@ -53,10 +54,10 @@ def tracks_table(results: Mapping[str, Result], protocol: str) -> Table:
     protocol : str
         Under which protocol.
     """
-    metric = METRICS[RANKED_BY]
-    by_metric = {name: severities(results, protocol, name) for name in METRICS}
+    metrics, first_by = metrics_of(protocol), ranked_by(protocol)[0]
+    by_metric = {name: severities(results, protocol, name) for name in metrics}
     rows, records = [], []
-    for track, values in by_metric[RANKED_BY].items():
+    for track, values in by_metric[first_by].items():
         mean = _mean(values[1:])
         rows.append((track, *map(score_text, values), score_text(mean)))
         record: dict[str, object] = {"track": track}
@@ -71,7 +72,7 @@ def tracks_table(results: Mapping[str, Result], protocol: str) -> Table:
     dataset = some.dataset
     return Table(
         f"{method_label(some.method)} on the tracks of {dataset.name.partition('@')[0]}, "
-        f"split {dataset.split}, protocol {title_of(protocol)}: {metric.heading}",
+        f"split {dataset.split}, protocol {title_of(protocol)}: {metrics[first_by].heading}",
         ("track", CLEAN, *(str(number) for number in range(1, most + 1)), "mean of severities"),
         tuple(rows),
         "l" + "r" * (most + 2),

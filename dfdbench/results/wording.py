@@ -7,6 +7,8 @@ import json
 from dfdbench.results.record import MethodRecord, Result
 
 NOTHING = "–"
+#: What is said of depth maps made elsewhere where a run would tell.
+NOT_TOLD = "not known"
 
 
 def method_label(method: MethodRecord) -> str:
@@ -21,7 +23,7 @@ def method_label(method: MethodRecord) -> str:
     'local (window=9)'
     """
     settings = ", ".join(f"{name}={plain(value)}" for name, value in method.parameters.items())
-    return f"{method.name} ({settings})" if settings else method.name
+    return f"{method.title} ({settings})" if settings else method.title
 
 
 def training_of(method: MethodRecord) -> str:
@@ -35,6 +37,8 @@ def training_of(method: MethodRecord) -> str:
     >>> training_of(record)
     'fitted on demo-1, split train'
     """
+    if method.scored:
+        return NOT_TOLD
     fitted = f"fitted on {method.fitted_on}" if method.fitted_on else None
     return "; ".join(text for text in (method.trained_on, fitted) if text) or "nothing"
 
@@ -55,8 +59,11 @@ def seconds_text(seconds: float | None) -> str:
 def machine_of(result: Result) -> str:
     """Return the machine that a result was made on, in a few words.
 
-    Marketing marks in the processor's name are left out.
+    Marketing marks in the processor's name are left out. Depth maps that were scored, not run,
+    were made on none that is known.
     """
+    if result.method.scored:
+        return NOT_TOLD
     environment = result.environment
     cpu = environment.cpu.replace("(R)", "").replace("(TM)", "")
     machine = f"{' '.join(cpu.split())}, {environment.cpu_count} cores"
@@ -83,3 +90,14 @@ def score_text(value: float | None, nothing: str = NOTHING) -> str:
     ('0.1235', '–', 'undefined')
     """
     return nothing if value is None else f"{value:.4f}"
+
+
+def interval_text(interval: tuple[float, float] | None) -> str:
+    """Return an interval of scores; a dash where there is none.
+
+    Examples
+    --------
+    >>> interval_text((0.1, 0.25)), interval_text(None)
+    ('0.1000 to 0.2500', '–')
+    """
+    return NOTHING if interval is None else " to ".join(map(score_text, interval))

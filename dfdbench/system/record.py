@@ -18,6 +18,12 @@ class Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+class StrictRecord(Record):
+    """A record that refuses values of another type: TOML tells text from numbers."""
+
+    model_config = ConfigDict(strict=True)
+
+
 def problems_of(
     error: ValidationError, what: str, *, file: object, section: str = "", fix: str = ""
 ) -> list[Problem]:

@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.datasets.store import Store
 from dfdbench.results.record_file import load_result
 from tests.cli.command import Command
 
@@ -61,3 +62,14 @@ def test_check_method_calibrates_a_method_that_is_not_told_the_blur(dfdbench: Co
     good = dfdbench("check-method", "local", "--param", "window=3")
     assert (good.status, "fit for a run" in good.out) == (0, True)
     assert "fit, on two made pairs" in good.out
+
+
+def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
+    dfdbench: Command, demo_store: Store, tmp_path: Path
+) -> None:
+    store = str(demo_store.path)
+    asked = ("run", "--method", "mymodule:predict", "--dataset", store, "--protocol", "metric")
+    told = dfdbench(*asked, "--out", "run")
+    assert told.status == 2
+    assert "not scored in metres" in told.err
+    assert not (tmp_path / "work/run").exists()

@@ -15,6 +15,7 @@ from tests.conftest import TINY_TOML
 # A released manifest never changes; a correction is a new version with a new line here.
 RELEASED = {
     "demo-1": "8da2f41cb57b16ede5edaf55753df6890dfb476824f7e9d505c5feb0da60b6b0",
+    "dfd-indoor-1": "917b99a070357c34bd064ef48cb0db34fd0e7c353f1cf26b2574804320f6760d",
     "middlebury-default-1": "f8d8ba91fae967c2b0363b69566ee7f323ada1be8ff12c52d2ee04b82475283d",
     "middlebury-third-1": "5efa8c101606001b3df58039f67e2311cf41cb67ace5abb14fbc90c0b51db3cc",
     "realworld-1": "741267aff01aa194c306d188a55192cbbfb28fa0b27d3917916e00171c81b656",

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -97,5 +98,38 @@ reason = "for the test"
 def test_what_contradicts_itself_is_told(old: str, new: str, told: list[str]) -> None:
     assert old in TINY_TOML
     text = problems_of(TINY_TOML.replace(old, new, 1))
+    for part in told:
+        assert part in text
+
+
+SCALED = TINY_TOML.replace(
+    "[table]", '[depth.scale]\nlaw = "inverse"\nnear = 0.5\nfar = 5.0\n\n[table]'
+)
+
+
+def test_a_manifest_says_what_levels_are_in_metres_and_what_took_them() -> None:
+    manifest = parse_manifest(
+        (SCALED + "\n[rig]\nfocal_length = 0.025\ndefocus_f_number = 2.8\n").encode(), "tiny-1.toml"
+    )
+    assert manifest.depth.scale is not None
+    assert manifest.depth.scale.to_metres(np.array([255])).tolist() == [0.5]
+    assert manifest.rig is not None
+    assert (manifest.rig.focal_length, manifest.rig.pixel_pitch) == (0.025, None)
+    plain = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
+    assert (plain.depth.scale, plain.rig) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("far = 5.0", "far = 0.5", ["near is not before far", "near 0.5, far 0.5"]),
+        ("far = 5.0", "far = inf", ["depth.scale.far", "finite"]),
+        ("far = 5.0", "far = 5.0\nnear_level = 0\nfar_level = 254", ["another way"]),
+        ("far = 5.0", "far = 5.0\nfar_level = 0", ["stands for a distance as well", "0 to 255"]),
+        ("[table]", "[rig]\nnear = 3.0\nfar = 2.0\n\n[table]", ["rig", "near 3, far 2"]),
+    ],
+)
+def test_a_scale_that_contradicts_itself_is_refused(old: str, new: str, told: list[str]) -> None:
+    text = problems_of(SCALED.replace(old, new, 1))
     for part in told:
         assert part in text

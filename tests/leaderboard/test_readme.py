@@ -12,6 +12,7 @@ from dfdbench.leaderboard.boards import collect
 from dfdbench.leaderboard.folder import README, RESULTS
 from dfdbench.leaderboard.readme import check_readme, write_readme
 from dfdbench.leaderboard.submission import submit
+from dfdbench.metrics.protocol import RELEASED
 from tests.made_results import make_demo_result
 
 HERE = Path(__file__).parents[2]
@@ -40,6 +41,27 @@ def test_what_was_written_is_up_to_date_until_something_changes(tmp_path: Path) 
     path.write_text(path.read_text("utf-8").replace("0.1000", "0.0100", 1))
     with pytest.raises(ResultError, match=r"README.md, line \d+"):
         check_readme(tmp_path)
+
+
+def test_what_only_some_rows_need_is_explained_where_there_are_such_rows(tmp_path: Path) -> None:
+    submit(make_demo_result(lambda pair: 0.1), tmp_path)
+    text = write_readme(tmp_path).read_text("utf-8")
+    assert "lens told" not in text
+    assert "in metres" not in text
+    submit(make_demo_result(lambda pair: 0.1, "lens", {"recipe": "rig"}), tmp_path)
+    assert "| lens told | the lens, from" in write_readme(tmp_path).read_text("utf-8")
+    result = make_demo_result(lambda pair: 0.1, "far")
+    scores = dict.fromkeys(("abs_rel", "rmse_m", "delta_1", "delta_2", "delta_3"), 0.25)
+    pairs = [pair.model_copy(update={"scores": {"metric": scores}}) for pair in result.pairs]
+    changes = {
+        "pairs": pairs,
+        "averages": {"metric": scores},
+        "protocols": [RELEASED["metric"].as_dict()],
+    }
+    submit(result.model_copy(update=changes), tmp_path)
+    text = write_readme(tmp_path).read_text("utf-8")
+    assert "ties by NMAE; in metres, by AbsRel." in text
+    assert check_readme(tmp_path) == 3
 
 
 def test_somebody_elses_readme_is_left_as_it_is(tmp_path: Path) -> None:

@@ -20,7 +20,9 @@ from dfdbench.figures.runs import panel_figure, score_figure
 from dfdbench.leaderboard.board_tables import lighting_table, standings_table
 from dfdbench.leaderboard.boards import Entry, boards
 from dfdbench.metrics import metric
-from dfdbench.metrics.metric import METRICS, Metric
+from dfdbench.metrics.metric import IN_METRES, METRICS, Metric
+from dfdbench.metrics.of_protocol import metrics_of
+from dfdbench.metrics.protocol import PROTOCOLS
 from dfdbench.metrics.scores import nmae
 from dfdbench.report.html import write_html
 from dfdbench.results.difference_tables import change_tables
@@ -31,6 +33,7 @@ from dfdbench.results.run_tables import run_tables
 from dfdbench.results.saved_run import open_run
 from dfdbench.results.scene_tables import scene_tables, spread_table
 from dfdbench.results.summary import scene_labels, summarise
+from tests.evaluation.made_predictions import in_metres
 
 HEADING, TITLE = "MAE_LEVELS ↓", "MAE_LEVELS"
 
@@ -113,6 +116,53 @@ def test_a_metric_more_is_in_what_experiments_show() -> None:
     losses = [{"step": "1", "loss": "2", "learning_rate": "1"}]
     log = Log(losses, [{"step": "1", "test_mae_levels": "20"}])
     assert shows_it(training_figure(log, "training"))
+
+
+def test_in_metres_every_table_figure_and_page_shows_their_metrics(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    store, _ = in_metres(tiny_store)
+    folder = tmp_path / "run"
+    result = run_constant(store, folder)
+    assert load_result(folder) == result
+    assert list(result.pairs[0].scores) == [*PROTOCOLS, "metric", "aligned"]
+    headings = [each.heading for each in IN_METRES.values()]
+    for protocol, wanted in (("metric", headings), ("aligned", [headings[0], *headings[2:]])):
+        summary = summarise(result, protocol)
+        assert len(summary.ranked) == len(result.pairs)
+        found = boards([Entry(result, folder / RESULT, None)])
+        (board,) = [each for each in found if each.protocol == protocol]
+        scores, extremes, _ = run_tables(summary)
+        for table in (scores, extremes, spread_table(summary), standings_table(board, tmp_path)):
+            shown = [text for text in table.columns if text.endswith(("↑", "↓"))]
+            assert shown == wanted, table.title
+            assert all(len(row) == len(table.columns) == len(table.align) for row in table.rows)
+        assert [row[1] for row in lighting_table(board).rows] == wanted
+        changed = change_tables(result, result, protocol)[0]
+        assert [row[0] for row in changed.rows if row[0]] == wanted
+        assert json.loads(run_as_json(summary))["top"][0].keys() >= set(metrics_of(protocol))
+        run = open_run(folder, str(tiny_store.path))
+        figures = [
+            score_figure(result, protocol),
+            panel_figure(store, result, folder, summary.ranked[:1], protocol, "worst"),
+            *lighting_figures([run], protocol).values(),
+            *group_figures({"constant": result}, protocol, []).values(),
+        ]
+        for figure in figures:
+            assert figure is not None
+            texts = [t for axis in figure.axes for t in (axis.get_xlabel(), axis.get_ylabel())]
+            assert any("δ < 1.25³" in text for text in texts)
+            assert not any("NRMSE" in text for text in texts)
+        page = write_html([run], protocol, tmp_path / protocol).read_text("utf-8")
+        assert "<span>δ &lt; 1.25 <b>" in page
+    assert [board.protocol for board in found][:1] == ["valid"], "the trio stays the headline"
+    again = run_constant(tiny_store.__class__(tiny_store.path), tmp_path / "levels")
+    assert list(again.pairs[0].scores) == list(PROTOCOLS)
+    assert [protocol["name"] for protocol in again.protocols] == [
+        "thesis",
+        "thesis-networks",
+        "valid",
+    ]
 
 
 def test_a_result_from_before_a_metric_is_shown_without_it(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import UnknownNameError
+from dfdbench.metrics.of_protocol import protocols_of
 from dfdbench.metrics.protocol import PROTOCOLS, RELEASED, find_protocol, require_scored, score
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 
@@ -20,12 +21,16 @@ def test_the_released_definitions_never_change() -> None:
         "thesis-networks": "a44994ca32c094b70f717c5eccca6b51a43c2981ba1019004598570c245a91c5",
         "thesis-networks-2": "d06468007dae6608dc02122ae795196d6b7b5ef367cadff58297326ec9d1ea91",
         "valid": "71b74df0acd97c903374a774a33ce6fb1a6655dd2fc3314980dbdf9b8489ef9a",
+        "metric": "30c6dfb2cabca02ee99e89b4caec52760a5a8715e2adf0a86e99edad74e4fe16",
+        "aligned": "d1d10a6201c8c83f11d73deac02fd7770494c90b73a96097723608f5d507e2b5",
     }
 
 
 def test_runs_score_under_the_newest_versions() -> None:
     assert list(PROTOCOLS) == ["thesis", "thesis-networks-2", "valid"]
-    assert list(RELEASED) == [*PROTOCOLS, "thesis-networks"]
+    assert list(protocols_of(in_metres=False)) == list(PROTOCOLS)
+    assert list(protocols_of(in_metres=True)) == [*PROTOCOLS, "metric", "aligned"]
+    assert list(RELEASED) == [*PROTOCOLS, "metric", "aligned", "thesis-networks"]
     assert find_protocol("thesis-networks") == find_protocol("thesis-networks-2")
     assert find_protocol("thesis-networks-1") == RELEASED["thesis-networks"]
     assert RELEASED["thesis-networks"].superseded_by == PROTOCOLS["thesis-networks-2"]
@@ -42,6 +47,9 @@ def test_a_result_of_another_version_says_so() -> None:
     assert "--protocol thesis-networks-1 shows" in str(raised.value)
     with pytest.raises(UnknownNameError, match="unknown protocol of mine"):
         require_scored("valid", ["thesis"], "mine")
+    with pytest.raises(UnknownNameError, match="not scored in metres") as raised:
+        require_scored("aligned", ["thesis"], "mine")
+    assert "whose manifest says how levels become metres" in str(raised.value)
 
 
 @pytest.mark.parametrize(
@@ -124,5 +132,8 @@ def test_a_flat_board_is_undefined_only_where_its_own_range_divides() -> None:
 def test_an_unknown_protocol_shows_the_near_miss_and_the_versions() -> None:
     with pytest.raises(UnknownNameError, match="did you mean thesis") as caught:
         find_protocol("thesys")
-    named = "one of: thesis, thesis-networks, thesis-networks-1, thesis-networks-2, valid"
+    named = (
+        "one of: aligned, metric, thesis, thesis-networks, thesis-networks-1, thesis-networks-2, "
+        "valid"
+    )
     assert caught.value.problems[0].expected == named

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import fft, ndimage
 
-from dfdbench.optics.sharpness import dct_sharpness, sharpest, spectrum_sum
+from dfdbench.optics.sharpness import dct_sharpness, laplacian_energy, sharpest, spectrum_sum
 
 images = hnp.arrays(np.uint8, (16, 12), elements=st.integers(0, 255))
 
@@ -17,7 +17,7 @@ def blurred(sigma: float) -> np.ndarray:
 
 def test_both_measures_fall_as_blur_grows() -> None:
     stack = [blurred(sigma) for sigma in (0.3, 0.7, 1.5, 3.0)]
-    for measure in (spectrum_sum, dct_sharpness):
+    for measure in (spectrum_sum, dct_sharpness, laplacian_energy):
         values = [measure(image) for image in stack]
         assert values == sorted(values, reverse=True)
         assert values[0] > 1.5 * values[-1]

@@ -82,3 +82,22 @@ def test_impossible_lenses_are_refused_with_every_reason() -> None:
         ThinLens(3.7, 0.5, 0.4, 4.8e-6)
     with pytest.raises(InputError, match="not positive"):
         EXAMPLE.blur_radius([0.5, 0.0])
+
+
+def test_the_sigma_is_a_quarter_of_the_disks_width_and_variances_subtract() -> None:
+    lens = ThinLens(2.0, 0.05, 1.05, 1e-4)
+    # 25 mm * (55.5556 - 52.5) / 55.5556: see a point at 0.5 m through Eq. 2.2.
+    assert lens.blur_sigma(0.5) == pytest.approx(13.75 / 4)
+    assert lens.blur_sigma(1.05) == pytest.approx(0, abs=1e-12)
+    stopped_down = ThinLens(8.0, 0.05, 1.05, 1e-4)
+    both = lens.blur_sigma(0.5, infocus_f_number=8.0) ** 2 + stopped_down.blur_sigma(0.5) ** 2
+    assert both == pytest.approx(lens.blur_sigma(0.5) ** 2)
+    for f_number in (2.0, 1.4):
+        with pytest.raises(InputError, match="no smaller aperture"):
+            lens.blur_sigma(0.5, f_number)
+
+
+def test_a_disk_on_the_grid_has_that_sigma() -> None:
+    y, x = np.mgrid[-400:401, -400:401]
+    inside = np.hypot(x, y) <= 300.0
+    assert np.sqrt((x[inside] ** 2).mean()) == pytest.approx(600 / 4, rel=1e-3)

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from dfdbench.errors import ResultError
+from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.record_file import load_result, save_result
 from tests.made_results import make_result
 
@@ -177,4 +178,46 @@ def test_pairs_that_are_not_on_the_axes_are_refused(
     tamper(content)
     (tmp_path / "r.json").write_text(json.dumps(content))
     with pytest.raises(ResultError, match=told):
+        load_result(tmp_path / "r.json")
+
+
+def metric_result() -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(make_result(VALUES).model_dump_json())
+    scores = {"abs_rel": 0.1, "rmse_m": 0.5, "delta_1": 0.5, "delta_2": 0.75, "delta_3": 1.0}
+    content["protocols"].append(RELEASED["metric"].as_dict())
+    for pair in content["pairs"]:
+        pair["scores"]["metric"] = dict(scores)
+    content["averages"]["metric"] = dict(scores)
+    return content
+
+
+@pytest.mark.parametrize(
+    ("tamper", "told"),
+    [
+        (lambda scores: scores.pop("rmse_m"), "not scored by the same metrics"),
+        (lambda scores: scores.update(delta_1=0.8), "fewer pixels lie within a wider bound"),
+        (lambda scores: scores.update(delta_3=1.1), "delta_3"),
+        (lambda scores: scores.update(abs_rel=-0.1), "abs_rel"),
+        (lambda scores: scores.update(nrmse=0.1), "nrmse"),
+        (lambda scores: scores.update(abs_rel=0.3), "average does not follow"),
+    ],
+)
+def test_scores_in_metres_are_held_to_what_they_can_be(
+    tmp_path: Path, tamper: Callable[[dict[str, float]], Any], told: str
+) -> None:
+    content = metric_result()
+    (tmp_path / "r.json").write_text(json.dumps(content))
+    assert load_result(tmp_path / "r.json").pairs[0].score("metric", "abs_rel") == 0.1
+    tamper(content["pairs"][0]["scores"]["metric"])
+    (tmp_path / "r.json").write_text(json.dumps(content))
+    with pytest.raises(ResultError, match=told):
+        load_result(tmp_path / "r.json")
+
+
+@pytest.mark.parametrize("metrics", [5, "abs_rel", ["nrmse"], [5]])
+def test_a_protocol_of_metrics_that_are_none_is_refused(tmp_path: Path, metrics: Any) -> None:
+    content = metric_result()
+    content["protocols"][1]["metrics"] = metrics
+    (tmp_path / "r.json").write_text(json.dumps(content))
+    with pytest.raises(ResultError, match="wrong value in the result"):
         load_result(tmp_path / "r.json")

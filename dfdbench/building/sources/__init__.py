@@ -3,17 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
 
 from dfdbench.building.sources.demo import DemoScenes
-from dfdbench.building.sources.interface import SceneImages, Source
+from dfdbench.building.sources.folder import FolderScenes
+from dfdbench.building.sources.interface import SceneError, SceneImages, Source
 from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.building.sources.middlebury_download import Download, download_middlebury
 from dfdbench.building.sources.realworld import RealworldFolder
+from dfdbench.datasets.captured_checks import FOLDER
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
 
-__all__ = ["Download", "SceneImages", "Source", "download_middlebury", "open_source"]
+__all__ = [
+    "ENTRY_POINT_GROUP",
+    "Download",
+    "SceneError",
+    "SceneImages",
+    "Source",
+    "download_middlebury",
+    "open_source",
+]
+
+#: Where packages offer readers of their own, called with the manifest and the folder or None.
+ENTRY_POINT_GROUP = "dfdbench.sources"
+_BUILT_IN = ("demo", FOLDER, "middlebury", "realworld")
 
 
 def open_source(
@@ -22,7 +37,10 @@ def open_source(
     checksums: Mapping[str, str] | None = None,
     pair: tuple[int, int] | None = None,
 ) -> Source:
-    """Return the source that a manifest names.
+    """Return the source that a manifest names as its `reader`.
+
+    A package offers a reader in the entry-point group ``dfdbench.sources``: a callable that is
+    given the manifest and the folder, or None, and returns a `Source`.
 
     Parameters
     ----------
@@ -52,6 +70,14 @@ def open_source(
                 "dfdbench simulate realworld --out DIR --scenes k00-k07",
             )
         return RealworldFolder(manifest, folder, pair)
+    if manifest.reader == FOLDER:
+        if folder is None:
+            raise SourceError(
+                f"{manifest.short} is read from a folder, and none is named",
+                expected=manifest.files.infocus if manifest.files else "",
+                fix="dfdbench build NAME --source DIR",
+            )
+        return FolderScenes(manifest, folder, checksums)
     if manifest.reader == "demo":
         if folder:
             raise SourceError(f"{manifest.short} is made, not read", fix="leave out --source")
@@ -60,8 +86,25 @@ def open_source(
         if folder is None:
             raise SourceError(f"{manifest.short} is read from a folder: name one")
         return MiddleburyScenes(manifest, folder, checksums)
-    raise SourceError(
-        f"this version cannot build {manifest.stem}: it has no reader for its files",
-        expected="a data set read by: demo, middlebury, realworld",
-        got=manifest.reader,
-    )
+    return _offered(manifest, folder)
+
+
+def _offered(manifest: Manifest, folder: Path | None) -> Source:
+    offered = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
+    if manifest.reader not in offered:
+        raise SourceError(
+            f"this version cannot build {manifest.stem}: it has no reader for its files",
+            expected=f"a data set read by: {', '.join(sorted({*_BUILT_IN, *offered}))}",
+            got=manifest.reader,
+        )
+    point = offered[manifest.reader]
+    try:
+        reader = point.load()
+    except (ImportError, AttributeError) as error:
+        raise SourceError(
+            "the reader cannot be imported",
+            where=f"{ENTRY_POINT_GROUP}: {point.name} = {point.value}",
+            got=str(error),
+        ) from error
+    source: Source = reader(manifest, folder)
+    return source

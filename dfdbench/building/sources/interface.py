@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.datasets.manifest import Pair
+from dfdbench.errors import SourceError
+
+
+class SceneError(SourceError):
+    """A scene that cannot be made of its files, told when the others are built."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,10 @@ class SceneImages:
         True where the pair's image is there.
     defocus : ndarray of uint8, shape as `infocus`, optional
         RGB, where the source captured it; None where it is made from the in-focus image.
+    found : mapping, optional
+        What the source found out about the scene, fit for JSON: the store keeps it.
+    warnings : tuple of str, optional
+        What looks odd and was built all the same.
     """
 
     infocus: NDArray[np.uint8]
@@ -35,6 +44,8 @@ class SceneImages:
     valid: NDArray[np.bool_]
     available: NDArray[np.bool_]
     defocus: NDArray[np.uint8] | None = None
+    found: Mapping[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
 class Source(Protocol):
@@ -52,15 +63,24 @@ class Source(Protocol):
         """Return the pairs whose image and depth map are there, in the manifest's order."""
 
     def signature(self, scene: str) -> str:
-        """Return a SHA-256 that changes when what the scene is made from changes."""
+        """Return a SHA-256 that changes when what the scene is made from changes.
+
+        Raises
+        ------
+        SceneError, SourceError
+            As `read`.
+        """
 
     def read(self, scene: str) -> SceneImages:
         """Read one scene.
 
         Raises
         ------
+        SceneError
+            With everything that is wrong with the scene's files, where the other scenes may be
+            built without it.
         SourceError
-            With everything that is wrong with the scene's files.
+            The same, where nothing may be built.
         """
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:

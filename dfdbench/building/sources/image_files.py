@@ -1,0 +1,199 @@
+"""Read photographs and depth files of a captured set: PNG, JPEG, TIFF; 8, 16 or 32 bit."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Pillow
+from PIL import UnidentifiedImageError
+
+from dfdbench.errors import SourceError
+
+Image = NDArray[np.uint8]
+
+_FORMATS = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
+_ORIENTATION = 0x0112
+_FULL = 16
+# Of a file with less than these bits it is likelier that the camera has no more than that it
+# saw nothing bright.
+_CONVERTERS = (8, 10, 12)
+# What makes an image upright, by the EXIF tag's value.
+_UPRIGHT: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
+    2: np.fliplr,
+    3: lambda image: np.rot90(image, 2),
+    4: np.flipud,
+    5: lambda image: np.rot90(np.fliplr(image), 1),
+    6: lambda image: np.rot90(image, -1),
+    7: lambda image: np.rot90(np.fliplr(image), -1),
+    8: lambda image: np.rot90(image, 1),
+}
+
+
+def read_photograph(
+    content: bytes,
+    where: str,
+    bits: int | None = None,
+    rotation: Literal["apply", "ignore"] | None = None,
+) -> Image:
+    """Return a photograph from a file's bytes, 8 bit RGB.
+
+    Parameters
+    ----------
+    content : bytes
+        A PNG, JPEG or TIFF file.
+    where : str
+        Its name, for messages.
+    bits : int, optional
+        How many bits of a 16-bit file are used; see `CapturedFiles`.
+    rotation : {"apply", "ignore"}, optional
+        What to do about EXIF rotation; see `CapturedFiles`.
+
+    Returns
+    -------
+    ndarray of uint8, shape (y, x, 3)
+        A grey image has three equal channels. 16 bit become 8 in proportion.
+
+    Raises
+    ------
+    SourceError
+        Where it is no such file, is damaged, is to be turned and nobody says whether, or has
+        another number of bits than is said.
+
+    Examples
+    --------
+    >>> grey = np.full((2, 3), 4095, np.uint16)
+    >>> content = cv2.imencode(".png", grey)[1].tobytes()
+    >>> read_photograph(content, "a.png", bits=12)[0, 0].tolist()
+    [255, 255, 255]
+    """
+    image = _eight_bit(_upright(decode_file(content, where), content, where, rotation), where, bits)
+    if image.ndim == 2:
+        return np.repeat(image[..., np.newaxis], 3, axis=2)
+    if image.shape[2] == 4 and not (image[..., 3] == 255).all():
+        raise SourceError(
+            "the photograph has transparent pixels",
+            where=where,
+            expected="RGB or grey",
+            fix="write it without its alpha channel",
+        )
+    return np.ascontiguousarray(image[..., 2::-1])
+
+
+def read_depth_file(
+    content: bytes, where: str, rotation: Literal["apply", "ignore"] | None = None
+) -> NDArray[np.float64]:
+    """Return what a depth file holds, as it stands there, shape (y, x).
+
+    The parameters are those of `read_photograph`.
+
+    Raises
+    ------
+    SourceError
+        Where it is no such file, is damaged, or is in colour.
+    """
+    values = _upright(decode_file(content, where), content, where, rotation)
+    if values.ndim == 3:
+        if not (values[..., :3] == values[..., :1]).all():
+            raise SourceError(
+                "a depth map in colour", where=where, expected="one value a pixel", got="channels"
+            )
+        values = values[..., 0]
+    return np.asarray(values, np.float64)
+
+
+def decode_file(content: bytes, where: str) -> NDArray[Any]:
+    """Return what a PNG, JPEG or TIFF file holds, unchanged: channels as BGR, EXIF left alone.
+
+    Raises
+    ------
+    SourceError
+        Where it is no such file or is damaged.
+    """
+    kind = next((name for head, name in _FORMATS.items() if content.startswith(head)), None)
+    if kind is None:
+        raise SourceError(
+            "not an image file that can be read",
+            where=where,
+            expected="PNG, JPEG or TIFF",
+            got=f"bytes {content[:8]!r}" if content else "an empty file",
+        )
+    # OpenCV gives an image for files cut short; Pillow says so.
+    damage = _damage(content)
+    found = None if damage else cv2.imdecode(np.frombuffer(content, np.uint8), -1)
+    if found is None:
+        raise SourceError(
+            f"the {kind} file is damaged",
+            where=where,
+            got=damage or f"{len(content)} bytes that do not decode",
+            fix="copy it again from where it came from",
+        )
+    return np.asarray(found)
+
+
+def _damage(content: bytes) -> str:
+    try:
+        with Pillow.open(io.BytesIO(content)) as file:
+            file.load()
+    except UnidentifiedImageError:
+        return ""  # a kind of TIFF that Pillow does not know: OpenCV may
+    except (OSError, SyntaxError, ValueError, Pillow.DecompressionBombError) as error:
+        return str(error)
+    return ""
+
+
+def _orientation(content: bytes) -> int:
+    try:
+        with Pillow.open(io.BytesIO(content)) as file:
+            return int(file.getexif().get(_ORIENTATION, 1))
+    except (OSError, SyntaxError, ValueError, TypeError):
+        return 1
+
+
+def _upright(image: NDArray[Any], content: bytes, where: str, rotation: str | None) -> NDArray[Any]:
+    orientation = _orientation(content)
+    if orientation not in _UPRIGHT or rotation == "ignore":
+        return image
+    if rotation is None:
+        raise SourceError(
+            "the image's EXIF data say that it is to be turned",
+            where=where,
+            expected="an upright image, or a word on it in the manifest",
+            got=f"orientation {orientation}",
+            fix='exif_rotation = "apply" or "ignore" under [files]: look which lies as the depth',
+        )
+    return _UPRIGHT[orientation](image)
+
+
+def _eight_bit(image: NDArray[Any], where: str, bits: int | None) -> Image:
+    if image.dtype == np.uint8:
+        return np.asarray(image, np.uint8)
+    if image.dtype != np.uint16:
+        raise SourceError(
+            "wrong kind of pixels", where=where, expected="8 or 16 bit", got=str(image.dtype)
+        )
+    greatest = int(image.max())
+    likely = next((few for few in _CONVERTERS if greatest < 2**few), None)
+    if bits is None and likely:
+        raise SourceError(
+            f"a 16-bit image that seems to hold {likely} bits",
+            where=where,
+            expected="values up to 65535",
+            got=f"{greatest} at most",
+            fix=f"image_bits = {likely} under [files]; image_bits = 16 where it is only dark"
+            if likely > 8
+            else "image_bits = 16 under [files] where it is only dark; else write it as 8 bit",
+        )
+    if greatest >= 2 ** (bits or _FULL):
+        raise SourceError(
+            f"the image holds more than {bits} bits",
+            where=where,
+            expected=f"values below {2 ** (bits or _FULL)}",
+            got=f"{greatest}",
+            fix="mend image_bits under [files]",
+        )
+    return np.asarray(np.rint(image * (255 / (2 ** (bits or _FULL) - 1))), np.uint8)

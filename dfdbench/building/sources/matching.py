@@ -1,0 +1,207 @@
+"""Lay one image of a captured pair on the other, and match their brightness."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from dfdbench.errors import InputError
+
+Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+Motion = Literal["translation", "euclidean"]
+
+_MOTIONS = {"translation": cv2.MOTION_TRANSLATION, "euclidean": cv2.MOTION_EUCLIDEAN}
+# Both images are smoothed by a Gaussian of this sigma before they are compared: what differs in
+# blur then weighs less than what differs in place.
+_SMOOTHING = 2.0
+_RIM = 6
+# From coarse to fine: each size finds what the next one starts from.
+_SCALES = (8, 4, 2, 1)
+_LEAST_SIDE = 40
+_STEPS, _PRECISION = 200, 1e-6
+# A correlation coefficient below this is of two views that do not match.
+_LEAST_CORRELATION = 0.8
+# The share of the image's longer side that a pair may be moved by.
+_FARTHEST = 0.1
+# What is found is rounded, so that the last bits of a platform's arithmetic change no image.
+_PLACES, _ANGLE_PLACES = 2, 4
+# Above this level, or below the other, a pixel may have been cut off.
+_BRIGHT, _DARK = 245, 5
+_LARGEST_GAIN = 4.0
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How the moved image of a pair has to be moved to lie on the other.
+
+    Parameters
+    ----------
+    right, down : float
+        The way of the image's centre, in pixels.
+    degrees : float
+        How far it is turned about its centre, clockwise as seen.
+    correlation : float
+        Of both images, smoothed, once they lie on each other: the coefficient that was maximised.
+    """
+
+    right: float
+    down: float
+    degrees: float
+    correlation: float
+
+
+def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
+    """Find how an image has to be moved to lie on another (ECC, Evangelidis and Psarakis 2008).
+
+    Gain and offset of the images do not matter: the coefficient is enhanced by neither.
+
+    Parameters
+    ----------
+    fixed, moved : ndarray of uint8, shape (y, x, 3)
+        Two images of one scene, of one size.
+    motion : {"translation", "euclidean"}
+        Whether the image may be turned as well.
+
+    Raises
+    ------
+    InputError
+        Where no placement is found: the search does not converge, or ends far off.
+
+    Examples
+    --------
+    >>> image = np.random.default_rng(0).uniform(0, 255, (80, 90, 3))
+    >>> image = cv2.GaussianBlur(image, (0, 0), 3).astype(np.uint8)
+    >>> found = find_placement(image[4:-4, 4:-4], image[3:-5, 6:-2], "translation")
+    >>> found.right, found.down
+    (2.0, -1.0)
+    """
+    images = [_smooth_grey(image) for image in (fixed, moved)]
+    matrix = np.eye(2, 3, dtype=np.float32)
+    correlation = 0.0
+    for scale in _SCALES:
+        if scale > 1 and min(fixed.shape[:2]) < scale * _LEAST_SIDE:
+            continue
+        small = [image[scale // 2 :: scale, scale // 2 :: scale].copy() for image in images]
+        matrix[:, 2] /= scale
+        everywhere = np.ones(small[1].shape, np.uint8)
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _STEPS, _PRECISION)
+        try:
+            correlation, found = cv2.findTransformECC(
+                small[0], small[1], matrix, _MOTIONS[motion], criteria, everywhere, 1
+            )
+        except cv2.error:
+            raise _not_aligned("the search does not converge") from None
+        matrix = np.asarray(found, np.float32)
+        matrix[:, 2] *= scale
+    return _checked(matrix, float(correlation), images[0].shape)
+
+
+def _smooth_grey(image: Image) -> NDArray[np.float32]:
+    grey = image.mean(axis=2, dtype=np.float32)
+    smooth = cv2.GaussianBlur(grey, (0, 0), _SMOOTHING)
+    # At the border the filter has made up what it saw; both images lose the same rows.
+    rim = min(_RIM, min(grey.shape) // 4)
+    return np.asarray(smooth[rim : grey.shape[0] - rim, rim : grey.shape[1] - rim], np.float32)
+
+
+def _checked(matrix: NDArray[np.float32], correlation: float, shape: tuple[int, ...]) -> Placement:
+    # OpenCV's matrix leads from places in the fixed image to those in the moved one.
+    centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
+    turned = math.atan2(float(matrix[1, 0]), float(matrix[0, 0]))
+    way = matrix[:, :2].astype(np.float64) @ centre + matrix[:, 2] - centre
+    if not np.isfinite(way).all() or correlation < _LEAST_CORRELATION:
+        raise _not_aligned(f"a correlation of {correlation:.2f} at best")
+    if np.abs(way).max() > _FARTHEST * max(shape):
+        raise _not_aligned(f"a move by {way[0]:.0f} and {way[1]:.0f} pixels")
+    right, down = (round(-float(part), _PLACES) + 0.0 for part in way)
+    degrees = round(-math.degrees(turned), _ANGLE_PLACES) + 0.0
+    return Placement(right, down, degrees, round(correlation, 4))
+
+
+def _not_aligned(got: str) -> InputError:
+    return InputError(
+        "the images of the pair do not match: no alignment was found",
+        expected=f"a correlation of {_LEAST_CORRELATION} and a move below "
+        f"{_FARTHEST:.0%} of the image's side",
+        got=got,
+        fix='leave the scene out, or set align = "none" for a set that is aligned already',
+    )
+
+
+def place(image: NDArray[np.float64], at: Placement) -> tuple[NDArray[np.float64], Mask]:
+    """Return an image moved to its place, and which pixels it covers there.
+
+    Parameters
+    ----------
+    image : ndarray of float64, shape (y, x, channel)
+        Interpolated by cubic splines, which keep more of its detail than straight lines would.
+    at : Placement
+        Where it belongs.
+
+    Returns
+    -------
+    ndarray of float64, shape (y, x, channel)
+        Beyond the image's edge its edge pixels.
+    ndarray of bool, shape (y, x)
+        False where the image does not reach.
+    """
+    if not (at.right or at.down or at.degrees):
+        return image, np.ones(image.shape[:2], bool)
+    angle = math.radians(at.degrees)
+    cosine, sine = math.cos(angle), math.sin(angle)
+    # From (y, x) in the result to (y, x) in the image: turned back about the centre.
+    back = np.array([[cosine, -sine], [sine, cosine]])
+    centre = (np.array(image.shape[:2]) - 1) / 2
+    offset = centre - back @ centre - np.array([at.down, at.right])
+    moved = np.empty_like(image)
+    for channel in range(image.shape[2]):
+        moved[..., channel] = ndimage.affine_transform(
+            image[..., channel], back, offset, order=3, mode="nearest"
+        )
+    y, x = np.indices(image.shape[:2], dtype=np.float64)
+    rows = back[0, 0] * y + back[0, 1] * x + offset[0]
+    columns = back[1, 0] * y + back[1, 1] * x + offset[1]
+    covered = (rows >= 0) & (rows <= image.shape[0] - 1)
+    covered &= (columns >= 0) & (columns <= image.shape[1] - 1)
+    return moved, covered
+
+
+def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where: Mask) -> float:
+    """Return what the defocus image has to be multiplied by to be as bright as the other.
+
+    It is the ratio of sums, which blur leaves as they are, over pixels that neither image has
+    black or white.
+
+    Parameters
+    ----------
+    infocus, defocus : ndarray of float64, shape (y, x, channel)
+        Grey levels, 0 to 255.
+    where : ndarray of bool, shape (y, x)
+        Which pixels both images cover.
+
+    Raises
+    ------
+    InputError
+        Where there is no such pixel, or one image is more than four times as bright.
+    """
+    smooth = [cv2.GaussianBlur(image, (0, 0), _SMOOTHING) for image in (infocus, defocus)]
+    seen = where.copy()
+    for image in smooth:
+        seen &= ((image > _DARK) & (image < _BRIGHT)).all(axis=2)
+    sums = [float(image[seen].sum()) for image in (infocus, defocus)]
+    gain = round(sums[0] / sums[1], 4) if sums[1] else 0.0
+    if not 1 / _LARGEST_GAIN <= gain <= _LARGEST_GAIN:
+        raise InputError(
+            "the images of the pair differ too much in brightness",
+            expected=f"one at most {_LARGEST_GAIN:g} times as bright as the other",
+            got=f"{gain:g} times" if seen.any() else "no pixel that is neither black nor white",
+            fix="leave the scene out, or set match_gain = false",
+        )
+    return gain

@@ -1,0 +1,80 @@
+"""The verb for depth maps that were made elsewhere: score."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from dfdbench.cli.methods import (
+    folder_name,
+    print_run_tables,
+    require_shown,
+    submit_run,
+    tell_where_it_lies,
+)
+from dfdbench.cli.options import Cache
+from dfdbench.cli.screen import progress, say
+from dfdbench.tables.table import Format
+
+
+def score(
+    predictions: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="A file a pair, named as `dfdbench info NAME --pairs SPLIT` lists them: npy, npz, "
+            "PNG or TIFF.",
+        ),
+    ],
+    dataset: Annotated[str, typer.Option(help="A data set's name or a store's path.")],
+    split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
+    unit: Annotated[
+        Literal["levels", "metres"],
+        typer.Option(
+            help="What arrays and TIFF files of floats hold. 8-bit images hold levels; 16-bit "
+            "images levels times 256 or, with metres, millimetres."
+        ),
+    ] = "levels",
+    method: Annotated[
+        str | None, typer.Option(help="What tables call it; default: the folder's name.")
+    ] = None,
+    protocol: Annotated[str, typer.Option(help="Under which the table is shown.")] = "thesis",
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; default: results/DATASET-SPLIT/METHOD-scored.")
+    ] = None,
+    format: Annotated[Format, typer.Option(help="How the tables are printed.")] = Format.table,
+    cache: Cache = None,
+    submit: Annotated[
+        bool, typer.Option("--submit", help="Write it into leaderboard/, for a pull request.")
+    ] = False,
+) -> None:
+    """Score depth maps that were made elsewhere, a file a pair; nothing is run."""
+    from dfdbench.datasets.store import open_store
+    from dfdbench.evaluation.scored import score_predictions
+    from dfdbench.figures.runs import draw_run
+    from dfdbench.leaderboard.folder import LEADERBOARD, require_leaderboard
+    from dfdbench.metrics.protocol import find_protocol
+    from dfdbench.results.summary import summarise
+
+    shown = find_protocol(protocol).label
+    if submit:
+        require_leaderboard(LEADERBOARD)
+    data = open_store(dataset, cache=cache)
+    data.manifest.scenes_of(split)
+    require_shown(shown, data.manifest)
+    name = method or predictions.resolve().name
+    folder = out or (
+        Path("results") / f"{data.path.stem}-{split}" / f"{folder_name(name, None)}-scored"
+    )
+    with progress(f"scoring {name}") as step:
+        done = score_predictions(predictions, data, split, folder, name, unit, step)
+    if done.set_aside:
+        say(f"what lay there was moved to {done.set_aside}")
+    summary = summarise(done.result, shown)
+    draw_run(data, summary, folder)
+    print_run_tables(summary, data.manifest, format)
+    tell_where_it_lies(done, figures=True)
+    if submit:
+        submit_run(done.result)

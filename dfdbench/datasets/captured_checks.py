@@ -1,0 +1,165 @@
+"""What the sections of a captured set's manifest must be to one another: patterns, metres."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import PurePosixPath
+from typing import Any
+
+from dfdbench.datasets.captured_files import ROLES, fill, places_in
+from dfdbench.datasets.manifest import grid_of_pairs
+from dfdbench.errors import Problem
+
+#: The reader of sets that are described by their manifest alone.
+FOLDER = "folder"
+
+
+def check_scale(sections: dict[str, Any], file: str) -> Iterator[Problem]:
+    """Yield what is wrong with how levels become metres."""
+    depth = sections["depth"]
+    scale, field = depth.scale, f"{file}: depth.scale"
+    if scale is None:
+        return
+    if scale.near >= scale.far:
+        yield _not_before(field, scale)
+    above = scale.near_level > scale.far_level
+    if scale.near_level == scale.far_level or above != (depth.grows_with == "nearness"):
+        yield Problem(
+            "levels go another way than depth.grows_with says",
+            where=field,
+            expected=f"the level {'near' if depth.grows_with == 'nearness' else 'far'} above the "
+            "other",
+            got=f"near_level {scale.near_level}, far_level {scale.far_level}",
+        )
+    ends = sorted((scale.near_level, scale.far_level))
+    if ends[0] <= depth.unknown <= ends[1]:
+        yield Problem(
+            "the level for unknown depth stands for a distance as well",
+            where=field,
+            expected=f"levels without {depth.unknown}",
+            got=f"{ends[0]} to {ends[1]}",
+        )
+
+
+def check_rig(sections: dict[str, Any], file: str) -> Iterator[Problem]:
+    """Yield what is wrong with the facts of lens and camera."""
+    rig = sections["rig"]
+    if rig and rig.near and rig.far and rig.near >= rig.far:
+        yield _not_before(f"{file}: rig", rig)
+
+
+def check_reader(sections: dict[str, Any], file: str) -> Iterator[Problem]:
+    """Yield what is lacking, or too much, for a set that is read from a folder."""
+    files = sections["files"]
+    if sections["reader"] != FOLDER:
+        return
+    if files is None:
+        yield Problem("section is missing", where=f"{file}: files")
+        return
+    if files.depth_unit is not None and sections["depth"].scale is None:
+        yield Problem(
+            "nothing says how metres become levels",
+            where=f"{file}: depth",
+            expected="[depth.scale] with near and far, in metres",
+            fix="state them, or leave out files.depth_unit where the files hold levels",
+        )
+    if sections["recipe"] is not None:
+        yield Problem(
+            "captured defocus has no blur recipe",
+            where=f"{file}: recipe",
+            got=sections["recipe"],
+            fix="leave it out",
+        )
+
+
+def check_patterns(sections: dict[str, Any], file: str) -> Iterator[Problem]:
+    """Yield the patterns that lead outside the folder, to nothing known, or to one file twice."""
+    files = sections["files"]
+    if files is None:
+        return
+    found: list[Problem] = []
+    if files.inside:
+        found += _outside(files.inside, f"{file}: files.inside")
+    for role in ROLES:
+        found += _pattern_problems(sections, role, f"{file}: files.{role}")
+    for number, scene in enumerate(sections["scenes"]):
+        for name in scene.names:
+            if name == "scene" or name in sections["axes"]:
+                found.append(
+                    Problem(
+                        "the name stands for something else",
+                        where=f"{file}: scenes[{number}].names",
+                        expected="neither scene nor an axis",
+                        got=name,
+                    )
+                )
+    yield from found
+    if not found:
+        yield from _shared_files(sections, file)
+
+
+def _pattern_problems(sections: dict[str, Any], role: str, field: str) -> Iterator[Problem]:
+    pattern = sections["files"].pattern_of(role)
+    yield from _outside(pattern, field)
+    axes = sections["axes"] if role != "depth" else sections["depth"].axes
+    for name in dict.fromkeys(places_in(pattern)):
+        if name == "scene" or name in axes:
+            continue
+        lacking = [scene.name for scene in sections["scenes"] if name not in scene.names]
+        if lacking:
+            yield Problem(
+                f"nothing is known by the name {{{name}}}",
+                where=field,
+                expected=f"{{scene}}, an axis of the {'depth' if role == 'depth' else 'pairs'}, "
+                "or a name that each scene gives under names",
+                got=f"{len(lacking)} scenes without it: {', '.join(lacking[:3])}"
+                + (" ..." if len(lacking) > 3 else ""),
+            )
+
+
+def _outside(pattern: str, field: str) -> Iterator[Problem]:
+    path = PurePosixPath(pattern)
+    if path.is_absolute() or ".." in path.parts or "\\" in pattern or re.match(r"\w:", pattern):
+        yield Problem(
+            "the path leads outside the folder",
+            where=field,
+            expected="a path below it, with / between folders",
+            got=pattern,
+        )
+
+
+def _shared_files(sections: dict[str, Any], file: str) -> Iterator[Problem]:
+    # Two pairs of the same two images would count one capture twice.
+    seen: dict[tuple[str, str], str] = {}
+    for scene in sections["scenes"]:
+        for pair in grid_of_pairs((scene.name,), sections["axes"]):
+            values = {**scene.names, "scene": scene.name}
+            values |= {axis: str(value) for axis, value in pair.coordinates}
+            files = sections["files"]
+            both = (fill(files.infocus, values), fill(files.defocus, values))
+            if both[0] == both[1]:
+                yield Problem(
+                    "in-focus and defocus image are one file",
+                    where=f"{file}: files, {pair.id}",
+                    got=both[0],
+                )
+                return
+            other = seen.setdefault(both, pair.id)
+            if other != pair.id:
+                yield Problem(
+                    "two pairs have the same images",
+                    where=f"{file}: files, {other} and {pair.id}",
+                    expected="{scene} in the patterns, and each axis that has several values",
+                    got=" and ".join(both),
+                )
+                return
+
+
+def _not_before(field: str, bounds: Any) -> Problem:
+    return Problem(
+        "near is not before far",
+        where=field,
+        expected="near < far, in metres",
+        got=f"near {bounds.near:g}, far {bounds.far:g}",
+    )

@@ -1,0 +1,117 @@
+"""What depth levels are in metres, and the lens and camera of a captured set."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from dfdbench.system.record import StrictRecord
+
+Level = Annotated[int, Field(ge=0, le=255)]
+#: A length, a distance or a ratio that a manifest states: finite and above zero.
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class DepthScale(StrictRecord):
+    """How depth levels become metres, and metres levels.
+
+    Parameters
+    ----------
+    law : {"inverse", "linear"}
+        Levels are linear in 1/z, as defocus blur is (the default), or in z.
+    near, far : float
+        The distances at both ends, in metres.
+    near_level, far_level : int
+        Their levels; 255 and 1 where brighter is nearer and level 0 unknown.
+
+    Examples
+    --------
+    >>> scale = DepthScale(law="inverse", near=0.5, far=5.0)
+    >>> scale.to_levels(np.array([0.5, 1.0, 5.0, np.nan])).tolist()
+    [255, 114, 1, 0]
+    >>> scale.to_metres(np.array([255, 114, 1])).round(3).tolist()
+    [0.5, 0.999, 5.0]
+    """
+
+    law: Literal["inverse", "linear"] = "inverse"
+    near: Positive
+    far: Positive
+    near_level: Level = 255
+    far_level: Level = 1
+
+    def to_metres(self, levels: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the distance of each level, in metres.
+
+        Parameters
+        ----------
+        levels : ndarray of any shape, integer or real
+            Depth levels; what lies beyond the two ends counts as the end. Which pixels are
+            unknown their mask tells.
+        """
+        near, far = self._ends
+        share = (np.asarray(levels, np.float64) - self.far_level) / (
+            self.near_level - self.far_level
+        )
+        place = far + np.clip(share, 0, 1) * (near - far)
+        return 1 / place if self.law == "inverse" else place
+
+    def to_levels(self, metres: NDArray[Any], unknown: int = 0) -> NDArray[np.uint8]:
+        """Return the level nearest to each distance.
+
+        Parameters
+        ----------
+        metres : ndarray of any shape
+            Distances; what lies beyond near and far counts as the end.
+        unknown : int
+            The level of what is no distance: not finite, zero or negative.
+        """
+        distances = np.asarray(metres, np.float64)
+        known = np.isfinite(distances) & (distances > 0)
+        levels = np.rint(self.to_exact_levels(np.where(known, distances, self.near)))
+        return np.where(known, levels, unknown).astype(np.uint8)
+
+    def to_exact_levels(self, metres: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the level of each distance, not rounded to a whole one.
+
+        Parameters
+        ----------
+        metres : ndarray of any shape
+            Distances above 0; what lies beyond near and far counts as the end.
+        """
+        near, far = self._ends
+        held = np.clip(np.asarray(metres, np.float64), self.near, self.far)
+        share = ((1 / held if self.law == "inverse" else held) - far) / (near - far)
+        return np.asarray(self.far_level + share * (self.near_level - self.far_level))
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        return (1 / self.near, 1 / self.far) if self.law == "inverse" else (self.near, self.far)
+
+
+class Rig(StrictRecord):
+    """The lens and camera that took a set's images; None where it is not known.
+
+    Parameters
+    ----------
+    focal_length : float, optional
+        In metres.
+    infocus_f_number, defocus_f_number : float, optional
+        Focal length over aperture of the two images.
+    pixel_pitch : float, optional
+        Width of a pixel of the built images on the sensor, in metres.
+    focus_distance : float, optional
+        Where the lens is focused, in metres.
+    near, far : float, optional
+        Between which distances the scenes lie, in metres.
+    """
+
+    focal_length: Positive | None = None
+    infocus_f_number: Positive | None = None
+    defocus_f_number: Positive | None = None
+    pixel_pitch: Positive | None = None
+    focus_distance: Positive | None = None
+    near: Positive | None = None
+    far: Positive | None = None

@@ -1,0 +1,245 @@
+"""Depth maps made elsewhere, a file a pair: found, read, checked, and turned into levels."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from dfdbench.datasets.depth_scale import DepthScale
+from dfdbench.datasets.manifest import ALL_PAIRS, Pair
+from dfdbench.datasets.store import Store
+from dfdbench.errors import Problem, ResultError, reason_of
+from dfdbench.methods.calling import check_depth
+from dfdbench.results.record import Unit
+
+#: The formats that are read, by how a file's name ends.
+SUFFIXES = (".npy", ".npz", ".png", ".tif", ".tiff")
+#: What 16-bit images hold, by unit: so many to a level, or to a metre.
+SIXTEEN_BIT = {"levels": 256.0, "metres": 1000.0}
+_RULE = {"levels": "levels times 256", "metres": "millimetres"}
+_NAMED = 10
+# Of what is wrong with single files, so much is told: a wrong unit is wrong in all of them.
+_TOLD = 20
+_UNREADABLE = (OSError, ValueError, EOFError, LookupError, MemoryError, SyntaxError)
+
+
+@dataclass(frozen=True)
+class PredictionFiles:
+    """The depth maps of a split's pairs, all of them there and sound.
+
+    Parameters
+    ----------
+    files : mapping of Pair to Path
+        The file of each pair.
+    unit : {"levels", "metres"}
+        What they hold.
+    scale : DepthScale or None
+        How metres become levels; needed for metres only.
+    others : int
+        How many files of the folder are of other pairs of the data set.
+    beyond : float
+        Of all pixels, which part lies beyond the scale's two ends and counts as the end.
+    highest : float
+        The highest level of all.
+    """
+
+    files: Mapping[Pair, Path]
+    unit: Unit
+    scale: DepthScale | None
+    others: int = 0
+    beyond: float = 0.0
+    highest: float = 255.0
+
+    def read(self, pair: Pair, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Return a pair's depth map in levels, shape (y, x).
+
+        Raises
+        ------
+        ResultError
+            Where the file has changed since it was checked.
+        """
+        levels, _, wrong = _levels(self.files[pair], shape, self.unit, self.scale)
+        if levels is None:
+            raise ResultError("the file has changed", where=str(self.files[pair]), got=wrong)
+        return levels
+
+
+def find_predictions(folder: Path, store: Store, split: str, unit: Unit) -> PredictionFiles:
+    """Find the depth maps of a split in a folder, and look at every one.
+
+    A file is named by its pair, as ``dfdbench info NAME --pairs SPLIT`` lists them, in folders or
+    with ``_`` for ``/``: ``Art/view1.npy`` or ``Art_view1.npy``.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they lie. Hidden files are not looked at.
+    store : Store
+        The data set.
+    split : str
+        Which pairs.
+    unit : {"levels", "metres"}
+        What they hold. Arrays (npy, npz) and TIFF files of floats hold the unit itself; 8-bit
+        images levels; 16-bit images levels times 256 or millimetres.
+
+    Raises
+    ------
+    ResultError
+        With all that is wrong: pairs without a file or with two, files of no pair, and files that
+        cannot be read, have another shape than the pair's images, or hold what is no depth.
+    """
+    scale = store.manifest.depth.scale
+    problems = _unfit(folder, store, split, unit)
+    if problems:
+        raise ResultError.of(problems)
+    wanted = store.pairs(split)
+    files, problems = _sorted_out(folder, store, wanted, split)
+    pixels, beyond, highest = 0, 0, 0.0
+    wrong: list[Problem] = []
+    for pair in (pair for pair in wanted if pair in files):
+        shape = store.shape_of(pair.scene)
+        levels, outside, text = _levels(files[pair], shape, unit, scale)
+        pixels, beyond = pixels + shape[0] * shape[1], beyond + outside
+        if levels is not None:
+            highest = max(highest, float(levels.max()))
+        else:
+            wrong.append(Problem(text, where=str(files[pair]), expected=_expected(shape, unit)))
+    problems += wrong[:_TOLD]
+    if wrong[_TOLD:]:
+        problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _TOLD}"))
+    if problems:
+        raise ResultError.of(problems)
+    chosen = {pair: files[pair] for pair in wanted}
+    others = len(files) - len(chosen)
+    return PredictionFiles(chosen, unit, scale, others, beyond / pixels, highest)
+
+
+def _unfit(folder: Path, store: Store, split: str, unit: Unit) -> list[Problem]:
+    problems = []
+    if not folder.is_dir():
+        problems.append(
+            Problem("no folder of depth maps", where=str(folder), expected="a folder with files")
+        )
+    if not store.pairs(split):
+        problems.append(Problem(f"the store holds no pair of split {split}", where=str(store.path)))
+    if unit == "metres" and store.manifest.depth.scale is None:
+        problems.append(
+            Problem(
+                "the manifest does not say how levels become metres",
+                where=store.manifest.stem,
+                expected="depth.scale in the manifest",
+                fix="hand in depth levels: --unit levels",
+            )
+        )
+    return problems
+
+
+def _sorted_out(
+    folder: Path, store: Store, wanted: Sequence[Pair], split: str
+) -> tuple[dict[Pair, Path], list[Problem]]:
+    named = {}
+    for pair in store.manifest.pairs(ALL_PAIRS):
+        named[pair.id] = named[pair.id.replace("/", "_")] = pair
+    files: dict[Pair, Path] = {}
+    surplus, twice = [], []
+    for path in sorted(folder.rglob("*")):
+        place = path.relative_to(folder)
+        if any(part.startswith(".") for part in place.parts) or not path.is_file():
+            continue
+        found = named.get(place.as_posix().removesuffix(path.suffix))
+        if found is None or path.suffix.lower() not in SUFFIXES:
+            surplus.append(place.as_posix())
+        elif found in files:
+            twice.append(f"{files[found].relative_to(folder).as_posix()} and {place.as_posix()}")
+        else:
+            files[found] = path
+    missing = [pair.id for pair in wanted if pair not in files]
+    lists = (
+        (
+            "pairs without a depth map",
+            missing,
+            f"a file for each of the {len(wanted)} pairs, as {wanted[0].id}.npy",
+        ),
+        ("pairs with two depth maps", twice, "a file a pair"),
+        (
+            "files that are no pair's depth map",
+            surplus,
+            f"names of pairs that end in {', '.join(SUFFIXES)}",
+        ),
+    )
+    fix = f"dfdbench info {store.manifest.short} --pairs {split} lists the pairs"
+    problems = [
+        Problem(f"{what}: {len(names)}", where=str(folder), expected=wish, got=_few(names), fix=fix)
+        for what, names, wish in lists
+        if names
+    ]
+    return files, problems
+
+
+def _few(names: Sequence[str]) -> str:
+    left = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {left} more" if left > 0 else "")
+
+
+def _expected(shape: tuple[int, int], unit: Unit) -> str:
+    return f"{shape[0]} x {shape[1]} {unit}; 16-bit images: {_RULE[unit]}"
+
+
+def _levels(
+    path: Path, shape: tuple[int, int], unit: Unit, scale: DepthScale | None
+) -> tuple[NDArray[np.float32] | None, int, str]:
+    """Return a file's levels, how many pixels lie beyond the scale, and what is wrong with it."""
+    try:
+        values = _read(path, unit)
+    except (*_UNREADABLE, zipfile.BadZipFile) as error:
+        # What is no array NumPy takes for a pickle, and says how it would run it.
+        reason = "no array of numbers" if "pickle" in str(error) else reason_of(error)
+        return None, 0, f"cannot be read: {reason}"
+    if scale is None or unit == "levels" or values.shape != shape or values.dtype.kind not in "uif":
+        levels, wrong = check_depth(values, shape)
+        return levels, 0, wrong.replace("returned", "holds", 1)
+    if not (np.isfinite(values) & (values > 0)).all():
+        bad = int(np.size(values) - np.count_nonzero(np.isfinite(values) & (values > 0)))
+        return None, 0, f"holds no distance in {bad} of {values.size} pixels"
+    beyond = int(np.count_nonzero((values < scale.near) | (values > scale.far)))
+    return scale.to_exact_levels(values).astype(np.float32), beyond, ""
+
+
+def _read(path: Path, unit: Unit) -> NDArray[Any]:
+    suffix = path.suffix.lower()
+    if suffix == ".npy":
+        # Mapped, so that a header that claims more than the file holds takes no memory.
+        return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+    if suffix == ".npz":
+        with np.load(path, allow_pickle=False) as arrays:
+            return np.asarray(arrays[_only(arrays.files)])
+    with Image.open(path) as image:
+        image.load()
+        # A PNG file has no more than 16 bits, which older versions of Pillow widen to 32.
+        mode = "I;16" if (image.format, image.mode) == ("PNG", "I") else image.mode
+        return _of_image(np.asarray(image), mode, unit)
+
+
+def _only(names: Iterable[str]) -> str:
+    there = list(names)
+    if len(there) != 1 and "depth" not in there:
+        raise ValueError(f"{len(there)} arrays, none of them called depth")
+    return there[0] if len(there) == 1 else "depth"
+
+
+def _of_image(values: NDArray[Any], mode: str, unit: Unit) -> NDArray[Any]:
+    if mode == "F":
+        return values
+    if mode == "L" and unit == "levels":
+        return values
+    if mode.startswith("I;16"):
+        return values / SIXTEEN_BIT[unit]
+    kind = "8 bits hold no metres" if mode == "L" else f"an image of kind {mode}"
+    raise ValueError(f"{kind}; a depth map is grey, of 8 bits (levels) or 16, or a TIFF of floats")

@@ -1,0 +1,118 @@
+"""Score depth maps that were made elsewhere, as a run's are scored; nothing is run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from dfdbench.datasets.store import Store
+from dfdbench.errors import InputError
+from dfdbench.evaluation.pair import blank_record, record_of
+from dfdbench.evaluation.plan import protocols_on
+from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictions
+from dfdbench.evaluation.result import compose
+from dfdbench.evaluation.run import Run, writing
+from dfdbench.methods.method import Prediction
+from dfdbench.results.folder import keep_prediction, keep_store_place, open_run_folder
+from dfdbench.results.record import SCORED, MethodRecord, PairResult, Unit
+from dfdbench.results.record_file import RESULT, save_result
+
+
+def score_predictions(
+    predictions: Path,
+    store: Store,
+    split: str,
+    folder: Path,
+    name: str,
+    unit: Unit = "levels",
+    on_pair: Callable[[int, int], None] | None = None,
+) -> Run:
+    """Score a folder of depth maps, and write what a run writes.
+
+    Parameters
+    ----------
+    predictions : Path
+        The depth maps, see `dfdbench.evaluation.prediction_files.find_predictions`.
+    store : Store
+        The data set.
+    split : str
+        Which pairs.
+    folder : Path
+        Where result and depth levels go; what lies there is set aside.
+    name : str
+        What made them, as tables call it.
+    unit : {"levels", "metres"}
+        What they hold.
+    on_pair : callable, optional
+        Called with (pairs done, pairs to do).
+
+    Returns
+    -------
+    Run
+        Its result says ``scored``, has no source hash and no seconds.
+
+    Raises
+    ------
+    InputError
+        For a name that is none.
+    ResultError
+        With all that is wrong with the files, before anything is written; where the folder cannot
+        be written.
+    """
+    method = _method_record(name, unit)
+    found = find_predictions(predictions, store, split, unit)
+    with writing(folder):
+        identity = {"scored": name, "fingerprint": store.fingerprint, "split": split, "unit": unit}
+        set_aside = open_run_folder(folder, identity, fresh=True)
+        keep_store_place(folder, store.path)
+        records: dict[str, PairResult] = {}
+        for number, pair in enumerate(found.files, 1):
+            images = store.read(pair)
+            depth = found.read(pair, store.shape_of(pair.scene))
+            record = record_of(store, images, Prediction(depth, 0.0), protocols_on(store))
+            records[pair.id] = record.model_copy(update={"seconds": None})
+            keep_prediction(folder, store.manifest, pair, depth)
+            if on_pair:
+                on_pair(number, len(found.files))
+        pairs = [
+            records.get(pair.id) or blank_record(pair, "missing")
+            for pair in store.manifest.pairs(split)
+        ]
+        result = compose(store, split, method, pairs, warnings=_warnings(found))
+        save_result(result, folder / RESULT)
+    return Run(result, folder, 0, set_aside)
+
+
+def _method_record(name: str, unit: Unit) -> MethodRecord:
+    try:
+        return MethodRecord(
+            name=name,
+            entry=SCORED,
+            source_sha256=None,
+            parameters={},
+            uses=[],
+            trained_on=None,
+            paper=None,
+            scored=unit,
+        )
+    except ValidationError as error:
+        raise InputError(
+            "no name for a method",
+            where=repr(name)[:80],
+            expected="one line of text",
+            fix="--method NAME",
+        ) from error
+
+
+def _warnings(found: PredictionFiles) -> list[str]:
+    warnings = []
+    if found.others:
+        warnings.append(f"{found.others} files are of other pairs of the set, and were not scored")
+    if found.highest <= 1:
+        warnings.append("no depth map rises above level 1; levels go from 0 to 255")
+    if found.beyond and found.scale is not None:
+        ends = f"{found.scale.near:g} to {found.scale.far:g} m"
+        warnings.append(f"{found.beyond:.1%} of all pixels lie beyond {ends} and count as the end")
+    return warnings

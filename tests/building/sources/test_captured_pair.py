@@ -1,0 +1,99 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dfdbench.building.sources.captured_pair import CapturedPair, captured_pair
+from dfdbench.datasets.captured_files import CapturedFiles
+from dfdbench.datasets.manifest import Depth
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.errors import SourceError
+from tests.made_folder import FOLDER_TOML, MOVED, SHAPE, write_scene
+
+NAMES = {"infocus": "sharp.png", "defocus": "blurred.png", "depth": "depth.png"}
+DEPTH: Depth = parse_manifest(FOLDER_TOML.encode(), "mine-1.toml").depth
+
+
+def made(folder: Path, **fields: object) -> CapturedPair:
+    files = {"infocus": "a", "defocus": "b", "depth": "c", "depth_unit": 0.001, **fields}
+    contents = {role: (folder / name).read_bytes() for role, name in NAMES.items()}
+    return captured_pair(contents, NAMES, CapturedFiles.model_validate(files), DEPTH)
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    write_scene(tmp_path, 0)
+    return tmp_path
+
+
+def difference(pair: CapturedPair) -> float:
+    inner = (slice(8, -8), slice(8, -8))
+    sharp = cv2.GaussianBlur(pair.infocus, (0, 0), 1.5).astype(float)
+    return float(np.abs(sharp - pair.defocus)[inner].mean())
+
+
+def test_a_pair_is_left_as_it_is_unless_it_is_asked_for(scene: Path) -> None:
+    pair = made(scene)
+    assert pair.infocus.shape == (*SHAPE, 3)
+    np.testing.assert_array_equal(pair.infocus[..., ::-1], cv2.imread(str(scene / "sharp.png")))
+    np.testing.assert_array_equal(pair.defocus[..., ::-1], cv2.imread(str(scene / "blurred.png")))
+    assert (pair.found, pair.warnings) == ({}, ())
+    assert not pair.known[:, :2].any()
+    assert pair.known[:, 2:].all()
+
+
+def test_alignment_and_gain_undo_what_the_camera_did(scene: Path) -> None:
+    before, after = made(scene), made(scene, align="euclidean", match_gain=True)
+    assert difference(before) > 10
+    assert difference(after) < 2
+    assert after.found["right"] == pytest.approx(-MOVED[0], abs=0.1)
+    assert after.found["down"] == pytest.approx(-MOVED[1], abs=0.1)
+    assert after.found["gain"] == pytest.approx(1 / 0.9, abs=0.01)
+    # What the moved image does not reach has no blur to be told by.
+    assert not after.known[:, -2:].any()
+    np.testing.assert_array_equal(after.infocus, before.infocus)
+
+
+def test_the_in_focus_image_can_be_the_one_that_moves(scene: Path) -> None:
+    before, after = made(scene), made(scene, align="translation", moved="infocus")
+    np.testing.assert_array_equal(after.defocus, before.defocus)
+    assert after.found["right"] == pytest.approx(MOVED[0], abs=0.1)
+
+
+def test_a_crop_is_the_same_of_all(scene: Path) -> None:
+    whole, part = made(scene), made(scene, crop={"x": 10, "y": 5, "width": 40, "height": 30})
+    for of, kept in ((whole.infocus, part.infocus), (whole.levels, part.levels)):
+        np.testing.assert_array_equal(of[5:35, 10:50], kept)
+    with pytest.raises(SourceError, match="crop reaches beyond"):
+        made(scene, crop={"x": 60, "y": 0, "width": 40, "height": 30})
+
+
+def test_all_that_is_wrong_is_told_at_once(scene: Path) -> None:
+    (scene / "blurred.png").write_bytes(b"")
+    cv2.imwrite(str(scene / "depth.png"), np.full((36, 48), 2, np.uint16))
+    with pytest.raises(SourceError) as caught:
+        made(scene)
+    told = [(problem.what, problem.where) for problem in caught.value.problems]
+    assert told == [
+        ("not an image file that can be read", "blurred.png"),
+        ("depth in another unit, or other bounds", "depth.png"),
+        ("size differs", "depth.png"),
+    ]
+
+
+def test_swapped_images_are_warned_of(scene: Path) -> None:
+    (scene / "sharp.png").rename(scene / "third.png")
+    (scene / "blurred.png").rename(scene / "sharp.png")
+    (scene / "third.png").rename(scene / "blurred.png")
+    (warning,) = made(scene).warnings
+    assert warning.startswith("sharp.png: the defocus image is the sharper one")
+
+
+def test_an_alignment_that_is_not_found_names_the_file(scene: Path, tmp_path: Path) -> None:
+    write_scene(tmp_path / "other", 7)
+    (tmp_path / "other/blurred.png").replace(scene / "blurred.png")
+    assert made(scene)
+    with pytest.raises(SourceError, match="do not match") as caught:
+        made(scene, align="euclidean")
+    assert caught.value.problems[0].where == "blurred.png"

@@ -1,0 +1,188 @@
+"""Captured sets that their manifest describes: whole, in part, and not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dfdbench.building.build import build_store
+from dfdbench.building.fetching.checksums import known_checksums
+from dfdbench.building.sources import open_source
+from dfdbench.building.sources.folder import FolderScenes
+from dfdbench.building.sources.interface import SceneError
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.store import Store
+from dfdbench.errors import SourceError, StoreError
+from dfdbench.leaderboard.folder import known_fingerprints
+from dfdbench.system.parallel import Threads
+from tests.building.test_sources import check_interface
+from tests.made_folder import FOLDER_TOML, SCENES, make_folder
+
+ALIGNED = FOLDER_TOML.replace("[table]", 'align = "translation"\nmatch_gain = true\n\n[table]')
+
+
+def manifest_of(text: str = FOLDER_TOML) -> Manifest:
+    return parse_manifest(text.encode(), "mine-1.toml")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return make_folder(tmp_path / "captures")
+
+
+def test_it_is_a_source_as_any_other(folder: Path) -> None:
+    source = open_source(manifest_of(), folder)
+    assert isinstance(source, FolderScenes)
+    check_interface(source, manifest_of())
+    with pytest.raises(SourceError, match="none is named"):
+        open_source(manifest_of())
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_the_same_store_for_any_number_of_workers(
+    folder: Path, tmp_path: Path, workers: int
+) -> None:
+    manifest = manifest_of(ALIGNED)
+    place = tmp_path / "mine.zarr"
+    report = build_store(manifest, open_source(manifest, folder), place, pool=Threads(workers))
+    once = build_store(manifest, open_source(manifest, folder), tmp_path / "again.zarr")
+    assert report.fingerprint == once.fingerprint
+    found = Store(place).scene("desk").attrs["found"]
+    assert found["desk/capture1"]["right"] == pytest.approx(-2, abs=0.1)
+    assert manifest.depth.scale is not None
+    images = Store(place).read(manifest.pairs("desk")[0])
+    metres = manifest.depth.scale.to_metres(images.depth[images.valid])
+    assert metres.min() == pytest.approx(1.0, abs=0.02)
+    assert metres.max() == pytest.approx(4.0, abs=0.1)
+
+
+def test_scenes_with_several_captures_share_a_depth_map(folder: Path) -> None:
+    text = FOLDER_TOML.replace("capture", "f_number").replace("[1]", "[2, 4]")
+    text = text.replace("blurred.png", "f{f_number}.png").replace("pairs = 2", "pairs = 4")
+    manifest = manifest_of(text.replace("pair_count = 4", "pair_count = 8"))
+    for scene in manifest.scene_names:
+        image = cv2.imread(str(folder / scene / "blurred.png"))
+        for number in (2, 4):
+            cv2.imwrite(str(folder / scene / f"f{number}.png"), image + np.uint8(number))
+    images = open_source(manifest, folder).read("desk")
+    assert images.defocus is not None
+    assert (images.defocus[1] == images.defocus[0] + 2).all()
+    assert images.depth.shape == images.infocus.shape[1:3]
+
+
+def test_broken_scenes_are_named_together_and_the_others_built(
+    folder: Path, tmp_path: Path
+) -> None:
+    (folder / "desk/blurred.png").unlink()
+    depth = cv2.imread(str(folder / "door/depth.png"), cv2.IMREAD_UNCHANGED)
+    assert depth is not None
+    cv2.imwrite(str(folder / "door/depth.png"), depth // 10)
+    shutil.copy(folder / "shelf/blurred.png", folder / "lamp/blurred.png")
+    manifest = manifest_of(ALIGNED)
+    report = build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
+    assert report.scenes_built == ("shelf",)
+    assert [pair.id for pair in report.missing] == [
+        "desk/capture1",
+        "door/capture1",
+        "lamp/capture1",
+    ]
+    assert [problem.what for problem in report.problems] == [
+        "a file is missing",
+        "depth in another unit, or other bounds",
+        "the images of the pair do not match: no alignment was found",
+    ]
+    assert "depth_unit = 0.01 (centimetres)" in report.problems[1].fix
+    assert [pair.id for pair in Store(tmp_path / "mine.zarr").pairs("all")] == ["shelf/capture1"]
+
+
+def test_a_build_that_would_lose_scenes_is_refused(folder: Path, tmp_path: Path) -> None:
+    manifest = manifest_of()
+    build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
+    (folder / "desk/depth.png").write_bytes(b"nothing")
+    with pytest.raises(StoreError, match="holds 1 pairs that this build lacks"):
+        build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
+    assert len(Store(tmp_path / "mine.zarr").pairs("all")) == 4
+
+
+def test_where_no_scene_is_whole_nothing_is_built(folder: Path, tmp_path: Path) -> None:
+    for scene in SCENES:
+        (folder / scene / "depth.png").write_bytes(b"nothing")
+    manifest = manifest_of()
+    with pytest.raises(SourceError) as caught:
+        build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
+    assert len(caught.value.problems) == 4
+    assert not (tmp_path / "mine.zarr").exists()
+
+
+def test_patterns_that_match_nothing_say_what_is_there(folder: Path) -> None:
+    text = FOLDER_TOML.replace("{scene}/sharp.png", "{scene}/infocus.png")
+    with pytest.raises(SourceError, match="matches no file") as caught:
+        open_source(manifest_of(text), folder)
+    (problem,) = caught.value.problems
+    assert "as desk/infocus.png" in problem.expected
+    assert "desk/blurred.png" in problem.got
+    with pytest.raises(SourceError, match="no such folder"):
+        open_source(manifest_of(), folder / "nowhere")
+
+
+def test_a_clone_may_be_named_or_the_set_in_it(tmp_path: Path) -> None:
+    make_folder(tmp_path / "data/mine")
+    text = FOLDER_TOML.replace("[files]", '[files]\ninside = "data/mine"')
+    for named in (tmp_path, tmp_path / "data/mine"):
+        assert open_source(manifest_of(text), named).signature("desk")
+
+
+def test_a_file_that_is_not_the_one_known_is_refused(folder: Path) -> None:
+    right = hashlib.sha256((folder / "desk/sharp.png").read_bytes()).hexdigest()
+    known = {"desk/desk/sharp.png": right, "door/door/sharp.png": right}
+    source = open_source(manifest_of(), folder, known)
+    assert source.signature("desk")
+    with pytest.raises(SceneError, match="not the one of this data set"):
+        source.signature("door")
+
+
+def test_dfd_indoor_pairs_in_sorted_order_and_knows_every_file() -> None:
+    manifest = find_manifest("dfd-indoor")
+    assert [len(manifest.pairs(split)) for split in ("train", "test")] == [81, 29]
+    assert len(manifest.checksums) == 330
+    for split in ("train", "test"):
+        scenes = [scene for scene in manifest.scenes if scene.name.startswith(split)]
+        for role in ("image", "depth"):
+            times = [scene.names[role] for scene in scenes]
+            assert times == sorted(set(times))
+
+
+@pytest.fixture
+def dfd_indoor(shared_data: Path) -> Path:
+    folder = shared_data / "dfd_indoor"
+    if not folder.is_dir():
+        pytest.skip("no copy of DFD indoor beside the shared Middlebury images")
+    return folder
+
+
+def test_dfd_indoor_is_what_its_manifest_says(dfd_indoor: Path) -> None:
+    manifest = find_manifest("dfd-indoor")
+    source = open_source(manifest, dfd_indoor, known_checksums(manifest))
+    assert all(len(source.signature(scene)) == 64 for scene in manifest.scene_names)
+    images = source.read("test-03")
+    found = images.found["test-03/capture1"]
+    assert images.depth.shape == (432, 645)
+    assert found["correlation"] > 0.99
+    assert images.valid.mean() > 0.98
+
+
+@pytest.mark.slow
+def test_the_fingerprint_of_dfd_indoor(dfd_indoor: Path, tmp_path: Path) -> None:
+    manifest = find_manifest("dfd-indoor")
+    source = open_source(manifest, dfd_indoor, known_checksums(manifest))
+    report = build_store(manifest, source, tmp_path / "dfd.zarr", pool=Threads(2))
+    board = Path(__file__).parents[3] / "leaderboard"
+    assert report.fingerprint in known_fingerprints(board)["dfd-indoor-1"]
+    assert (report.pairs, report.problems, report.warnings) == (110, (), ())

@@ -1,0 +1,83 @@
+import io
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image as Pillow
+from PIL import ImageOps
+
+from dfdbench.building.sources.image_files import decode_file, read_depth_file, read_photograph
+from dfdbench.errors import SourceError
+
+RGB = np.random.default_rng(0).integers(0, 256, (5, 7, 3)).astype(np.uint8)
+
+
+def encoded(image: NDArray[np.generic], kind: str = ".png") -> bytes:
+    stored = image[..., ::-1] if image.ndim == 3 else image
+    return bytes(cv2.imencode(kind, stored)[1].tobytes())
+
+
+@pytest.mark.parametrize("kind", [".png", ".tiff"])
+def test_eight_and_sixteen_bit_are_one_image(kind: str) -> None:
+    np.testing.assert_array_equal(read_photograph(encoded(RGB, kind), "a"), RGB)
+    deep = RGB.astype(np.uint16) * 257
+    np.testing.assert_array_equal(read_photograph(encoded(deep, kind), "a"), RGB)
+
+
+def test_a_grey_jpeg_has_three_channels() -> None:
+    grey = np.full((16, 16), 77, np.uint8)
+    assert (read_photograph(encoded(grey, ".jpg"), "a.jpg") == 77).all()
+
+
+def test_sixteen_bits_that_are_twelve_are_told() -> None:
+    image = (RGB.astype(np.uint16) * 16) + 15
+    with pytest.raises(SourceError, match="seems to hold 12 bits") as caught:
+        read_photograph(encoded(image), "a.png")
+    assert "image_bits = 12" in caught.value.problems[0].fix
+    assert read_photograph(encoded(image), "a.png", bits=12).max() == 255
+    assert read_photograph(encoded(image), "a.png", bits=16).max() == 16
+    with pytest.raises(SourceError, match="more than 10 bits"):
+        read_photograph(encoded(image), "a.png", bits=10)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_exif_rotation_is_applied_ignored_or_refused(orientation: int) -> None:
+    exif = Pillow.Exif()
+    exif[0x0112] = orientation
+    file = io.BytesIO()
+    Pillow.fromarray(RGB).save(file, "png", exif=exif)
+    content = file.getvalue()
+    np.testing.assert_array_equal(read_photograph(content, "a", rotation="ignore"), RGB)
+    upright = np.asarray(ImageOps.exif_transpose(Pillow.open(io.BytesIO(content))))
+    np.testing.assert_array_equal(read_photograph(content, "a", rotation="apply"), upright)
+    if orientation > 1:
+        with pytest.raises(SourceError, match="is to be turned"):
+            read_photograph(content, "a")
+
+
+@pytest.mark.parametrize("kind", [".png", ".jpg", ".tiff"])
+def test_a_file_cut_short_is_damaged(kind: str) -> None:
+    content = encoded(np.kron(RGB, np.ones((40, 40, 1), np.uint8)), kind)
+    with pytest.raises(SourceError, match="damaged"):
+        decode_file(content[: len(content) // 2], "a")
+    with pytest.raises(SourceError, match="not an image file"):
+        decode_file(b"GIF89a", "a.gif")
+
+
+def test_transparency_is_refused_unless_there_is_none() -> None:
+    opaque = np.dstack([RGB, np.full(RGB.shape[:2], 255, np.uint8)])
+    content = bytes(cv2.imencode(".png", opaque[..., [2, 1, 0, 3]])[1].tobytes())
+    np.testing.assert_array_equal(read_photograph(content, "a"), RGB)
+    opaque[0, 0, 3] = 10
+    with pytest.raises(SourceError, match="transparent"):
+        read_photograph(bytes(cv2.imencode(".png", opaque)[1].tobytes()), "a")
+
+
+def test_depth_is_read_as_it_stands() -> None:
+    metres = np.array([[0.5, np.nan], [2.25, 3.5]], np.float32)
+    np.testing.assert_array_equal(read_depth_file(encoded(metres, ".tiff"), "d.tiff"), metres)
+    millimetres = np.array([[500, 65535]], np.uint16)
+    assert read_depth_file(encoded(millimetres), "d.png").tolist() == [[500, 65535]]
+    with pytest.raises(SourceError, match="in colour"):
+        read_depth_file(encoded(RGB), "d.png")

@@ -1,0 +1,159 @@
+import math
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from dfdbench.blur.law import BlurLaw
+from dfdbench.datasets.depth_scale import DepthScale, Rig
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store import Store
+from dfdbench.errors import DfdbenchError, MethodError
+from dfdbench.evaluation.lens import lens_law, rig_of, told_by_lens
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.plan import RunOptions
+from dfdbench.evaluation.run import run_method
+from dfdbench.methods.graph_cuts import GraphCuts
+from dfdbench.results.told import told
+
+SCALE = DepthScale(law="inverse", near=0.5, far=4.0)
+FACTS: dict[str, Any] = {
+    "focal_length": 0.05,
+    "defocus_f_number": 2.0,
+    "focus_distance": 1.05,
+    "pixel_pitch": 1e-4,
+}
+LENS = {**FACTS, "scale": SCALE.model_dump()}
+
+
+def of_manifest(manifest: Manifest, rig: Rig | None, scale: DepthScale | None) -> Manifest:
+    depth = manifest.depth.model_copy(update={"scale": scale})
+    return manifest.model_copy(update={"depth": depth, "rig": rig})
+
+
+def test_the_law_is_the_thin_lens_equation_by_hand() -> None:
+    # Aperture 0.05 / 2 = 25 mm; image distance of the focus 0.05 * 1.05 / 1.00 = 52.5 mm. A point
+    # at 0.5 m is imaged at 0.05 * 0.5 / 0.45 = 55.5556 mm: a disk of 25 mm * (55.5556 - 52.5) /
+    # 55.5556 = 1.375 mm, 13.75 pixels wide, and a quarter of that is its standard deviation.
+    law = lens_law(LENS)
+    assert law.sigmas[255] == pytest.approx(13.75 / 4)
+    # At 4 m: imaged at 0.2 / 3.95 = 50.6329 mm; 25 * (52.5 - 50.6329) / 50.6329 = 0.921875 mm.
+    assert law.sigmas[1] == pytest.approx(9.21875 / 4)
+    assert law.sigmas[0] == law.sigmas[1], "nothing is farther than far"
+    focus = int(SCALE.to_levels(np.array(1.05)))
+    assert min(law.sigmas) == law.sigmas[focus] == 0.1
+    assert law.kernel_size == 2 * math.ceil(3 * 13.75 / 4) + 1
+
+
+def test_blur_that_the_infocus_image_has_is_taken_off() -> None:
+    # Of twice the f-number: half the width, so three quarters of the variance are left.
+    law = lens_law({**LENS, "infocus_f_number": 4.0})
+    assert law.sigmas[255] == pytest.approx(13.75 / 4 * math.sqrt(0.75))
+
+
+def test_the_rest_of_a_law_may_be_told_beside() -> None:
+    law = lens_law({**LENS, "noise": [2.0], "registered": False, "exponent": 4, "kernel_size": 9})
+    assert (law.noise, law.registered, law.exponent, law.kernel_size) == ((2.0,), False, 4, 9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({"focal_length": None, "scale": None}, ["no focal_length, scale", "recipe=FILE.toml"]),
+        ({"colour": 1, "sigma_min": 2.0}, ["unknown field", "colour", "sigma_min"]),
+        ({"focal_length": -1.0}, ["focal_length", "greater than 0"]),
+        ({"focal_length": "5cm", "pixel_pitch": True}, ["focal_length", "pixel_pitch"]),
+        ({"focus_distance": 0.01}, ["no real image", "lens: focus_distance"]),
+        ({"infocus_f_number": 1.4}, ["no smaller aperture", "more than 2"]),
+        ({"scale": {"near": 4.0, "far": 0.5, "law": "linear"}}, ["near is not before far"]),
+        ({"scale": {"near": 1.0, "far": 2.0, "law": "cubic"}}, ["scale.law"]),
+        ({"scale": 5}, ["scale"]),
+        ({"noise": "much"}, ["wrong blur law", "noise"]),
+    ],
+)
+def test_a_lens_that_is_none_is_told(changes: dict[str, Any], parts: list[str]) -> None:
+    given = {name: v for name, v in {**LENS, **changes}.items() if v is not None}
+    with pytest.raises(MethodError) as raised:
+        lens_law(given)
+    for part in parts:
+        assert part in str(raised.value)
+
+
+def test_a_manifests_rig_is_told_and_a_file_says_what_it_lacks(
+    tiny_manifest: Manifest, tmp_path: Path
+) -> None:
+    whole = of_manifest(tiny_manifest, Rig(**FACTS), SCALE)
+    taken, recorded = told_by_lens(whole, {"recipe": "rig", "window": 9})
+    assert taken == {"recipe": lens_law(LENS), "window": 9}
+    assert recorded == {"recipe": "rig"}
+    part = of_manifest(tiny_manifest, Rig(focus_distance=9.0, defocus_f_number=2.0), SCALE)
+    file = tmp_path / "mine.toml"
+    file.write_text("focal_length = 0.05\npixel_pitch = 1e-4\nfocus_distance = 1.05\n")
+    taken, recorded = told_by_lens(part, {"recipe": str(file)})
+    assert taken == {"recipe": lens_law(LENS)}
+    # Whole, so that it can be run again without the file.
+    assert recorded["recipe"] == LENS
+    assert told_by_lens(part, recorded) == (taken, recorded)
+    with pytest.raises(MethodError, match="no focal_length, pixel_pitch"):
+        told_by_lens(part, {"recipe": "rig"})
+    with pytest.raises(MethodError, match="no focal_length, defocus_f_number"):
+        told_by_lens(tiny_manifest, {"recipe": "rig"})
+
+
+@pytest.mark.parametrize("recipe", ["published", {"sigma_min": 0.3, "sigma_step": 0.01}, None])
+def test_other_recipes_are_left_as_they_are(tiny_manifest: Manifest, recipe: Any) -> None:
+    assert told_by_lens(tiny_manifest, {"recipe": recipe}) == ({"recipe": recipe}, {})
+    assert told_by_lens(tiny_manifest, {}) == ({}, {})
+
+
+def test_a_constructor_gets_the_facts_and_none_for_what_is_not_known(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(
+        "class Mine:\n"
+        "    def __init__(self, rig): self.rig = rig\n"
+        "    def __call__(self, infocus, defocus): return infocus[..., 0]\n"
+    )
+    entry = f"{tmp_path / 'mine.py'}:Mine"
+    nothing = load_for(tiny_store, entry, {})
+    assert nothing.predict.rig == Rig()  # type: ignore[attr-defined]
+    tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(focal_length=0.05, far=3.0), SCALE)
+    rig = load_for(tiny_store, entry, {}).predict.rig  # type: ignore[attr-defined]
+    assert (rig.focal_length, rig.pixel_pitch) == (0.05, None)
+    assert (rig.near, rig.far) == (0.5, 3.0), "the levels' ends where the rig does not say"
+    assert rig == rig_of(tiny_store.manifest)
+
+
+@pytest.mark.parametrize("method", ["local", "graph-cuts"])
+def test_told_a_lens_a_method_finds_depth_on_both_sides_of_the_focus(
+    tiny_store: Store, method: str
+) -> None:
+    tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(**FACTS), SCALE)
+    loaded = load_for(tiny_store, method, {"recipe": "rig"})
+    law = lens_law(LENS)
+    sharp = np.random.default_rng(0).integers(0, 256, (64, 64, 3)).astype(np.uint8)
+    # Blur alone cannot tell the sides apart: each level's twin beyond the focus is as right.
+    for level in (40, 200):
+        soft = cv2.filter2D(sharp, -1, law.kernels()[level], borderType=cv2.BORDER_REPLICATE)
+        found = loaded.predict(sharp, np.asarray(soft, np.uint8))
+        widths = np.array(law.sigmas)[np.rint(found).astype(int)]
+        assert np.median(widths) == pytest.approx(law.sigmas[level], rel=0.05)
+
+
+def test_a_run_says_that_a_lens_was_told(tiny_store: Store, tmp_path: Path) -> None:
+    tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(**FACTS), SCALE)
+    for number, recipe in enumerate(("rig", LENS)):
+        loaded = load_for(tiny_store, "local", {"recipe": recipe})
+        options = RunOptions(limit=1)
+        result = run_method(tiny_store, loaded, "Two", tmp_path / str(number), options).result
+        assert result.method.parameters == {"recipe": recipe}
+        assert told(result) == "lens told"
+
+
+def test_methods_that_take_no_recipe_say_so(tiny_store: Store) -> None:
+    tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(**FACTS), SCALE)
+    with pytest.raises(DfdbenchError, match="unknown parameter"):
+        load_for(tiny_store, "constant", {"recipe": "rig"})
+    assert isinstance(GraphCuts(lens_law(LENS)).blur, BlurLaw)

@@ -1,0 +1,218 @@
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.datasets.store import Store
+from dfdbench.errors import ResultError
+from dfdbench.evaluation.prediction_files import find_predictions
+from tests.evaluation.made_predictions import in_metres, write_all
+
+Write = Callable[[Path, NDArray[Any]], None]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Beside the store, which lies in the test's own folder too."""
+    made = tmp_path / "made"
+    made.mkdir()
+    return made
+
+
+def image(scale: float, dtype: str, suffix: str) -> Write:
+    def write(stem: Path, levels: NDArray[Any]) -> None:
+        assert cv2.imwrite(f"{stem}{suffix}", np.rint(levels * scale).astype(dtype))
+
+    return write
+
+
+def save_npz(stem: Path, levels: NDArray[Any]) -> None:
+    np.savez(f"{stem}.npz", other=levels[:2], depth=levels)
+
+
+@pytest.mark.parametrize(
+    ("write", "step"),
+    [
+        (lambda stem, levels: np.save(f"{stem}.npy", levels), 0),
+        (lambda stem, levels: np.save(f"{stem}.npy", levels.astype(np.float16)), 0.125),
+        (lambda stem, levels: np.savez(f"{stem}.npz", levels), 0),
+        (save_npz, 0),
+        (image(1, "uint8", ".png"), 1),
+        (image(256, "uint16", ".png"), 1 / 256),
+        (image(256, "uint16", ".TIF"), 1 / 256),
+        (image(1, "uint8", ".tiff"), 1),
+        (lambda stem, levels: cv2.imwrite(f"{stem}.tif", levels), 0),
+    ],
+    ids=["npy", "npy16", "npz", "named", "png8", "png16", "tiff16", "tiff8", "tiff"],
+)
+@pytest.mark.parametrize("flat", [False, True])
+def test_every_format_holds_the_same_levels(
+    tiny_store: Store, folder: Path, write: Write, step: float, flat: bool
+) -> None:
+    truths = write_all(tiny_store, "test", folder, write, flat)
+    found = find_predictions(folder, tiny_store, "test", "levels")
+    assert list(found.files) == list(tiny_store.pairs("test"))
+    for pair, levels in truths.items():
+        read = found.read(pair, levels.shape)
+        assert read.dtype == np.float32
+        np.testing.assert_allclose(read, levels, rtol=0, atol=step / 2)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda stem, metres: np.save(f"{stem}.npy", metres),
+        image(1000, "uint16", ".png"),
+        lambda stem, metres: cv2.imwrite(f"{stem}.tiff", metres.astype(np.float32)),
+    ],
+    ids=["npy", "png16", "tiff"],
+)
+def test_metres_become_levels_by_the_manifests_scale(
+    tiny_store: Store, folder: Path, write: Write
+) -> None:
+    store, scale = in_metres(tiny_store)
+
+    def as_metres(stem: Path, levels: NDArray[Any]) -> None:
+        write(stem, scale.to_metres(levels))
+
+    truths = write_all(store, "test", folder, as_metres)
+    found = find_predictions(folder, store, "test", "metres")
+    assert found.beyond == 0
+    for pair, levels in truths.items():
+        # A millimetre is a level and more near at hand.
+        np.testing.assert_allclose(found.read(pair, levels.shape), levels, rtol=0, atol=0.4)
+
+
+def test_what_lies_beyond_the_scale_counts_as_its_end_and_is_counted(
+    tiny_store: Store, folder: Path
+) -> None:
+    store, _ = in_metres(tiny_store)
+    write_all(store, "test", folder, lambda stem, d: np.save(f"{stem}.npy", np.full(d.shape, 9)))
+    found = find_predictions(folder, store, "test", "metres")
+    assert found.beyond == 1
+    pair = next(iter(found.files))
+    assert (found.read(pair, store.shape_of(pair.scene)) == 1).all()
+
+
+def test_all_that_is_wrong_is_told_together_and_nothing_else(
+    tiny_store: Store, folder: Path
+) -> None:
+    write_all(tiny_store, "test", folder, lambda stem, d: np.save(f"{stem}.npy", d))
+    files = sorted(folder.rglob("*.npy"))
+    assert len(files) == 7
+    shape = np.load(files[0]).shape
+    files[0].unlink()
+    np.save(files[1], np.zeros((3, 4)))
+    np.save(files[2], np.full(np.load(files[2]).shape, np.nan))
+    files[3].write_bytes(b"no array")
+    np.savez(files[4].with_suffix(".npz"), np.load(files[4]))
+    np.save(files[5], np.full(np.load(files[5]).shape, 300.0))
+    (folder / "notes.txt").write_text("surplus")
+    np.save(folder / "Four_view1.npy", np.zeros(shape))
+    (folder / ".hidden").write_text("not looked at")
+    with pytest.raises(ResultError) as raised:
+        find_predictions(folder, tiny_store, "test", "levels")
+    told = str(raised.value)
+    assert len(raised.value.problems) == 7
+    for text in (
+        "pairs without a depth map: 1",
+        files[0].relative_to(folder).as_posix().removesuffix(".npy"),
+        "pairs with two depth maps: 1",
+        "files that are no pair's depth map: 2",
+        "Four_view1.npy, notes.txt",
+        "holds shape (3, 4)",
+        "holds NaN or infinity",
+        "cannot be read: no array of numbers",
+        "holds levels from 300 to 300",
+        "--pairs test",
+    ):
+        assert text in told, text
+    assert ".hidden" not in told
+    assert str(files[6]) not in told
+
+
+#: Whole numbers of 32 bits: levels, or times 256?
+LONG = np.full((24, 31), 255, np.int32)
+
+
+def damaged_png(path: Path) -> None:
+    assert cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 256, (24, 31)))
+    path.write_bytes(path.read_bytes()[:200])
+
+
+def boastful_npy(path: Path) -> None:
+    np.save(path.with_suffix(".npy"), np.zeros((4, 4)))
+    content = path.with_suffix(".npy").read_bytes().replace(b"(4, 4)", b"(9999999, 9999999)")
+    length = struct.unpack("<H", content[8:10])[0] + len(b"9999999") * 2 - 2
+    path.with_suffix(".npy").write_bytes(content[:8] + struct.pack("<H", length) + content[10:])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (damaged_png, "cannot be read"),
+        (boastful_npy, "cannot be read"),
+        (lambda path: cv2.imwrite(str(path), np.zeros((24, 31, 3), np.uint8)), "kind RGB"),
+        (lambda path: cv2.imwrite(f"{path.with_suffix('.tif')}", LONG), "kind I"),
+        (lambda path: cv2.imwrite(str(path), np.full((24, 31), 65535, np.uint16)), "255.996"),
+        (lambda path: np.savez(path.with_suffix(".npz"), a=[1], b=[2]), "none of them called"),
+        (lambda path: np.savez(path.with_suffix(".npz"), np.array([{}])), "cannot be read"),
+        (lambda path: np.save(path.with_suffix(".npy"), np.full((24, 31), "a")), "<U1 values"),
+    ],
+)
+def test_what_is_no_depth_map_is_told(
+    tiny_store: Store, folder: Path, spoil: Callable[[Path], Any], told: str
+) -> None:
+    write_all(tiny_store, "Two", folder, lambda stem, d: np.save(f"{stem}.npy", d))
+    path = min(folder.rglob("*.npy"))
+    path.unlink()
+    spoil(path.with_suffix(".png"))
+    with pytest.raises(ResultError, match=told) as raised:
+        find_predictions(folder, tiny_store, "Two", "levels")
+    assert len(raised.value.problems) == 1
+
+
+@pytest.mark.parametrize(
+    ("write", "told"),
+    [
+        (image(1, "uint8", ".png"), "8 bits hold no metres"),
+        (lambda stem, d: np.save(f"{stem}.npy", np.where(d > 9, d, 0)), "holds no distance in"),
+        (lambda stem, d: np.save(f"{stem}.npy", d[:3]), "holds shape (3, "),
+    ],
+)
+def test_what_is_no_distance_is_told(
+    tiny_store: Store, folder: Path, write: Write, told: str
+) -> None:
+    store, _ = in_metres(tiny_store)
+    write_all(store, "test", folder, write)
+    with pytest.raises(ResultError) as raised:
+        find_predictions(folder, store, "test", "metres")
+    assert told in str(raised.value)
+
+
+def test_metres_without_a_scale_and_a_folder_that_is_none(tiny_store: Store, folder: Path) -> None:
+    with pytest.raises(ResultError) as raised:
+        find_predictions(folder / "no", tiny_store, "test", "metres")
+    assert "no folder of depth maps" in str(raised.value)
+    assert "does not say how levels become metres" in str(raised.value)
+
+
+def test_files_of_other_pairs_are_counted_and_of_many_wrong_ones_some_are_told(
+    tiny_store: Store, folder: Path
+) -> None:
+    write_all(tiny_store, "all", folder, lambda stem, d: np.save(f"{stem}.npy", d))
+    assert find_predictions(folder, tiny_store, "test", "levels").others == 4
+
+
+def test_a_file_that_changed_meanwhile_is_told(tiny_store: Store, folder: Path) -> None:
+    write_all(tiny_store, "test", folder, lambda stem, d: np.save(f"{stem}.npy", d))
+    found = find_predictions(folder, tiny_store, "test", "levels")
+    pair, path = next(iter(found.files.items()))
+    path.unlink()
+    with pytest.raises(ResultError, match="has changed"):
+        found.read(pair, tiny_store.shape_of(pair.scene))

@@ -1,0 +1,105 @@
+"""A small captured set in a folder: four scenes, two photographs and depth in millimetres each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+SHAPE = (72, 96)
+SCENES = ("desk", "door", "lamp", "shelf")
+#: How the camera moved between the two photographs: pixels right and down.
+MOVED = (2, -1)
+
+FOLDER_TOML = """
+schema_version = 1
+name = "mine"
+short = "mine"
+version = 1
+title = "My captures"
+description = "Four scenes for tests."
+reader = "folder"
+degradation = "clean"
+network_crop = 64
+scene_count = 4
+pair_count = 4
+
+[axes]
+capture = [1]
+
+[depth]
+axes = []
+unknown = 0
+grows_with = "nearness"
+unit = "linear in 1/z from 0.5 m to 5 m"
+
+[depth.scale]
+near = 0.5
+far = 5.0
+
+[files]
+infocus = "{scene}/sharp.png"
+defocus = "{scene}/blurred.png"
+depth = "{scene}/depth.png"
+depth_unit = 0.001
+
+[table]
+blocks = "capture"
+
+[[sources]]
+name = "me"
+url = "https://example.org/mine"
+licence = "mine"
+citations = ["me"]
+
+[[splits]]
+name = "train"
+partition = "only"
+pairs = 2
+scenes = ["desk", "door"]
+
+[[splits]]
+name = "test"
+partition = "only"
+pairs = 2
+scenes = ["lamp", "shelf"]
+""" + "".join(f'\n[[scenes]]\nname = "{name}"\nsource = "me"\n' for name in SCENES)
+
+
+def photograph(seed: int, shape: tuple[int, int] = SHAPE) -> NDArray[np.uint8]:
+    """Return a textured RGB image that is larger than asked by 8 pixels on each side."""
+    random = np.random.default_rng(seed)
+    fine = random.uniform(0, 255, (shape[0] + 16, shape[1] + 16, 3))
+    coarse = cv2.GaussianBlur(fine, (0, 0), 4)
+    spread = 110 + 50 * (coarse - coarse.mean()) / coarse.std() + 0.15 * (fine - 128)
+    return np.asarray(np.clip(spread, 10, 240), np.uint8)
+
+
+def depth_in_millimetres(shape: tuple[int, int] = SHAPE) -> NDArray[np.uint16]:
+    """Return a floor from 1 to 4 m whose first two columns are missing."""
+    rows = np.linspace(4000, 1000, shape[0])[:, np.newaxis]
+    depth = np.repeat(rows, shape[1], axis=1).astype(np.uint16)
+    depth[:, :2] = 0
+    return depth
+
+
+def write_scene(folder: Path, seed: int) -> None:
+    """Write one scene: the defocus image is blurred, moved by `MOVED` and darker."""
+    whole = photograph(seed)
+    blurred = cv2.GaussianBlur(whole, (0, 0), 1.5)
+    right, down = MOVED
+    sharp = whole[8:-8, 8:-8]
+    moved = blurred[8 - down : -8 - down, 8 - right : -8 - right]
+    folder.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(folder / "sharp.png"), sharp[..., ::-1])
+    cv2.imwrite(str(folder / "blurred.png"), np.uint8(0.9 * moved)[..., ::-1])
+    cv2.imwrite(str(folder / "depth.png"), depth_in_millimetres())
+
+
+def make_folder(folder: Path) -> Path:
+    """Write all scenes below a folder and return it."""
+    for number, scene in enumerate(SCENES):
+        write_scene(folder / scene, number)
+    return folder
