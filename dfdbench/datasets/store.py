@@ -233,11 +233,13 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
     manifest = _manifest_of(name)
     default = default_store(manifest, cache)
     if not default.exists():
+        typed = name if name.endswith(".toml") else typed_name(manifest)
+        typed += " --source DIR" if manifest.files else ""
         other = "" if manifest.short == "demo" else ", or name the small one, demo, instead"
         raise StoreError(
             f"data set {typed_name(manifest)} is not built",
             where=str(default),
-            fix=f"dfdbench build {typed_name(manifest)}{other}",
+            fix=f"dfdbench build {typed}{other}",
         )
     return Store(default)
 
