@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -25,6 +26,8 @@ from dfdbench.optics.sharpness import laplacian_energy
 _DEPTH = re.compile(r"depth|disp|dist|range|lidar|tof|kinect|xtion|truth|(?<![a-z])gt(?![a-z])")
 # Scenes that are decoded, spread over all: enough to tell a unit and which image is sharper.
 _LOOKED_AT, _ALIGNED = 12, 4
+# Bounds have to hold every scene: more depth maps are read, and of each some of its pixels.
+_DEPTH_MAPS, _PIXELS = 200, 20_000
 # Moves (pixels), turns (degrees) and gains below these need no correction.
 _STILL, _LEVEL, _UNGAINED = 0.25, 0.02, 0.01
 # Depths of a camera's scenes, in metres: a median in between is taken for metres.
@@ -58,7 +61,7 @@ class Facts:
     """
 
     roles: dict[str, Group]
-    shape: tuple[int, int] = (0, 0)
+    shape: tuple[int, ...] = (0, 0)
     depth_unit: float | None = None
     near: float | None = None
     far: float | None = None
@@ -102,10 +105,11 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     facts = Facts({"depth": depths[0]})
     keys = _spread(layout.scenes, _LOOKED_AT)
     _tell_photographs(folder, photographs, keys, facts)
+    _tell_focus(folder, photographs, keys, facts)
     if len(depths) > 1:
         others = ", ".join(group.pattern for group in depths[1:])
         facts.open.append(f"depth is read from {depths[0].pattern}; also there: {others}")
-    _tell_depth(folder, keys, facts)
+    _tell_depth(folder, _spread(layout.scenes, _DEPTH_MAPS), facts)
     _tell_matching(folder, keys, facts)
     return facts
 
@@ -125,9 +129,13 @@ def _spread(keys: tuple[Key, ...], most: int) -> list[Key]:
     return list(keys[::step])
 
 
-def _contents(folder: Path, group: Group, keys: list[Key]) -> list[tuple[str, bytes]]:
-    paths = [folder / group.files[key] for key in keys if key in group.files]
-    return [(str(path), path.read_bytes()) for path in paths]
+def _decoded(folder: Path, group: Group, keys: list[Key]) -> Iterator[tuple[bytes, NDArray[Any]]]:
+    # One after the other: a camera's images are large.
+    for key in keys:
+        if key in group.files:
+            path = folder / group.files[key]
+            content = path.read_bytes()
+            yield content, decode_file(content, str(path))
 
 
 def _photograph(folder: Path, group: Group, key: Key, facts: Facts) -> NDArray[np.uint8]:
@@ -136,18 +144,26 @@ def _photograph(folder: Path, group: Group, key: Key, facts: Facts) -> NDArray[n
 
 
 def _tell_photographs(folder: Path, groups: list[Group], keys: list[Key], facts: Facts) -> None:
-    contents = [one for group in groups for one in _contents(folder, group, keys)]
-    decoded = [decode_file(content, where) for where, content in contents]
-    if all(image.dtype == np.uint16 for image in decoded):
-        facts.image_bits = likely_bits(max(int(image.max()) for image in decoded))
-        if facts.image_bits:
-            facts.found.append(f"16-bit photographs that hold {facts.image_bits} bits")
-    turned = sum(orientation_of(content) > 1 for _, content in contents)
+    sizes: set[tuple[int, ...]] = set()
+    greatest, deep, turned, count = 0, True, 0, 0
+    for group in groups:
+        for content, image in _decoded(folder, group, keys):
+            sizes.add(image.shape[:2])
+            greatest, deep = max(greatest, int(image.max())), deep and image.dtype == np.uint16
+            turned, count = turned + (orientation_of(content) > 1), count + 1
+    facts.image_bits = likely_bits(greatest) if deep else None
+    if facts.image_bits:
+        facts.found.append(f"16-bit photographs that hold {facts.image_bits} bits")
     if turned:
         facts.open.append(
-            f"{turned} of {len(contents)} photographs are to be turned by their EXIF data: "
-            "exif_rotation"
+            f"{turned} of {count} photographs are to be turned by their EXIF data: exif_rotation"
         )
+    (facts.shape, *_) = sorted(sizes)
+    shown = ", ".join(f"{columns} × {rows}" for rows, columns in sorted(sizes))
+    facts.found.append(f"photographs of {shown} pixels")
+
+
+def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts) -> None:
     there = [key for key in keys if all(key in group.files for group in groups)]
     energies = {
         group.pattern: [laplacian_energy(_photograph(folder, group, key, facts)) for key in there]
@@ -167,18 +183,19 @@ def _tell_photographs(folder: Path, groups: list[Group], keys: list[Key], facts:
     if len(order) > 2:
         others = ", ".join(group.pattern for group in order[1:-1])
         facts.open.append(f"other photographs lie there, of less blur: {others}")
-    sizes = {image.shape[:2] for image in decoded}
-    facts.shape = min(sizes)
-    shown = ", ".join(f"{columns} × {rows}" for rows, columns in sorted(sizes))
-    facts.found.append(f"photographs of {shown} pixels")
 
 
 def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
     group = facts.roles["depth"]
-    maps = [decode_file(content, where) for where, content in _contents(folder, group, keys)]
-    maps = [image if image.ndim == 2 else image[..., 0] for image in maps]
-    values = np.concatenate([image.astype(np.float64).ravel() for image in maps])
-    last = np.iinfo(maps[0].dtype).max if maps[0].dtype.kind == "u" else None
+    some: list[NDArray[Any]] = []
+    sizes: set[tuple[int, ...]] = set()
+    for _, image in _decoded(folder, group, keys):
+        flat = (image if image.ndim == 2 else image[..., 0]).ravel()
+        some.append(flat[:: max(1, flat.size // _PIXELS)].copy())
+        sizes.add(image.shape[:2])
+    kind = some[0].dtype
+    values = np.concatenate(some).astype(np.float64)
+    last = np.iinfo(kind).max if kind.kind == "u" else None
     stand = [0] if (values == 0).any() else []
     stand += [last] if last and last > 255 and (values == last).any() else []
     facts.missing = stand
@@ -186,14 +203,13 @@ def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
     if not told.size:
         raise SourceError("depth maps tell no depths", where=str(folder / group.pattern))
     share = 100 * (1 - told.size / values.size)
-    facts.found.append(f"depth {group.pattern}, {maps[0].dtype}, {share:.1f} % of it missing")
-    sizes = {image.shape for image in maps}
+    facts.found.append(f"depth {group.pattern}, {kind}, {share:.1f} % of it missing")
     if sizes != {facts.shape}:
         facts.open.append(
             f"depth maps have {sorted(sizes)} rows and columns, photographs {facts.shape}: "
             "resample the depth onto the photographs"
         )
-    if maps[0].dtype == np.uint8:
+    if kind == np.uint8:
         facts.open.append("8-bit depth is taken for levels: whether brighter is nearer, and what")
         return
     median = float(np.median(told))
@@ -206,7 +222,7 @@ def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
     )
     facts.open.append(
         f"whether near {facts.near:g} m and far {facts.far:g} m are right: they hold "
-        f"{100 - 2 * _SHARE:g} % of the depths of {len(maps)} scenes"
+        f"{100 - 2 * _SHARE:g} % of the depths of {len(some)} scenes"
     )
 
 

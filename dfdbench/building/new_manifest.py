@@ -16,6 +16,24 @@ _TEST = 4  # without splits of its own, every fourth scene of a set tests
 _NAMED = 6
 _SAFE = re.compile(r"[^A-Za-z0-9._-]+")
 _ROW = 96
+_TAIL = """\
+# What is known of lens and camera, lengths in metres; methods may ask for it.
+[rig]
+# focal_length = 0.05
+# infocus_f_number = 8.0
+# defocus_f_number = 2.8
+# pixel_pitch = 5e-6
+# focus_distance = 1.5
+
+[table]
+blocks = "capture"
+
+[[sources]]
+name = "mine"
+url = "not published"
+licence = "not stated"
+citations = ["not stated"]
+"""
 
 
 @dataclass(frozen=True)
@@ -219,34 +237,24 @@ grows_with = "nearness" # brighter is nearer
 unit = "{unit}"
 """
     ]
-    if facts.near is not None:
-        parts.append(f"""\
+    parts += _scale(facts)
+    parts.append(_files(facts, scenes))
+    parts.append(_TAIL)
+    return "\n".join(parts)
+
+
+def _scale(facts: Facts) -> list[str]:
+    if facts.near is None:
+        return []
+    return [
+        f"""\
 # Metres become levels linearly in 1/z; law = "linear" would make them linear in z.
 [depth.scale]
 law = "inverse"
 near = {facts.near}
 far = {facts.far}
-""")
-    parts.append(_files(facts, scenes))
-    parts.append("""\
-# What is known of lens and camera, lengths in metres; methods may ask for it.
-[rig]
-# focal_length = 0.05
-# infocus_f_number = 8.0
-# defocus_f_number = 2.8
-# pixel_pitch = 5e-6
-# focus_distance = 1.5
-
-[table]
-blocks = "capture"
-
-[[sources]]
-name = "mine"
-url = "not published"
-licence = "not stated"
-citations = ["not stated"]
-""")
-    return "\n".join(parts)
+"""
+    ]
 
 
 def _files(facts: Facts, scenes: list[_Scene]) -> str:
