@@ -27,7 +27,7 @@ _UNITS = {
     "1/256 of a metre": 1 / 256,
 }
 # A median that misses the bounds by no more than this factor is of a scene, not of a unit.
-_NEARBY = 3
+_NEARBY = 1.5
 
 
 def depth_levels(
