@@ -97,8 +97,8 @@ def look_into(folder: Path, layout: Layout) -> Facts:
         raise InputError(
             "no depth map and two photographs a scene can be told",
             where=str(folder),
-            expected="files or folders that are named infocus, defocus and depth, or as they are "
-            "in `dfdbench build --help`",
+            expected="two photographs, and a depth file that is grey and says so in its name, or "
+            "has 16 or 32 bits",
             got=", ".join(group.pattern for group in layout.groups),
             fix="rename them, or write the manifest by hand: docs/your_own_data.md",
         )
