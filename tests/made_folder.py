@@ -94,7 +94,7 @@ def write_scene(folder: Path, seed: int) -> None:
     moved = blurred[8 - down : -8 - down, 8 - right : -8 - right]
     folder.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(folder / "sharp.png"), sharp[..., ::-1])
-    cv2.imwrite(str(folder / "blurred.png"), np.uint8(0.9 * moved)[..., ::-1])
+    cv2.imwrite(str(folder / "blurred.png"), (0.9 * moved).astype(np.uint8)[..., ::-1])
     cv2.imwrite(str(folder / "depth.png"), depth_in_millimetres())
 
 

@@ -63,6 +63,16 @@ def test_coverage_from_python_is_as_shown(
     assert 0.9 < float(second) <= 1
 
 
+def test_a_source_of_ones_own_is_built_as_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = (DOCS / "your_own_data.md").read_text("utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
+    exec(block, {})
+    assert capsys.readouterr().out == "162 pairs\n"
+
+
 def test_the_tracks_picture_is_drawn(tiny_store: Store, tmp_path: Path) -> None:
     module = runpy.run_path(str(DOCS / "tracks_figure.py"))
     pair = tiny_store.pairs("all")[2]

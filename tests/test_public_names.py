@@ -11,6 +11,7 @@ from dfdbench.methods.registry import ENTRY_POINT_GROUP, registered_methods
 FACES = {
     "dfdbench": ["__version__", "open"],
     "dfdbench.blur": ["RECIPES", "BlurRecipe", "find_recipe", "synthesize"],
+    "dfdbench.building": ["SceneError", "SceneImages", "Source", "build_store", "open_source"],
     "dfdbench.metrics": ["nmae", "nrmse", "ssim"],
     "dfdbench.methods": ["Method", "load", "load_method", "registered_methods"],
     "dfdbench.methods.networks": ["DfDNet", "UNet"],

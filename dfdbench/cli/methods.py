@@ -34,7 +34,12 @@ def run(
         str, typer.Option(help="A data set's name or a store's path.")
     ] = "middlebury",
     split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
-    protocol: Annotated[str, typer.Option(help="Under which the table is shown.")] = "thesis",
+    protocol: Annotated[
+        str | None,
+        typer.Option(
+            help="Under which the table is shown; default: thesis, of own captures valid."
+        ),
+    ] = None,
     param: Params = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder; default: results/DATASET-SPLIT/METHOD.")
@@ -68,14 +73,19 @@ def run(
     from dfdbench.evaluation.run import run_method
     from dfdbench.figures.runs import draw_run
     from dfdbench.metrics.protocol import find_protocol
+    from dfdbench.results.first_table import first_protocol
     from dfdbench.results.summary import summarise
 
-    shown = find_protocol(protocol).label
+    asked = find_protocol(protocol).label if protocol else None
     if submit:
         refuse_what_cannot_be_submitted(limit)
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
-    require_shown(shown, data.manifest)
+    known = data.manifest
+    shown = asked or first_protocol(
+        known.short, data.attributes["recipe"]["name"], known.degradation
+    )
+    require_shown(shown, known)
     loaded = load_for(data, method, values_of(param, "--param"), seed)
     if submit:
         refuse_what_was_trained_on(loaded, data.manifest, split)

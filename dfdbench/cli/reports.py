@@ -20,6 +20,7 @@ from dfdbench.metrics.protocol import find_protocol
 from dfdbench.report.html import write_html
 from dfdbench.report.markdown import write_markdown
 from dfdbench.results.difference_tables import change_tables, changes_to_show
+from dfdbench.results.first_table import first_protocol
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT
 from dfdbench.results.saved_run import SavedRun, open_run
@@ -31,6 +32,9 @@ _PANELS = 4
 _PICTURES = (".png", ".pdf", ".svg")
 Dataset = Annotated[
     str | None, typer.Option(help="A store's path; default: where the runs found it.")
+]
+ProtocolName = Annotated[
+    str | None, typer.Option(help="Under which protocol; default: thesis, of captures valid.")
 ]
 
 
@@ -44,15 +48,16 @@ class PageFormat(StrEnum):
 def report(
     results: Annotated[list[Path], typer.Argument(help="Result files or runs' folders.")],
     out: Annotated[Path, typer.Option(help="The folder that it goes into.")],
-    protocol: Annotated[str, typer.Option(help="Under which protocol.")] = "thesis",
+    protocol: ProtocolName = None,
     format: Annotated[
         PageFormat, typer.Option(help="One HTML page, or Markdown with PNG files.")
     ] = PageFormat.html,
     dataset: Dataset = None,
 ) -> None:
     """Write a page about runs: tables, plots, and their pairs, worst first."""
-    shown = find_protocol(protocol).label
+    asked = find_protocol(protocol).label if protocol else None
     runs = [open_run(path, dataset) for path in _each_once(results)]
+    shown = asked or _first_of(runs[0].result)
     with writing(out):
         # Before the drawing, which takes a while.
         out.mkdir(parents=True, exist_ok=True)
@@ -70,7 +75,7 @@ def report(
 def compare(
     first: Annotated[Path, typer.Argument(metavar="A", help="A result file or a run's folder.")],
     second: Annotated[Path, typer.Argument(metavar="B", help="Another on the same data.")],
-    protocol: Annotated[str, typer.Option(help="Under which protocol.")] = "thesis",
+    protocol: ProtocolName = None,
     most: Annotated[int, typer.Option(min=1, help="How many changed pairs are listed.")] = 10,
     format: Annotated[Format, typer.Option(help="How the tables are printed.")] = Format.table,
     out: Annotated[
@@ -80,8 +85,9 @@ def compare(
     dataset: Dataset = None,
 ) -> None:
     """Compare two runs pair by pair: differences, wins, losses, what changed most."""
-    shown = find_protocol(protocol).label
+    asked = find_protocol(protocol).label if protocol else None
     runs = open_run(first, dataset), open_run(second, dataset)
+    shown = asked or _first_of(runs[0].result)
     if runs[0].path.resolve() == runs[1].path.resolve():
         raise InputError("A and B are the same run", where=str(runs[0].path), expected="two runs")
     results = runs[0].result, runs[1].result
@@ -94,6 +100,11 @@ def compare(
         # A sheet holds one kind of row.
         print(render(tables[:1] if format is Format.csv else tables, format), end="")
     _draw_changes(runs, shown, min(most, _PANELS), picture)
+
+
+def _first_of(result: Result) -> str:
+    told = result.dataset
+    return first_protocol(told.short, str(told.recipe["name"]), told.degradation)
 
 
 def _draw_changes(

@@ -48,6 +48,11 @@ VERBS = {
     "build": Verb(
         "building", "build", "Build a data set; what is fetched or finished already is kept."
     ),
+    "new-dataset": Verb(
+        "new_dataset",
+        "new_dataset",
+        "Look at a folder of captures and write a manifest for a person to finish.",
+    ),
     "verify": Verb(
         "datasets",
         "verify",

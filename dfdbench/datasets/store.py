@@ -231,13 +231,14 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
     if place is not None:
         return Store(place)
     manifest = _manifest_of(name)
-    default = default_store(manifest, cache)
-    if not default.exists():
-        other = "" if manifest.short == "demo" else ", or name the small one, demo, instead"
+    if not (default := default_store(manifest, cache)).exists():
+        typed = name if name.endswith(".toml") else typed_name(manifest)
+        more = " --source DIR" * bool(manifest.files)
+        more += "" if manifest.short == "demo" else ", or name the small one, demo, instead"
         raise StoreError(
             f"data set {typed_name(manifest)} is not built",
             where=str(default),
-            fix=f"dfdbench build {typed_name(manifest)}{other}",
+            fix=f"dfdbench build {typed}{more}",
         )
     return Store(default)
 

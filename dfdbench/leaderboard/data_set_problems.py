@@ -59,7 +59,7 @@ def _other_data(result: Result, manifest: Manifest, folder: Path, where: str) ->
         )
     known = known_fingerprints(folder).get(dataset.name)
     # Built with another recipe it is a board of its own; a track can be built one way only.
-    told = "" if manifest.on_track else manifest.recipe
+    told = "" if manifest.on_track else manifest.recipe or ""
     if manifest.on_track and dataset.recipe != {"name": "", "parameters": {}}:
         yield Problem(
             "a track tells no blur recipe",

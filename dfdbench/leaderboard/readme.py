@@ -15,9 +15,9 @@ from dfdbench.leaderboard.boards import Entry, ScoreBoard, collect, parted
 from dfdbench.leaderboard.folder import README
 from dfdbench.leaderboard.published import PublishedTable, load_published
 from dfdbench.leaderboard.published_tables import published_summary, published_table
+from dfdbench.leaderboard.scored_table import scored_table
 from dfdbench.leaderboard.track_board_tables import tracks_board_table
 from dfdbench.leaderboard.track_boards import TracksBoard, TracksEntry, collect_tracks, track_boards
-from dfdbench.leaderboard.scored_table import scored_table
 from dfdbench.metrics.metric import IN_METRES
 from dfdbench.metrics.of_protocol import ranked_by
 from dfdbench.results.told import told

@@ -28,6 +28,7 @@ from tests.conftest import ON_SERVERS, TINY_TOML
 # Sets are versioned: another fingerprint would be another data set.
 DEMO_FINGERPRINT = "8adcbc62be740bade4be91d181afe2765235cc675d3d3b51aed9a5dc44484b1a"
 MIDDLEBURY_DEFAULT_FINGERPRINT = "772724d5dfcde8e1635a02183924cd897dbbc706b8760bad9d91dcc2d40f3942"
+DFD_INDOOR_FINGERPRINT = "68f5d80d18baefecf7785129cdd0fb401ca14b38840cf63bd8ca7f9a6b1148ef"
 
 
 @pytest.mark.parametrize("workers", [1, 2, 4])
@@ -251,11 +252,13 @@ def test_the_leaderboard_holds_to_the_same_fingerprints() -> None:
     assert known["demo-1"] == [DEMO_FINGERPRINT]
     assert known["middlebury-default-1"] == [MIDDLEBURY_DEFAULT_FINGERPRINT]
     sets = ("demo-1", "middlebury-default-1")
+    assert known["dfd-indoor-1"] == [DFD_INDOOR_FINGERPRINT]
     labels = [
         f"{track.name}-{number + 1}"
         for track in TRACKS.values()
         for number in range(len(track.severities))
     ]
-    assert set(known) == {*sets, *(f"{name}@{label}" for name in sets for label in labels)}
+    on_tracks = {f"{name}@{label}" for name in sets for label in labels}
+    assert set(known) == {"dfd-indoor-1", *sets} | on_tracks
     # Every severity of every track is data of its own.
     assert len({value for values in known.values() for value in values}) == len(known)

@@ -1,13 +1,19 @@
+import hashlib
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-from dfdbench.building.sources import Source, open_source
+from dfdbench.building import SceneImages, build_store
+from dfdbench.building.sources import ENTRY_POINT_GROUP, Source, open_source
 from dfdbench.building.sources.demo import DemoScenes
 from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.building.sources.realworld import RealworldFolder
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import SourceError
 
 
@@ -53,3 +59,53 @@ def test_what_cannot_be_opened_says_what_is_lacking(tmp_path: Path) -> None:
     unknown = find_manifest("demo").model_copy(update={"reader": "tapes"})
     with pytest.raises(SourceError, match="it has no reader for its files"):
         open_source(unknown)
+
+
+class Noise:
+    """A source as a package may offer it: images drawn from a scene's name."""
+
+    options: Mapping[str, Any] = {}
+    captures_defocus = False
+
+    def __init__(self, manifest: Manifest, folder: Path | None) -> None:
+        self.manifest, self.folder = manifest, folder
+
+    def available_pairs(self) -> tuple[Pair, ...]:
+        return self.manifest.pairs()
+
+    def signature(self, scene: str) -> str:
+        return hashlib.sha256(scene.encode()).hexdigest()
+
+    def read(self, scene: str) -> SceneImages:
+        extent = tuple(len(values) for values in self.manifest.axes.values())
+        random = np.random.default_rng(len(scene))
+        infocus = random.integers(1, 256, (*extent, 20, 24, 3)).astype(np.uint8)
+        depth = np.full((extent[0], 20, 24), 90, np.uint8)
+        return SceneImages(infocus, depth, depth > 0, np.ones(extent, bool))
+
+    def missing_help(self, missing: tuple[Pair, ...]) -> str:
+        return ""
+
+
+def test_packages_offer_sources(
+    tiny_manifest: Manifest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    offered = EntryPoint("noise", f"{__name__}:Noise", ENTRY_POINT_GROUP)
+    broken = EntryPoint("torn", f"{__name__}:Torn", ENTRY_POINT_GROUP)
+
+    def entry_points(group: str) -> list[EntryPoint]:
+        assert group == ENTRY_POINT_GROUP == "dfdbench.sources"
+        return [offered, broken]
+
+    monkeypatch.setattr("dfdbench.building.sources.entry_points", entry_points)
+    manifest = tiny_manifest.model_copy(update={"reader": "noise"})
+    source = open_source(manifest, tmp_path)
+    assert isinstance(source, Noise)
+    check_interface(source, manifest)
+    report = build_store(manifest, source, tmp_path / "noise.zarr")
+    assert (report.pairs, report.missing) == (11, ())
+    with pytest.raises(SourceError, match="cannot be imported"):
+        open_source(tiny_manifest.model_copy(update={"reader": "torn"}))
+    with pytest.raises(SourceError, match="has no reader") as caught:
+        open_source(tiny_manifest.model_copy(update={"reader": "tapes"}))
+    assert "folder, middlebury, noise, realworld, torn" in caught.value.problems[0].expected

@@ -92,6 +92,16 @@ def test_a_track_has_a_folder_and_a_fingerprint_of_its_own(tmp_path: Path) -> No
     submit(on_track("camera-2", fingerprint="3" * 64), tmp_path, WHEN)
 
 
+def test_a_captured_set_is_held_to_its_fingerprint_too(tmp_path: Path) -> None:
+    manifest = find_manifest("dfd-indoor")
+    result = make_demo_result(lambda pair: 0.1)
+    facts = {"name": manifest.stem, "short": manifest.short, "recipe": {"name": ""}}
+    dataset = result.dataset.model_copy(update=facts)
+    (tmp_path / FINGERPRINTS).write_text(json.dumps({manifest.stem: ["3" * 64]}))
+    told = data_set_problems(result.model_copy(update={"dataset": dataset}), tmp_path, "here")
+    assert "fingerprint of other data than dfd-indoor-1" in {problem.what for problem in told}
+
+
 @pytest.mark.parametrize(
     ("changes", "told"),
     [

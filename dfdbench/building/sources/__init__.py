@@ -75,7 +75,7 @@ def open_source(
             raise SourceError(
                 f"{manifest.short} is read from a folder, and none is named",
                 expected=manifest.files.infocus if manifest.files else "",
-                fix="dfdbench build NAME --source DIR",
+                fix="name the folder: --source DIR",
             )
         return FolderScenes(manifest, folder, checksums)
     if manifest.reader == "demo":

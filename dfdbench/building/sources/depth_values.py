@@ -26,6 +26,8 @@ _UNITS = {
     "1/5000 of a metre": 0.0002,
     "1/256 of a metre": 1 / 256,
 }
+# A median that misses the bounds by no more than this factor is of a scene, not of a unit.
+_NEARBY = 1.5
 
 
 def depth_levels(
@@ -96,20 +98,27 @@ def _as_levels(
 def _refuse_another_unit(median: float, unit: float, scale: DepthScale, where: str) -> None:
     if scale.near <= median * unit <= scale.far:
         return
-    fitting = [
-        f"{_short(size)} ({name})"
-        for name, size in _UNITS.items()
-        if scale.near <= median * size <= scale.far
-    ]
+    if scale.near / _NEARBY <= median * unit <= scale.far * _NEARBY:
+        fix = "widen near and far under [depth.scale]"
+    elif fitting := _units_that_fit(median, scale):
+        fix = f"depth_unit = {' or '.join(fitting)} would fit"
+    else:
+        fix = "no usual unit fits: mend near and far under [depth.scale]"
     raise SourceError(
         "depth in another unit, or other bounds",
         where=where,
         expected=f"a median from {scale.near:g} to {scale.far:g} m",
         got=f"{_short(median * unit)} m with depth_unit = {_short(unit)}",
-        fix=f"depth_unit = {' or '.join(fitting)} would fit"
-        if fitting
-        else "no usual unit fits: mend near and far under [depth.scale]",
+        fix=fix,
     )
+
+
+def _units_that_fit(median: float, scale: DepthScale) -> list[str]:
+    return [
+        f"{_short(size)} ({name})"
+        for name, size in _UNITS.items()
+        if scale.near <= median * size <= scale.far
+    ]
 
 
 def _short(number: Any) -> str:

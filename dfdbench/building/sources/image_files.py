@@ -146,7 +146,8 @@ def _damage(content: bytes) -> str:
     return ""
 
 
-def _orientation(content: bytes) -> int:
+def orientation_of(content: bytes) -> int:
+    """Return the EXIF orientation of an image file, 1 where it is upright or says nothing."""
     try:
         with Pillow.open(io.BytesIO(content)) as file:
             return int(file.getexif().get(_ORIENTATION, 1))
@@ -155,7 +156,7 @@ def _orientation(content: bytes) -> int:
 
 
 def _upright(image: NDArray[Any], content: bytes, where: str, rotation: str | None) -> NDArray[Any]:
-    orientation = _orientation(content)
+    orientation = orientation_of(content)
     if orientation not in _UPRIGHT or rotation == "ignore":
         return image
     if rotation is None:
@@ -169,6 +170,17 @@ def _upright(image: NDArray[Any], content: bytes, where: str, rotation: str | No
     return _UPRIGHT[orientation](image)
 
 
+def likely_bits(greatest: int) -> int | None:
+    """Return how many bits a 16-bit image seems to hold by its greatest value; None if all.
+
+    Examples
+    --------
+    >>> likely_bits(4080), likely_bits(5000)
+    (12, None)
+    """
+    return next((few for few in _CONVERTERS if greatest < 2**few), None)
+
+
 def _eight_bit(image: NDArray[Any], where: str, bits: int | None) -> Image:
     if image.dtype == np.uint8:
         return np.asarray(image, np.uint8)
@@ -177,7 +189,7 @@ def _eight_bit(image: NDArray[Any], where: str, bits: int | None) -> Image:
             "wrong kind of pixels", where=where, expected="8 or 16 bit", got=str(image.dtype)
         )
     greatest = int(image.max())
-    likely = next((few for few in _CONVERTERS if greatest < 2**few), None)
+    likely = likely_bits(greatest)
     if bits is None and likely:
         raise SourceError(
             f"a 16-bit image that seems to hold {likely} bits",

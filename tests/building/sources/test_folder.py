@@ -69,6 +69,7 @@ def test_scenes_with_several_captures_share_a_depth_map(folder: Path) -> None:
     manifest = manifest_of(text.replace("pair_count = 4", "pair_count = 8"))
     for scene in manifest.scene_names:
         image = cv2.imread(str(folder / scene / "blurred.png"))
+        assert image is not None
         for number in (2, 4):
             cv2.imwrite(str(folder / scene / f"f{number}.png"), image + np.uint8(number))
     images = open_source(manifest, folder).read("desk")

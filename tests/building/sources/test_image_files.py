@@ -1,4 +1,5 @@
 import io
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from dfdbench.errors import SourceError
 RGB = np.random.default_rng(0).integers(0, 256, (5, 7, 3)).astype(np.uint8)
 
 
-def encoded(image: NDArray[np.generic], kind: str = ".png") -> bytes:
+def encoded(image: NDArray[Any], kind: str = ".png") -> bytes:
     stored = image[..., ::-1] if image.ndim == 3 else image
     return bytes(cv2.imencode(kind, stored)[1].tobytes())
 

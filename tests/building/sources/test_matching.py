@@ -12,14 +12,14 @@ def turned(image: np.ndarray, degrees: float, right: float, down: float) -> np.n
     """Move an image by OpenCV, which turns anticlockwise for a positive angle."""
     centre = ((image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2)
     matrix = cv2.getRotationMatrix2D(centre, -degrees, 1)
-    matrix[:, 2] += right, down
+    matrix[:, 2] += np.array([right, down])
     return cv2.warpAffine(image, matrix, image.shape[1::-1], flags=cv2.INTER_CUBIC)
 
 
 def test_a_turned_and_moved_image_is_brought_back() -> None:
     fixed = photograph(0, (160, 200))
     defocused = cv2.GaussianBlur(turned(fixed, 0.8, 5.3, -3.6), (0, 0), 1.5)
-    moved = np.uint8(0.7 * defocused + 20)
+    moved = (0.7 * defocused + 20).astype(np.uint8)
     found = find_placement(fixed, moved, "euclidean")
     assert found.degrees == pytest.approx(-0.8, abs=0.05)
     assert found.right == pytest.approx(-5.3, abs=0.1)

@@ -1,0 +1,210 @@
+"""Guess how a folder of captures is laid out: which files belong to one scene, by their names."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+_SPLITS = ("train", "training", "test", "testing", "val", "validation")
+# More kinds of files than this are no kinds: the guess is wrong.
+_MOST_GROUPS = 10
+_ROLES = 3
+_END = re.compile(r"^(?P<scene>.+[^_\-.])(?P<tail>[_\-.][A-Za-z][^_\-.]*)$")
+_START = re.compile(r"^(?P<head>[A-Za-z][^_\-.]*[_\-.])(?P<scene>.+)$")
+
+#: The part of a set that a scene lies in, "" where there are none, and the scene's name.
+Key = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Files of one kind, one a scene.
+
+    Parameters
+    ----------
+    pattern : str
+        Where they lie, with ``{scene}``, and ``{split}`` where folders tell the splits.
+    files : dict
+        Each scene's file below the folder, by split and scene.
+    """
+
+    pattern: str
+    files: dict[Key, str]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a folder's files go together.
+
+    Parameters
+    ----------
+    groups : tuple of Group
+        Kinds of files, each with the same scenes; those with most first.
+    scenes : tuple of Key
+        The scenes that three groups or more have, in order.
+    by_order : bool
+        Whether files go together by their order alone, since their names differ.
+    left : tuple of str
+        Image files that belong to no scene.
+    """
+
+    groups: tuple[Group, ...]
+    scenes: tuple[Key, ...]
+    by_order: bool
+    left: tuple[str, ...]
+
+
+def image_files(folder: Path) -> tuple[str, ...]:
+    """Return the image files below a folder, sorted, hidden ones left out."""
+    found = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+    return tuple(
+        sorted(
+            path.as_posix()
+            for path in found
+            if path.suffix.lower() in SUFFIXES and not any(p.startswith(".") for p in path.parts)
+        )
+    )
+
+
+def find_layout(paths: tuple[str, ...]) -> Layout | None:
+    """Return how files go together, by the names that most scenes have in common.
+
+    Scenes are told by a folder's name, a file's name, its start or its end; where file names have
+    nothing in common, folders with the same number of files go together by their order.
+
+    Parameters
+    ----------
+    paths : tuple of str
+        Image files below the folder.
+
+    Returns
+    -------
+    Layout or None
+        None where no scene has three files.
+
+    Examples
+    --------
+    >>> layout = find_layout(("d/1.png", "d/2.png", "f2/1.jpg", "f2/2.jpg", "f8/1.jpg", "f8/2.jpg"))
+    >>> [group.pattern for group in layout.groups], layout.scenes
+    (['d/{scene}.png', 'f2/{scene}.jpg', 'f8/{scene}.jpg'], (('', '1'), ('', '2')))
+    """
+    depth = max((path.count("/") for path in paths), default=0)
+    readings = [_folder_reading(level) for level in range(depth)]
+    layouts = [_layout(paths, reading) for reading in (*readings, _stem, _start_of, _end_of)]
+    whole = [layout for layout in layouts if layout]
+    if whole:
+        return max(whole, key=lambda layout: (len(layout.scenes), -len(layout.groups)))
+    return _by_order(paths)
+
+
+Reading = Callable[[PurePosixPath], tuple[str, str] | None]
+
+
+def _folder_reading(level: int) -> Reading:
+    def read(path: PurePosixPath) -> tuple[str, str] | None:
+        parts = list(path.parts)
+        if level >= len(parts) - 1 or parts[level] == "{split}":
+            return None
+        scene, parts[level] = parts[level], "{scene}"
+        return "/".join(parts), scene
+
+    return read
+
+
+def _stem(path: PurePosixPath) -> tuple[str, str] | None:
+    return str(path.with_name("{scene}" + path.suffix)), path.stem
+
+
+def _start_of(path: PurePosixPath) -> tuple[str, str] | None:
+    match = _END.match(path.stem)
+    if not match:
+        return None
+    return str(path.with_name("{scene}" + match["tail"] + path.suffix)), match["scene"]
+
+
+def _end_of(path: PurePosixPath) -> tuple[str, str] | None:
+    match = _START.match(path.stem)
+    if not match:
+        return None
+    return str(path.with_name(match["head"] + "{scene}" + path.suffix)), match["scene"]
+
+
+def _split_of(path: str) -> tuple[PurePosixPath, str]:
+    parts = list(PurePosixPath(path).parts)
+    for level, part in enumerate(parts[:-1]):
+        if part.lower() in _SPLITS:
+            parts[level] = "{split}"
+            return PurePosixPath(*parts), part
+    return PurePosixPath(path), ""
+
+
+def _layout(paths: tuple[str, ...], reading: Reading) -> Layout | None:
+    found: dict[str, dict[Key, str]] = defaultdict(dict)
+    for path in paths:
+        told, split = _split_of(path)
+        read = reading(told)
+        if read:
+            found[read[0]][split, read[1]] = path
+    times = Counter(key for files in found.values() for key in files)
+    scenes = tuple(sorted(key for key, count in times.items() if count >= _ROLES))
+    groups = {
+        pattern: {key: files[key] for key in scenes if key in files}
+        for pattern, files in found.items()
+        if any(key in files for key in scenes)
+    }
+    if not scenes or len(groups) > _MOST_GROUPS:
+        return None
+    return _sorted(groups, scenes, False, paths)
+
+
+def _by_order(paths: tuple[str, ...]) -> Layout | None:
+    folders: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for path in paths:
+        told, split = _split_of(path)
+        folders[str(told.with_name("{scene}" + told.suffix))][split].append(path)
+    sizes = Counter(_sizes(files) for files in folders.values())
+    common, times = max(sizes.items(), key=lambda item: item[1], default=((), 0))
+    if times < _ROLES:
+        return None
+    scenes = tuple(
+        (split, f"{number:0{len(str(count))}}")
+        for split, count in common
+        for number in range(1, count + 1)
+    )
+    groups = {
+        pattern: dict(zip(scenes, _in_order(files), strict=True))
+        for pattern, files in folders.items()
+        if _sizes(files) == common
+    }
+    return _sorted(groups, scenes, True, paths)
+
+
+def _sizes(files: dict[str, list[str]]) -> tuple[tuple[str, int], ...]:
+    return tuple(sorted((split, len(found)) for split, found in files.items()))
+
+
+def _in_order(files: dict[str, list[str]]) -> Iterator[str]:
+    for split in sorted(files):
+        yield from sorted(files[split], key=_counting)
+
+
+def _counting(path: str) -> list[tuple[int, str]]:
+    # 2 comes before 10: cameras count.
+    parts = re.findall(r"\d+|\D+", path)
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+
+
+def _sorted(
+    groups: dict[str, dict[Key, str]],
+    scenes: tuple[Key, ...],
+    by_order: bool,
+    paths: tuple[str, ...],
+) -> Layout:
+    kinds = [Group(pattern, files) for pattern, files in groups.items()]
+    kinds.sort(key=lambda group: (-len(group.files), group.pattern))
+    used = {path for group in kinds for path in group.files.values()}
+    return Layout(tuple(kinds), scenes, by_order, tuple(p for p in paths if p not in used))

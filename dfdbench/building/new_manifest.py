@@ -1,0 +1,270 @@
+"""Write the manifest of a captured set from what lies in a folder, for a person to finish."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from dfdbench.building.folder_facts import Facts, look_into
+from dfdbench.building.folder_layout import SUFFIXES, Key, Layout, find_layout, image_files
+from dfdbench.datasets.captured_files import ROLES
+from dfdbench.errors import InputError
+
+_TEST = 4  # without splits of its own, every fourth scene of a set tests
+_NAMED = 6
+_SAFE = re.compile(r"[^A-Za-z0-9._-]+")
+_ROW = 96
+_TAIL = """\
+# What is known of lens and camera, lengths in metres; methods may ask for it.
+[rig]
+# focal_length = 0.05
+# infocus_f_number = 8.0
+# defocus_f_number = 2.8
+# pixel_pitch = 5e-6
+# focus_distance = 1.5
+
+[table]
+blocks = "capture"
+
+[[sources]]
+name = "mine"
+url = "not published"
+licence = "not stated"
+citations = ["not stated"]
+"""
+
+
+@dataclass(frozen=True)
+class NewManifest:
+    """A manifest that was written from a folder.
+
+    Parameters
+    ----------
+    name : str
+        Its file's name, ``NAME-1.toml``.
+    toml : str
+        Its text.
+    found, open : tuple of str
+        In words: what was found, and what a person has to say.
+    """
+
+    name: str
+    toml: str
+    found: tuple[str, ...]
+    open: tuple[str, ...]
+
+
+def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
+    """Look at a folder of captures and write the manifest of a set made of them.
+
+    Parameters
+    ----------
+    folder : Path
+        Two photographs and a depth map a scene: in a folder a scene, in a folder a kind, or told
+        by the start or the end of their names.
+    name : str, optional
+        The data set's; the folder's by default.
+
+    Raises
+    ------
+    InputError
+        Where the folder is none, or holds nothing that goes together.
+    SourceError
+        Where a file that is looked at is damaged.
+    """
+    if not folder.is_dir():
+        raise InputError("no such folder", where=str(folder))
+    paths = image_files(folder)
+    layout = find_layout(paths)
+    if layout is None:
+        raise InputError(
+            "no scene with two photographs and a depth map",
+            where=str(folder),
+            expected=f"three files a scene ({', '.join(SUFFIXES)}) that share a name or a folder",
+            got=", ".join(paths[:_NAMED]) + (" ..." if len(paths) > _NAMED else "")
+            or "no such file",
+        )
+    facts = look_into(folder, layout)
+    stem = _SAFE.sub("-", name or folder.resolve().name).strip("-._") or "captures"
+    scenes = _scenes(layout, facts)
+    _tell_layout(layout, facts, scenes)
+    text = "\n".join(
+        (_head(stem, facts, scenes), *_splits(scenes), *(scene.toml for scene in scenes))
+    )
+    return NewManifest(f"{stem}-1.toml", text, tuple(facts.found), tuple(facts.open))
+
+
+@dataclass(frozen=True)
+class _Scene:
+    name: str
+    split: str
+    names: dict[str, str]
+
+    @property
+    def toml(self) -> str:
+        names = ", ".join(f"{key} = {_text(value)}" for key, value in self.names.items())
+        told = f"names = {{ {names} }}\n" if names else ""
+        return f'[[scenes]]\nname = "{self.name}"\nsource = "mine"\n{told}'
+
+
+def _scenes(layout: Layout, facts: Facts) -> list[_Scene]:
+    whole = [key for key in layout.scenes if all(key in g.files for g in facts.roles.values())]
+    taken: set[str] = set()
+    scenes = []
+    for key in whole:
+        split, name = key
+        names = {"split": split} if split else {}
+        if layout.by_order:
+            names |= {role: Path(facts.roles[role].files[key]).stem for role in ROLES}
+        safe = _safe_name(key, whole, taken, layout.by_order)
+        if safe != name and not layout.by_order:
+            names["file"] = name
+        scenes.append(_Scene(safe, split, names))
+    return scenes
+
+
+def _safe_name(key: Key, keys: list[Key], taken: set[str], by_order: bool) -> str:
+    split, name = key
+    twice = by_order or sum(other == name for _, other in keys) > 1
+    safe = _SAFE.sub("-", f"{split}-{name}" if split and twice else name).strip("-._")[:90]
+    safe = f"scene-{safe}" if by_order and not split else safe or "scene"
+    number, found = 2, safe
+    while found.casefold() in taken:
+        found, number = f"{safe}-{number}", number + 1
+    taken.add(found.casefold())
+    return found
+
+
+def _pattern(role: str, facts: Facts, scenes: list[_Scene]) -> str:
+    pattern = facts.roles[role].pattern
+    if role in scenes[0].names:
+        return pattern.replace("{scene}", f"{{{role}}}")
+    if any("file" in scene.names for scene in scenes):
+        return pattern.replace("{scene}", "{file}")
+    return pattern
+
+
+def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
+    if not scenes:
+        raise InputError(
+            "no scene has all three files",
+            where=", ".join(facts.roles[role].pattern for role in ROLES),
+            got=", ".join(f"{len(facts.roles[role].files)} of {role}" for role in ROLES),
+        )
+    facts.found.insert(0, f"{len(scenes)} scenes")
+    if any("file" in scene.names for scene in scenes):
+        for scene in scenes:
+            scene.names.setdefault("file", scene.name)
+    lacking = len(layout.scenes) - len(scenes)
+    if lacking:
+        facts.open.append(f"{lacking} scenes lack a file and are left out")
+    if layout.by_order:
+        facts.open.append(
+            "whether files go together by their order: their names have nothing in common"
+        )
+    if layout.left:
+        named = ", ".join(layout.left[:_NAMED]) + (" ..." if len(layout.left) > _NAMED else "")
+        facts.open.append(f"{len(layout.left)} image files belong to no scene: {named}")
+    if not all(scene.split for scene in scenes):
+        facts.open.append(
+            "which scenes test: every fourth does; those of one place belong together"
+        )
+    facts.open.append("title, licence, whom to cite; lens and camera under [rig]")
+
+
+def _splits(scenes: list[_Scene]) -> list[str]:
+    chosen: dict[str, list[str]] = {}
+    for number, scene in enumerate(scenes, 1):
+        split = _split_name(scene.split) or ("test" if number % _TEST == 0 else "train")
+        chosen.setdefault(split, []).append(scene.name)
+    if "test" not in chosen and len(scenes) > 1:
+        chosen["test"] = [chosen["train"].pop()]
+    return [
+        f'[[splits]]\nname = "{split}"\npartition = "own"\npairs = {len(names)}\n'
+        f"scenes = [\n{_rows(names)}]\n"
+        for split, names in sorted(chosen.items(), key=lambda item: item[0] != "train")
+    ]
+
+
+def _split_name(folder: str) -> str:
+    known = {"training": "train", "testing": "test", "val": "validation"}
+    return known.get(folder.lower(), folder.lower())
+
+
+def _rows(names: list[str]) -> str:
+    rows = [""]
+    for name in names:
+        if len(rows[-1]) + len(name) + 4 > _ROW:
+            rows.append("")
+        rows[-1] += f'"{name}", '
+    return "".join(f"    {row.rstrip()}\n" for row in rows)
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _head(name: str, facts: Facts, scenes: list[_Scene]) -> str:
+    """Return the manifest up to its splits; what nobody can tell from files says so."""
+    count = len(scenes)
+    unit = "levels, as in the files"
+    if facts.near is not None:
+        unit = f"linear in 1/z from {facts.near:g} m (255) to {facts.far:g} m (1)"
+    parts = [
+        f"""\
+# Written by dfdbench new-dataset from what lies in the folder: read it, and mend what is wrong.
+schema_version = 1
+name = "{name}"
+short = "{name}"
+version = 1
+title = "{name}" # what people read in lists
+description = "Two photographs and a depth map of {count} scenes."
+reader = "folder"
+degradation = "clean"
+network_crop = {min(facts.shape)} # the square that protocol thesis-networks scores
+scene_count = {count}
+pair_count = {count}
+
+[axes]
+capture = [1] # several defocus images a scene: list them, and put {{capture}} into the pattern
+
+[depth]
+axes = []
+unknown = 0
+grows_with = "nearness" # brighter is nearer
+unit = "{unit}"
+"""
+    ]
+    parts += _scale(facts)
+    parts.append(_files(facts, scenes))
+    parts.append(_TAIL)
+    return "\n".join(parts)
+
+
+def _scale(facts: Facts) -> list[str]:
+    if facts.near is None:
+        return []
+    return [
+        f"""\
+# Metres become levels linearly in 1/z; law = "linear" would make them linear in z.
+[depth.scale]
+law = "inverse"
+near = {facts.near}
+far = {facts.far}
+"""
+    ]
+
+
+def _files(facts: Facts, scenes: list[_Scene]) -> str:
+    lines = ["[files]"]
+    lines += [f"{role} = {_text(_pattern(role, facts, scenes))}" for role in ROLES]
+    if facts.depth_unit is not None:
+        lines.append(f"depth_unit = {facts.depth_unit} # metres")
+    lines.append(f"depth_missing = {facts.missing}")
+    if facts.image_bits:
+        lines.append(f"image_bits = {facts.image_bits}")
+    lines.append(f'align = "{facts.align}" # or "none", "translation", "euclidean"')
+    lines.append(f"match_gain = {str(facts.match_gain).lower()}")
+    return "\n".join(lines) + "\n"

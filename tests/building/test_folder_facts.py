@@ -1,0 +1,76 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dfdbench.building.folder_facts import Facts, look_into
+from dfdbench.building.folder_layout import find_layout, image_files
+from dfdbench.errors import InputError
+from tests.made_folder import SCENES, SHAPE, make_folder
+
+
+def facts_of(folder: Path) -> Facts:
+    layout = find_layout(image_files(folder))
+    assert layout is not None
+    return look_into(folder, layout)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return make_folder(tmp_path)
+
+
+def rewrite(folder: Path, name: str, change: object) -> None:
+    for scene in SCENES:
+        path = str(folder / scene / name)
+        image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+        assert image is not None
+        assert callable(change)
+        cv2.imwrite(path, change(image))
+
+
+def test_a_folder_tells_roles_unit_bounds_and_what_the_images_need(folder: Path) -> None:
+    # Names that say nothing: sharpness has to.
+    for scene in SCENES:
+        (folder / scene / "sharp.png").rename(folder / scene / "b.png")
+        (folder / scene / "blurred.png").rename(folder / scene / "a.png")
+    facts = facts_of(folder)
+    assert {role: group.pattern for role, group in facts.roles.items()} == {
+        "infocus": "{scene}/b.png",
+        "defocus": "{scene}/a.png",
+        "depth": "{scene}/depth.png",
+    }
+    assert (facts.depth_unit, facts.near, facts.far) == (0.001, 1.0, 4.0)
+    assert (facts.missing, facts.image_bits, facts.shape) == ([0], None, SHAPE)
+    assert facts.align != "none"
+    assert facts.match_gain
+    assert any("is sharper in 4 of 4" in text for text in facts.found)
+    assert any("one unit of depth is 0.001 m: the median is 2.5 m" in text for text in facts.open)
+
+
+def test_levels_and_metres_are_told_from_millimetres(folder: Path) -> None:
+    rewrite(folder, "depth.png", lambda depth: np.uint8(depth // 20))
+    facts = facts_of(folder)
+    assert (facts.depth_unit, facts.near) == (None, None)
+    assert any("taken for levels" in text for text in facts.open)
+    for scene in SCENES:
+        (folder / scene / "depth.png").unlink()
+        metres = np.linspace(0.3, 2.0, 64 * 64, dtype=np.float32).reshape(64, 64)
+        cv2.imwrite(str(folder / scene / "depth.tiff"), metres)
+    facts = facts_of(folder)
+    assert (facts.depth_unit, facts.near, facts.far) == (1.0, 0.3, 2.0)
+    assert any("resample the depth" in text for text in facts.open)
+
+
+def test_twelve_bits_are_found(folder: Path) -> None:
+    for name in ("sharp.png", "blurred.png"):
+        rewrite(folder, name, lambda image: image.astype(np.uint16) * 16)
+    assert facts_of(folder).image_bits == 12
+
+
+def test_without_depth_nothing_is_guessed(folder: Path) -> None:
+    for scene in SCENES:
+        (folder / scene / "depth.png").write_bytes((folder / scene / "sharp.png").read_bytes())
+    with pytest.raises(InputError, match="no depth map and two photographs"):
+        facts_of(folder)

@@ -1,0 +1,72 @@
+from pathlib import Path
+
+import pytest
+
+from dfdbench.building.folder_layout import find_layout, image_files
+
+SCENES = ("desk_1", "door", "x-2")
+
+
+def patterns(paths: list[str]) -> list[str]:
+    layout = find_layout(tuple(sorted(paths)))
+    assert layout is not None
+    assert not layout.by_order
+    assert [scene for _, scene in layout.scenes] == sorted(SCENES)
+    return [group.pattern for group in layout.groups]
+
+
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        ["{scene}/blurred.png", "{scene}/depth.tiff", "{scene}/sharp.JPG"],
+        ["depth/{scene}.png", "f2/{scene}.jpg", "f8/{scene}.jpg"],
+        ["a/{scene}/depth/map.png", "a/{scene}/near.png", "a/{scene}/sharp.png"],
+        ["{scene}_blurred.png", "{scene}_depth.png", "{scene}_sharp.png"],
+        ["depth_{scene}.png", "f2_{scene}.png", "f8_{scene}.png"],
+    ],
+)
+def test_scenes_are_told_by_what_their_files_share(kinds: list[str]) -> None:
+    paths = [kind.replace("{scene}", scene) for kind in kinds for scene in SCENES]
+    assert patterns(paths) == kinds
+
+
+def test_splits_are_told_from_scenes() -> None:
+    kinds = ("depth/{split}/{scene}.png", "f2/{split}/{scene}.png", "f8/{split}/{scene}.png")
+    paths = [
+        kind.replace("{split}", split).replace("{scene}", str(number))
+        for kind in kinds
+        for split in ("train", "test")
+        for number in (1, 2)
+    ]
+    layout = find_layout(tuple(sorted(paths)))
+    assert layout is not None
+    assert [group.pattern for group in layout.groups] == list(kinds)
+    assert layout.scenes == (("test", "1"), ("test", "2"), ("train", "1"), ("train", "2"))
+    assert layout.groups[1].files["train", "2"] == "f2/train/2.png"
+
+
+def test_where_names_share_nothing_order_pairs_files() -> None:
+    paths = [f"{kind}/{time}" for kind in ("f2", "f8") for time in ("10:01.jpg", "10:05.jpg")]
+    layout = find_layout((*paths, "depth/10:00.png", "depth/10:06.png"))
+    assert layout is not None
+    assert layout.by_order
+    (depth,) = (group for group in layout.groups if group.pattern.startswith("depth"))
+    assert depth.files == {("", "1"): "depth/10:00.png", ("", "2"): "depth/10:06.png"}
+    assert find_layout((*paths, "depth/10:00.png")) is None
+    assert find_layout(()) is None
+
+
+def test_what_belongs_to_no_scene_is_named() -> None:
+    paths = [f"{s}/{kind}.png" for s in SCENES for kind in ("a", "b", "c")]
+    layout = find_layout((*paths, "thumb.png", "x-2/extra/d.png"))
+    assert layout is not None
+    assert set(layout.left) == {"thumb.png", "x-2/extra/d.png"} - {
+        path for group in layout.groups for path in group.files.values()
+    }
+
+
+def test_only_images_count_and_none_that_is_hidden(tmp_path: Path) -> None:
+    for name in ("a/b.PNG", "a/c.tif", "a/notes.txt", ".cache/d.png", "a/._b.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert image_files(tmp_path) == ("a/b.PNG", "a/c.tif")

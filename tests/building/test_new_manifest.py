@@ -1,0 +1,67 @@
+from pathlib import Path
+
+import pytest
+
+from dfdbench.building.build import build_store
+from dfdbench.building.new_manifest import new_manifest
+from dfdbench.building.sources import open_source
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.errors import InputError
+from tests.made_folder import SCENES, make_folder
+
+
+def built(folder: Path, place: Path) -> Manifest:
+    written = new_manifest(folder)
+    manifest = parse_manifest(written.toml.encode(), written.name)
+    report = build_store(manifest, open_source(manifest, folder), place)
+    assert (report.problems, report.missing) == ((), ())
+    return manifest
+
+
+def test_what_it_writes_builds(tmp_path: Path) -> None:
+    manifest = built(make_folder(tmp_path / "My desk"), tmp_path / "one.zarr")
+    assert manifest.stem == "My-desk-1"
+    assert manifest.scene_names == SCENES
+    assert manifest.scenes_of("train") == SCENES[:3]
+    assert manifest.scenes_of("test") == SCENES[3:]
+    assert manifest.files is not None
+    assert manifest.files.align != "none"
+    assert manifest.depth.scale is not None
+
+
+def test_names_that_are_no_scene_names_and_splits(tmp_path: Path) -> None:
+    made = make_folder(tmp_path / "made")
+    for number, scene in enumerate(SCENES):
+        split = "train" if number < 3 else "test"
+        for kind in ("sharp", "blurred", "depth"):
+            place = tmp_path / "set" / kind / split / f"10:0{number % 3} {scene[0]}.png"
+            place.parent.mkdir(parents=True, exist_ok=True)
+            (made / scene / f"{kind}.png").rename(place)
+    manifest = built(tmp_path / "set", tmp_path / "one.zarr")
+    assert manifest.scenes[0].name == "10-00-s"
+    assert manifest.scenes[0].names == {"split": "test", "file": "10:00 s"}
+    assert len(manifest.scenes_of("train")) == 3
+
+
+def test_files_paired_by_order_are_named_and_asked_about(tmp_path: Path) -> None:
+    made = make_folder(tmp_path / "made")
+    for number, scene in enumerate(SCENES):
+        for step, kind in enumerate(("sharp", "blurred", "depth")):
+            place = tmp_path / "set" / kind / f"{1000 * number + 7 * step}.png"
+            place.parent.mkdir(parents=True, exist_ok=True)
+            (made / scene / f"{kind}.png").rename(place)
+    manifest = built(tmp_path / "set", tmp_path / "one.zarr")
+    assert manifest.scenes[1].name == "scene-2"
+    assert manifest.scenes[1].names["depth"] == "1014"
+    assert any("by their order" in text for text in new_manifest(tmp_path / "set").open)
+
+
+def test_a_folder_without_scenes_says_what_is_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such folder"):
+        new_manifest(tmp_path / "none")
+    (tmp_path / "one.png").touch()
+    (tmp_path / "two.txt").touch()
+    with pytest.raises(InputError, match="no scene with two photographs") as caught:
+        new_manifest(tmp_path)
+    assert caught.value.problems[0].got == "one.png"
