@@ -65,9 +65,13 @@ class Part:
             how = Alignment(sign * found.down, sign * found.right, gain)
         light = light_of(self.infocus, way.linear)
         aim = aim_of(self.defocus, way.linear, how, way.offset)
-        grey, aimed = smooth_grey(aim, way.linear), aim.astype(np.float64)
-        chosen = (image[self.counts][:, 0] for image in (aimed, grey))
-        return Sample(light, *chosen, self.depth[self.counts], self.counts)
+        return Sample(
+            light,
+            aim[self.counts][:, 0].astype(np.float64),
+            smooth_grey(aim, way.linear)[self.counts][:, 0],
+            self.depth[self.counts],
+            self.counts,
+        )
 
 
 @dataclass(frozen=True)

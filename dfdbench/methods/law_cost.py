@@ -127,8 +127,8 @@ def smooth_grey(aim: NDArray[np.float32], linear: bool) -> NDArray[np.float64]:
 
 def rounding_at(grey: Array, linear: bool) -> NDArray[np.float64]:
     """Return the standard deviation of rounding to grey levels, in the unit of `light_of`."""
-    levels = np.arange(LEVELS)
-    light = decode(levels) * LAST_LEVEL if linear else levels.astype(np.float64)
+    levels = np.arange(float(LEVELS))
+    light = decode(levels) * LAST_LEVEL if linear else levels
     return np.asarray(ROUNDING * np.interp(grey, levels, np.gradient(light)))
 
 

@@ -22,11 +22,12 @@ def pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 
 def blurred_at(law: BlurLaw, infocus: NDArray[np.uint8], level: int) -> NDArray[np.float64]:
     kernel = law.kernels()[level][..., np.newaxis]
-    return correlate(light(infocus, law), kernel, mode="nearest")
+    return np.asarray(correlate(light(infocus, law), kernel, mode="nearest"))
 
 
 def light(image: NDArray[np.uint8], law: BlurLaw) -> NDArray[np.float64]:
-    return 255 * decode(image) if law.linear else image.astype(np.float64)
+    grey = image.astype(np.float64)
+    return 255 * decode(grey) if law.linear else grey
 
 
 def noise_by_brightness(law: BlurLaw, aim: NDArray[np.float64]) -> NDArray[np.float64]:
