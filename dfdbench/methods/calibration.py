@@ -17,7 +17,7 @@ from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.errors import MethodError
 from dfdbench.methods.calibration_parts import KERNEL_SIZE, Part, Sample, Way, parts_of
 from dfdbench.methods.fit import Learned, TrainingPair
-from dfdbench.methods.law_cost import grey_of, rounding_at
+from dfdbench.methods.light import grey_of, rounding_at
 from dfdbench.methods.width_curve import LADDER, best_widths, left_at, width_curve
 
 Array = NDArray[Any]

@@ -13,7 +13,8 @@ from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.methods.alignment import Alignment, find_alignment
 from dfdbench.methods.fit import TrainingPair
-from dfdbench.methods.law_cost import aim_of, blur, light_of, smooth_grey
+from dfdbench.methods.law_cost import blur
+from dfdbench.methods.light import aim_of, light_of, smooth_grey
 from dfdbench.methods.width_curve import LADDER
 
 #: Side of the kernels that are tried, in pixels.

@@ -19,22 +19,17 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import decode, encode
-from dfdbench.blur.law import BlurLaw, noise_at
-from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
-from dfdbench.methods.alignment import Alignment, find_alignment, undo
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.methods.alignment import Alignment, find_alignment
 from dfdbench.methods.kernel_mixture import few_kernels
+from dfdbench.methods.light import aim_of, light_of, noise_of
 
 Array = NDArray[Any]
 
 # Largest sum of absolute differences between a level's kernel and the sum that stands for it: at
 # most 0.05 grey levels where black meets white.
 KERNEL_TOLERANCE = 2e-4
-# Over this sigma the defocus image is smoothed where it tells how much noise to expect: by its own
-# noise a pixel would choose its own weight.
-_SMOOTHING = 2.0
-# Rounding's standard deviation: a law may be measured on too few pixels to show even that.
-ROUNDING = 12**-0.5
 _LEVELS_LOOKED_AT = 8
 # Misfits are stored as whole multiples of 1 / STEPS grey levels: see `rounded_cost`.
 MISFIT_STEPS = 256
@@ -92,44 +87,6 @@ def blurred_by(
     factors = np.ascontiguousarray(factors[:, chosen])
     aim = _aligned(law, light, defocus)
     return Blurred(nodes, aim, factors, noise_of(law, aim), spread)
-
-
-def light_of(image: Array, linear: bool) -> NDArray[np.float32]:
-    """Return grey levels 0 to 255 as they are, or as linear light, of which white has 255."""
-    return np.asarray(decode(image) * LAST_LEVEL if linear else image, np.float32)
-
-
-def grey_of(light: Array, linear: bool) -> NDArray[np.float64]:
-    """Return the grey levels, 0 to 255, of what `light_of` gives."""
-    return encode(light / LAST_LEVEL) if linear else np.asarray(light, np.float64)
-
-
-def aim_of(defocus: Array, linear: bool, how: Alignment, offset: float = 0) -> NDArray[np.float32]:
-    """Return a defocus image as `light_of` has it, moved back, of the other image's brightness."""
-    light = light_of(defocus, linear)
-    if how == Alignment(0.0, 0.0, 1.0) and not offset:
-        return light
-    return undo(how, light, offset)
-
-
-def noise_of(law: BlurLaw, aim: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the noise to expect of a defocus image, rounding the least: (y, x, channel)."""
-    grey = smooth_grey(aim, law.linear)
-    noise = noise_at(law.noise, grey)
-    return np.maximum(noise, rounding_at(grey, law.linear)).astype(np.float32)
-
-
-def smooth_grey(aim: NDArray[np.float32], linear: bool) -> NDArray[np.float64]:
-    """Return the grey level about each pixel, by which its noise is looked up: (y, x, channel)."""
-    smooth = cv2.GaussianBlur(aim, (0, 0), _SMOOTHING).reshape(aim.shape)
-    return np.clip(grey_of(smooth.astype(np.float64), linear), 0, LAST_LEVEL)
-
-
-def rounding_at(grey: Array, linear: bool) -> NDArray[np.float64]:
-    """Return the standard deviation of rounding to grey levels, in the unit of `light_of`."""
-    levels = np.arange(float(LEVELS))
-    light = decode(levels) * LAST_LEVEL if linear else levels
-    return np.asarray(ROUNDING * np.interp(grey, levels, np.gradient(light)))
 
 
 def _aligned(law: BlurLaw, light: NDArray[np.float32], defocus: Array) -> NDArray[np.float32]:

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
-from dfdbench.methods.law_cost import ROUNDING
+from dfdbench.methods.light import ROUNDING
 
 Array = NDArray[Any]
 
