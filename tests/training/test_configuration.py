@@ -91,13 +91,20 @@ def test_unet_refuses_what_only_dfd_net_has() -> None:
             {"label_width": 3, "learning_rate": 4e-4, "steps": 33000},
             "demo-1, split train, 40,000 steps",
         ),
+        (
+            "dfd-net",
+            "middlebury",
+            "demo-fine",
+            {"label_width": 2, "steps": 13000, "readout": "median", "evaluate_every": 6500},
+            "middlebury-default-1, split train, 16,000 steps",
+        ),
     ],
 )
 def test_shipped_weights_were_trained_as_the_docs_say(
     method: str, weights: str, name: str, changes: dict[str, Any], first: str
 ) -> None:
     card = load_weights(find_weights(method, weights), method)[1]
-    # Both were trained on a processor with bf16, which `auto` takes there.
+    # All were trained on a processor with bf16, which `auto` takes there.
     documented = read_configuration(name, {**changes, "precision": "bf16"})
     assert TrainingConfiguration.model_validate(card.configuration) == documented
     assert card.started_from.startswith(first)

@@ -100,6 +100,7 @@ def test_no_weights_says_how_to_come_by_some(tmp_path: Path) -> None:
     [
         ("dfd-net", "demo", "demo-1, split train", "test, 54 pairs"),
         ("u-net", "demo", "demo-1, split train", "test, 54 pairs"),
+        ("dfd-net", "middlebury", "middlebury-default-1, split train", "test, 6 pairs"),
     ],
 )
 def test_shipped_weights_are_small_and_say_what_they_are(
