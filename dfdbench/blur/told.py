@@ -7,15 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import decode, encode, kernel_size_of, law_of
+from dfdbench.blur.formation import decode, kernel_size_of, law_of
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
 from dfdbench.blur.tracks import Formation
 
 # Of rounding to whole grey levels.
 _ROUNDING = 1 / 12
-# Nodes of the Gauss-Hermite rule that carries noise through the curve of the camera.
-_NODES = 32
 
 
 def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
@@ -38,7 +36,7 @@ def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
     -----
     A law does not say three things: where each pair is moved to and how much brighter it is made,
     only that it is; and that surfaces cover each other. Of noise it says the standard deviation
-    at a grey level, as encoded, rounded and cut to 0 and 255.
+    at a grey level, rounding included, but not that images are cut to 0 and 255.
 
     Examples
     --------
@@ -65,16 +63,13 @@ def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
 
 
 def _noise(formation: Formation) -> NDArray[np.float64]:
-    """Return the standard deviation of what is seen at each grey level, shape (256,)."""
+    """Return the standard deviation at each grey level, in the unit of a law's noise: (256,)."""
     if not formation.linear:
         return np.full(LEVELS, math.sqrt(formation.noise**2 + _ROUNDING))
     light = decode(np.arange(LAST_LEVEL + 1.0))
     variance = np.full(LEVELS, formation.read_noise**2)
     if formation.full_well:
         variance += light / formation.full_well
-    nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
-    weights = weights / weights.sum()
-    seen = encode(light[:, np.newaxis] + np.sqrt(variance)[:, np.newaxis] * nodes)
-    mean = seen @ weights
-    variance = np.square(seen - mean[:, np.newaxis]) @ weights
-    return np.asarray(np.sqrt(variance + _ROUNDING), np.float64)
+    # A grey level is as wide in light as the curve of the camera makes it.
+    variance += _ROUNDING * np.square(np.gradient(light))
+    return np.asarray(LAST_LEVEL * np.sqrt(variance), np.float64)
