@@ -16,6 +16,7 @@ from dfdbench.tables.table import Format, Table
 
 if TYPE_CHECKING:
     from dfdbench.datasets.manifest import Manifest
+    from dfdbench.datasets.store import Store
     from dfdbench.evaluation.run import Run
     from dfdbench.methods.method import Method
     from dfdbench.results.record import Result
@@ -73,7 +74,6 @@ def run(
     from dfdbench.evaluation.run import run_method
     from dfdbench.figures.runs import draw_run
     from dfdbench.metrics.protocol import find_protocol
-    from dfdbench.results.first_table import first_protocol
     from dfdbench.results.summary import summarise
 
     asked = find_protocol(protocol).label if protocol else None
@@ -81,11 +81,7 @@ def run(
         refuse_what_cannot_be_submitted(limit)
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
-    known = data.manifest
-    shown = asked or first_protocol(
-        known.short, data.attributes["recipe"]["name"], known.degradation
-    )
-    require_shown(shown, known)
+    shown = protocol_of_tables(asked, data)
     loaded = load_for(data, method, values_of(param, "--param"), seed)
     if submit:
         refuse_what_was_trained_on(loaded, data.manifest, split)
@@ -111,6 +107,16 @@ def run(
         submit_run(done.result)
     if any(pair.status == "failed" for pair in done.result.pairs):
         raise typer.Exit(1)
+
+
+def protocol_of_tables(asked: str | None, data: Store) -> str:
+    """Return the protocol that was asked for, or the data set's own first one."""
+    from dfdbench.results.first_table import first_protocol
+
+    known = data.manifest
+    shown = asked or first_protocol(known.short, data.recipe_name, known.degradation)
+    require_shown(shown, known)
+    return shown
 
 
 def require_shown(protocol: str, manifest: Manifest) -> None:

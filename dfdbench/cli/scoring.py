@@ -10,7 +10,7 @@ import typer
 from dfdbench.cli.methods import (
     folder_name,
     print_run_tables,
-    require_shown,
+    protocol_of_tables,
     submit_run,
     tell_where_it_lies,
 )
@@ -40,7 +40,12 @@ def score(
     method: Annotated[
         str | None, typer.Option(help="What tables call it; default: the folder's name.")
     ] = None,
-    protocol: Annotated[str, typer.Option(help="Under which the table is shown.")] = "thesis",
+    protocol: Annotated[
+        str | None,
+        typer.Option(
+            help="Under which the table is shown; default: thesis, of own captures valid."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder; default: results/DATASET-SPLIT/METHOD-scored.")
     ] = None,
@@ -58,12 +63,12 @@ def score(
     from dfdbench.metrics.protocol import find_protocol
     from dfdbench.results.summary import summarise
 
-    shown = find_protocol(protocol).label
+    asked = find_protocol(protocol).label if protocol else None
     if submit:
         require_leaderboard(LEADERBOARD)
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
-    require_shown(shown, data.manifest)
+    shown = protocol_of_tables(asked, data)
     name = method or predictions.resolve().name
     folder = out or (
         Path("results") / f"{data.path.stem}-{split}" / f"{folder_name(name, None)}-scored"

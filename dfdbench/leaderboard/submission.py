@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.data_set_problems import data_set_problems
@@ -14,6 +15,7 @@ from dfdbench.results.record import Result, Submission
 from dfdbench.results.record_file import examine_result, load_result, seal_of
 from dfdbench.results.wording import method_label
 from dfdbench.system.files import write_whole
+from dfdbench.system.record import Record
 
 TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
 
@@ -47,13 +49,21 @@ def submit(result: Result, folder: Path, submitted: datetime | None = None) -> l
     problems = [_partial(result, path) for path in places if not result.complete and _whole(path)]
     if problems:
         raise ResultError.of(problems)
-    when = (submitted or datetime.now(UTC)).strftime(TIME_FORMAT)
+    when = submitted or datetime.now(UTC)
     for narrowed, path in zip(parts, places, strict=True):
-        unsealed = Submission(submitted=when, seal="0" * 64)
-        content = json.loads(narrowed.model_copy(update={"submission": unsealed}).model_dump_json())
-        content["submission"]["seal"] = seal_of(content)
+        content = sealed(narrowed, when)
         write_whole(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return places
+
+
+def sealed(record: Record, submitted: datetime) -> dict[str, Any]:
+    """Return what the file of a record with a field `submission` says, its seal included."""
+    unsealed = Submission(submitted=submitted.strftime(TIME_FORMAT), seal="0" * 64)
+    content: dict[str, Any] = json.loads(
+        record.model_copy(update={"submission": unsealed}).model_dump_json()
+    )
+    content["submission"]["seal"] = seal_of(content)
+    return content
 
 
 def under_protocol(result: Result, protocol: str) -> Result:

@@ -14,8 +14,8 @@ from dfdbench.blur.tracks import CLEAN
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.data_set_problems import data_set_problems
 from dfdbench.leaderboard.folder import RESULTS, file_stems
-from dfdbench.leaderboard.submission import TIME_FORMAT, under_protocol
-from dfdbench.results.record import Result, Submission
+from dfdbench.leaderboard.submission import sealed, under_protocol
+from dfdbench.results.record import Result
 from dfdbench.results.record_file import contradictions, read_json, seal_of
 from dfdbench.results.told import knew_blur
 from dfdbench.results.tracks_record import TracksRecord, results_of, tracks_record
@@ -81,11 +81,7 @@ def submit_tracks(
     path = _free_place(results_of(record), folder)
     if path.exists():
         _require_no_less(results_of(read_tracks(path)), narrowed, path)
-    when = (submitted or datetime.now(UTC)).strftime(TIME_FORMAT)
-    unsealed = Submission(submitted=when, seal="0" * 64)
-    content = json.loads(record.model_copy(update={"submission": unsealed}).model_dump_json())
-    content["submission"]["seal"] = seal_of(content)
-    write_whole(path, _as_text(content))
+    write_whole(path, _as_text(sealed(record, submitted or datetime.now(UTC))))
     return path
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import cv2
+import numpy as np
 
 from tests.cli.command import Command
 from tests.made_folder import make_folder
@@ -25,6 +26,14 @@ def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     assert "train (own): 3 pairs" in dfdbench("info", "mine-1.toml").out
     assert dfdbench("export", "mine-1.toml", "--png", "png").status == 0
     assert Path("png/desk/capture1_defocus.png").is_file()
+    defocus = cv2.imread("png/desk/capture1_defocus.png")
+    assert defocus is not None
+    for name in dfdbench("info", "mine-1.toml", "--pairs", "test").out.split():
+        Path("elsewhere", name).parent.mkdir(parents=True, exist_ok=True)
+        np.save(f"elsewhere/{name}.npy", np.full(defocus.shape[:2], 100, np.uint8))
+    scored = dfdbench("score", "--predictions", "elsewhere", "--dataset", "mine-1.toml")
+    assert scored.status == 0
+    assert "protocol valid" in scored.out
     assert dfdbench("coverage", "mine-1.toml").status in (0, 1)
     results = "results/mine-1-test/mymodule-predict"
     report = dfdbench("report", results, "--out", "page", "--format", "markdown")
