@@ -5,26 +5,60 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMPS := .make
+# Python begins here hundreds of times: what it compiles is kept, whatever the shell says of it.
+export PYTHONDONTWRITEBYTECODE :=
 # The tests of a file stay together, and all that need a server run on one worker: tests/conftest.py.
-PYTEST = $(BIN)/python -m pytest --benchmark-skip --numprocesses 2 --dist loadgroup
+# A worker a core: more threads in linear algebra and networks would only wait for each other.
+PYTEST = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --benchmark-skip \
+  --numprocesses 2 --dist loadgroup
 # A method a word, with commas for the blanks before its parameters.
-DEMO_METHODS := constant local graph-cuts u-net,--param,weights=demo dfd-net,--param,weights=demo
+DEMO_METHODS := constant s-transform local graph-cuts
+COMPILE := "import numpy, dfdbench.methods as m; a = numpy.zeros((9, 9, 3), 'u1'); m.load('graph-cuts', recipe='published')(a, a)"
+DEMO_NETS := u-net,--param,weights=demo dfd-net,--param,weights=demo
+# One of the three test scenes: a first look should not take minutes.
+DEMO_SPLIT := Market
+DEMO := results/demo-1-$(DEMO_SPLIT)
 
-.PHONY: help demo test test-slow test-all browser benchmark leaderboard clean
+.PHONY: help demo demo-nets test test-slow test-all fuzz kills docs browser benchmark leaderboard clean
 .DEFAULT_GOAL := help
 
 help: ## Say what there is to make
 	@grep -E '^[a-z-]+:.*##' Makefile | sed 's/:.*## /\t/'
 
-demo: $(STAMPS)/installed ## Build the demo set, run the baselines, print tables, draw figures
-	@echo "== building the demo set"
+demo: $(STAMPS)/base ## Build the demo set, run four methods on one of its scenes: a table, a figure, a web page
 	@$(BIN)/dfdbench build demo
-	@for method in $(DEMO_METHODS); do \
-	  echo; echo "== dfdbench run --dataset demo --method $$(echo $$method | tr ',' ' ')"; \
-	  $(BIN)/dfdbench run --dataset demo --method $$(echo $$method | tr ',' ' ') || exit 1; \
-	done
-	@echo; echo "All of it lies here:"
-	@find results/demo-1-test -name '*.png' -o -name result.json | sort | sed 's/^/  /'
+	@$(call run_each,$(DEMO_METHODS))
+	@$(call tell)
+	@echo "Next:"
+	@echo "  source $(BIN)/activate                          # gives this shell the command dfdbench"
+	@echo "  dfdbench check-method mymodule:predict             # your own function: README, ten lines"
+	@echo "  dfdbench run --method mymodule:predict --dataset demo --split $(DEMO_SPLIT)"
+	@echo "  dfdbench report $(DEMO)/* --out report   # yours beside the four, on a page"
+	@echo "  make demo-nets                                     # and two networks; installs PyTorch"
+
+demo-nets: $(STAMPS)/installed ## The networks' rows beside those of `make demo`; needs PyTorch
+	@$(BIN)/dfdbench build demo
+	@$(call run_each,$(DEMO_METHODS) $(DEMO_NETS))
+	@$(call tell)
+
+# A line a method; its own tables stay beside its result, what it said is shown where it fails. The
+# figures are the report's. Meanwhile the other core compiles, once, what graph cuts need.
+define run_each
+mkdir -p results; \
+$(BIN)/python -c $(COMPILE) > /dev/null 2>&1 & \
+for method in $(1); do \
+  words=$$(echo $$method | tr ',' ' '); printf '  %-28s' "$$words"; begun=$$(date +%s); \
+  $(BIN)/dfdbench run --dataset demo --split $(DEMO_SPLIT) --no-figures --method $$words > results/tables.txt 2> results/log.txt || \
+    { echo failed; cat results/log.txt; exit 1; }; \
+  mv results/tables.txt $(DEMO)/$$(echo $$method | sed 's/,--param,/-/g')/; \
+  echo "$$(( $$(date +%s) - begun )) s"; \
+done; rm results/log.txt
+endef
+
+define tell
+$(BIN)/dfdbench report --format table --figure results/demo.png $(DEMO)/*/result.json && \
+  printf 'page         ' && $(BIN)/dfdbench report --out results/demo-report $(DEMO)/*/result.json
+endef
 
 test: $(STAMPS)/tested-with ## ruff, mypy --strict, the leaderboard's check, pytest but for the slow tests
 	@echo "== ruff: style and imports"
@@ -43,9 +77,21 @@ test-slow: $(STAMPS)/tested-with ## The tests that take minutes: many kills, the
 
 test-all: test test-slow ## Every test
 
+docs: $(STAMPS)/docs-with ## Build the documentation site into build/site; installs MkDocs and PyTorch; a warning is an error
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+	@echo "build/site/index.html"
+
 browser: ## Install Chromium, which the report page's tests need (Debian, as root)
 	@command -v chromedriver > /dev/null || { apt-get -qq update && \
 	  apt-get -qq install -y --no-install-recommends chromium chromium-driver; }
+
+fuzz: $(STAMPS)/tested-with ## Spoiled files and strange command lines, SECONDS=90 or INPUTS a class
+	@$(BIN)/python -m tests.fuzz --seconds $(or $(SECONDS),90) \
+	  $(if $(INPUTS),--inputs $(INPUTS)) $(if $(SEED),--seed $(SEED))
+
+kills: $(STAMPS)/tested-with ## Kill each verb COUNT=100 times and ask for the same again
+	@DFDBENCH_KILLS=$(or $(COUNT),100) $(BIN)/python -m pytest -m slow tests/kills \
+	  tests/building/test_kill.py tests/training/search/test_run.py
 
 leaderboard: $(STAMPS)/installed ## Run the leaderboard's rows on the sets that are built here, write its README
 	@$(BIN)/python leaderboard/rerun.py
@@ -60,14 +106,24 @@ $(BIN)/python:
 	@echo "== making a virtual environment in $(VENV) with $$($(PYTHON) --version)"
 	@$(PYTHON) -m venv $(VENV)
 
-$(STAMPS)/installed: $(BIN)/python pyproject.toml constraints.txt
+$(STAMPS)/base: $(BIN)/python pyproject.toml constraints.txt
 	@echo "== installing dfdbench and what it needs (versions: constraints.txt)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@mkdir -p $(STAMPS) && touch $@
+
+$(STAMPS)/installed: $(STAMPS)/base
+	@echo "== installing what the networks need"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[nets]'
 	@mkdir -p $(STAMPS) && touch $@
 
 $(STAMPS)/tested-with: $(STAMPS)/installed
 	@echo "== installing what the tests need"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@touch $@
+
+$(STAMPS)/docs-with: $(STAMPS)/installed
+	@echo "== installing what the site needs"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	@touch $@
 
 clean: ## Remove the virtual environment and the results

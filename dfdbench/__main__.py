@@ -1,5 +1,6 @@
 """Start the command line, quickly: ``dfdbench`` and ``python -m dfdbench``."""
 
+import os
 import sys
 
 _INTERRUPTED = 130
@@ -7,6 +8,7 @@ _INTERRUPTED = 130
 
 def main() -> None:
     """Load and run the command line; Ctrl-C ends it with status 130, at any time."""
+    _open_what_is_closed()
     try:
         # Imported here: it takes a second, in which Ctrl-C must not show a traceback.
         from dfdbench.cli import main as run
@@ -15,6 +17,14 @@ def main() -> None:
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         sys.exit(_INTERRUPTED)
+
+
+def _open_what_is_closed() -> None:
+    # The next file to be opened would take a closed stream's place, and be printed into.
+    for name, access in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            setattr(sys, name, os.fdopen(nowhere, access, encoding="utf-8"))
 
 
 if __name__ == "__main__":

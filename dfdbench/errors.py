@@ -11,6 +11,10 @@ from typing import Self
 
 # Longer than any name or path that somebody would read.
 _LONG_WORD = re.compile(r"\S{300,}")
+# More than anyone reads: the attribute `problems` has them all.
+_MOST_SHOWN = 200
+# All control characters but the tab and the line's end.
+_STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,8 @@ class Problem:
 
     Notes
     -----
-    As text, a word too long for anyone to read, which a user handed in, is cut in its middle.
+    As text, a word too long for anyone to read, which a user handed in, is cut in its middle, and
+    characters that steer a terminal are spelt out.
 
     Examples
     --------
@@ -62,7 +67,18 @@ class Problem:
         ):
             if text:
                 lines.append(f"  {label:<9} {text}")
-        return _LONG_WORD.sub(_cut, "\n".join(lines))
+        return _LONG_WORD.sub(_cut, steering_nothing("\n".join(lines)))
+
+
+def steering_nothing(text: str) -> str:
+    r"""Return a text with the characters that would steer a terminal spelt out.
+
+    Examples
+    --------
+    >>> print(steering_nothing("clear\x1b[2J"))
+    clear\x1b[2J
+    """
+    return _STEERING.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
 class DfdbenchError(Exception):
@@ -105,7 +121,10 @@ class DfdbenchError(Exception):
     def __str__(self) -> str:
         if len(self.problems) == 1:
             return str(self.problems[0])
-        numbered = (f"{number}. {problem}" for number, problem in enumerate(self.problems, 1))
+        shown = self.problems[:_MOST_SHOWN]
+        numbered = [f"{number}. {problem}" for number, problem in enumerate(shown, 1)]
+        more = len(self.problems) - len(shown)
+        numbered += [f"and {more} more"] * (more > 0)
         return "\n".join([f"{len(self.problems)} problems:", *numbered])
 
     def __reduce__(self) -> tuple[Callable[..., Self], tuple[tuple[Problem, ...]]]:

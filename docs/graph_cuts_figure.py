@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import PairImages, Store
+from dfdbench.datasets.pair_images import PairImages
+from dfdbench.datasets.store import Store
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record_file import RESULT, load_result
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from dfdbench.blur.formation import form_pair
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.blur.tracks import TRACKS, find_degradation
-from dfdbench.datasets.store import PairImages, Store
+from dfdbench.datasets.pair_images import PairImages
+from dfdbench.datasets.store import Store
 
 SEVERITIES = (1, 2, 3)
 SHOWN = (96, 128)

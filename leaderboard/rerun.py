@@ -12,6 +12,8 @@ import tomllib
 from pathlib import Path
 
 from dfdbench.blur.tracks import TRACKS
+from dfdbench.building.sources import is_made
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import StoreError
 from dfdbench.leaderboard.folder import LEADERBOARD, RESULTS
@@ -33,11 +35,12 @@ def main(rows: Path) -> int:
     listed = tomllib.loads(rows.read_text(encoding="utf-8"))
     for kind, wanted in [(name, each) for name in _RUN for each in listed.get(name, [])]:
         name = wanted["dataset"]
-        if name == "demo" and _lacking(name, "all"):
+        made = is_made(find_manifest(name))
+        if made and _lacking(name, "all"):
             _dfdbench("build", name)
         for split in wanted["splits"]:
-            # The demo set's tracks are built where they are first run.
-            tracks = _TRACKS if kind == "tracks" and name != "demo" else ()
+            # The tracks of a set that is made are built where they are first run.
+            tracks = _TRACKS if kind == "tracks" and not made else ()
             needed = (name, *(f"{name}@{track}" for track in tracks))
             lacking = next(filter(None, (_lacking(each, split) for each in needed)), "")
             if lacking:

@@ -8,14 +8,12 @@ import shutil
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from uuid import uuid4
 
-import boto3
 import cv2
 import numpy as np
 import pytest
-from distributed import LocalCluster
 from hypothesis import settings
-from moto.server import ThreadedMotoServer
 from numpy.typing import NDArray
 from upath import UPath
 
@@ -45,11 +43,17 @@ settings.load_profile("dfdbench")
 ON_SERVERS = pytest.mark.xdist_group("servers")
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of a file on one worker, and all that need a server on one."""
+    """Keep the tests of a file on one worker, and all that need a server on one, as slow ones."""
     for item in items:
         if {"cluster", "object_store"} & {*getattr(item, "fixturenames", ())}:
             item.add_marker(ON_SERVERS)
+        if item.get_closest_marker("xdist_group") == ON_SERVERS.mark:
+            item.add_marker(pytest.mark.slow)
+        elif "captures" in getattr(item, "fixturenames", ()):
+            # Made once, for which the other worker would wait.
+            item.add_marker(pytest.mark.xdist_group("captures"))
         elif not item.get_closest_marker("xdist_group"):
             item.add_marker(pytest.mark.xdist_group(item.nodeid.partition("::")[0]))
 
@@ -160,7 +164,8 @@ def shared_data() -> Path:
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+    # Not made before somebody needs it: thousands of folders take their time.
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path_factory.getbasetemp() / uuid4().hex))
 
 
 @pytest.fixture
@@ -221,6 +226,10 @@ def demo_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
 @pytest.fixture(scope="session")
 def object_store() -> Iterator[str]:
     """The URL of a bucket in an S3-compatible server on the loopback."""
+    # Imported here: only one worker has servers, and they take seconds.
+    import boto3
+    from moto.server import ThreadedMotoServer
+
     server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     server.start()
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
@@ -241,6 +250,8 @@ def object_store() -> Iterator[str]:
 @pytest.fixture(scope="session")
 def cluster(object_store: str) -> Iterator[str]:
     """The address of a scheduler with two worker processes, which know the object store."""
+    from distributed import LocalCluster
+
     with LocalCluster(  # type: ignore[no-untyped-call]
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any
 
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.metrics.protocol import PROTOCOLS, RELEASED
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Result, average
+
+# Asking every package and git for each of a hundred results takes half a minute.
+_environment = cache(describe_environment)
 
 
 def make_result(
@@ -47,7 +52,7 @@ def make_result(
             split="test",
             expected=len(pairs),
             evaluated=len(pairs),
-            recipe={"name": "published", "parameters": {}},
+            recipe={"name": "published", "parameters": RECIPES["published"].as_dict()},
             degradation="clean",
             options={},
             axes=["view", "illumination", "exposure"],
@@ -64,7 +69,7 @@ def make_result(
             trained_on=None,
             paper=None,
         ),
-        environment=describe_environment(),
+        environment=_environment(),
         seed=0,
         pairs=pairs,
         averages=average(pairs, ["thesis"]),

@@ -63,6 +63,7 @@ def test_coverage_from_python_is_as_shown(
     assert 0.9 < float(second) <= 1
 
 
+@pytest.mark.slow
 def test_a_source_of_ones_own_is_built_as_shown(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -103,26 +104,35 @@ def test_every_parameter_of_the_classical_methods_is_told_with_its_default() -> 
     assert list(told) == classical
 
 
-def test_the_table_of_what_tracks_cost_is_written_between_its_marks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.slow
+def test_what_tracks_cost_is_written_between_its_marks_and_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    main = runpy.run_path(str(DOCS / "classical_tracks.py"))["main"]
+    main = runpy.run_path(str(DOCS / "tracks_rows.py"))["main"]
     names = main.__globals__["METHODS"]
     page = tmp_path / "classical.md"
     page.write_bytes((DOCS / "classical.md").read_bytes())
+    picture = tmp_path / "tracks_methods.png"
     monkeypatch.setitem(main.__globals__, "PAGE", page)
+    monkeypatch.setitem(main.__globals__, "PICTURE", picture)
     (tmp_path / "leaderboard/results").mkdir(parents=True)
-    with pytest.raises(SystemExit, match="no runs on tracks of demo-1-test: constant"):
+    with pytest.raises(SystemExit, match="nothing is written"):
         main("demo-1-test")
     entries = {name: built_in_methods()[name] for name in names}
     for number, (name, entry) in enumerate(entries.items()):
+        if number == 1:
+            main("demo-1-test")
+            told = capsys.readouterr().err
+            assert f"no runs on tracks of demo-1-test: {', '.join(names[1:])}" in told
+            assert "| noise-1 | 0.1000 |" in page.read_text("utf-8")
         submit_tracks(make_tracks(name, 0.1 + 0.01 * number, entry=entry), Path("leaderboard"))
     for _ in range(2):
         main("demo-1-test")
         rows = [line for line in page.read_text("utf-8").splitlines() if "| 0.16" in line]
         assert len(rows) == 21
         assert rows[0].startswith("| noise-1 | 0.1000 | 0.1100 |")
+    assert picture.stat().st_size > 20_000
     written = page.read_text("utf-8")
     assert written.startswith((DOCS / "classical.md").read_text("utf-8")[:500])
     assert written.endswith((DOCS / "classical.md").read_text("utf-8")[-500:])

@@ -14,6 +14,17 @@ def test_several_problems_are_shown_together() -> None:
         assert part in text
 
 
+def test_of_more_problems_than_anyone_reads_the_first_are_shown() -> None:
+    error = DfdbenchError.of(Problem(f"no image {number}") for number in range(1000))
+    lines = str(error).splitlines()
+    assert (lines[0], lines[200], lines[201:]) == (
+        "1000 problems:",
+        "200. no image 199",
+        ["and 800 more"],
+    )
+    assert len(error.problems) == 1000
+
+
 def test_near_misses_are_named() -> None:
     assert "did you mean Reindeer?" in str(unknown_name("scene", "reindeer", ["Art", "Reindeer"]))
     assert "did you mean" not in str(unknown_name("scene", "zzz", ["Art", "Reindeer"]))
@@ -35,3 +46,8 @@ def test_a_name_that_nobody_could_read_is_cut_and_our_lists_are_not() -> None:
     assert "k99\n" in text
     # Who handles the error has the whole name.
     assert error.problems[0].got == name
+
+
+def test_text_of_somebody_elses_file_steers_no_terminal() -> None:
+    text = str(DfdbenchError("wrong\x1b[2J", got="a\rb\x9b1m\x00", where="file\n  fix  none"))
+    assert text == "wrong\\x1b[2J\n  where     file\n  fix  none\n  got       a\\x0db\\x9b1m\\x00"

@@ -5,13 +5,15 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
+
 STOPPED_WHILE_LOADING = """
 import sys
 from importlib.abc import MetaPathFinder
 
 class CtrlC(MetaPathFinder):
     def find_spec(self, name, path, target=None):
-        if name == "dfdbench.cli":
+        if name == sys.argv[1]:
             raise KeyboardInterrupt
 
 sys.meta_path.insert(0, CtrlC())
@@ -20,10 +22,19 @@ main()
 """
 
 
-def test_ctrl_c_while_it_loads_is_told_in_a_line() -> None:
-    command = (sys.executable, "-c", STOPPED_WHILE_LOADING)
+@pytest.mark.parametrize("module", ["dfdbench.system.version", "dfdbench.cli"])
+def test_ctrl_c_while_it_loads_is_told_in_a_line(module: str) -> None:
+    command = (sys.executable, "-c", STOPPED_WHILE_LOADING, module)
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (130, "stopped\n")
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_closed_stream_is_no_mistake(closed: str) -> None:
+    command = f'"{sys.executable}" -m dfdbench info demo {closed}'
+    ended = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0
+    assert "Traceback" not in ended.stderr
 
 
 def test_the_command_starts_there() -> None:

@@ -9,7 +9,7 @@ import pytest
 from dfdbench.methods.registry import ENTRY_POINT_GROUP, registered_methods
 
 FACES = {
-    "dfdbench": ["__version__", "open"],
+    "dfdbench": ["__version__", "evaluate", "open", "open_run", "show"],
     "dfdbench.blur": ["RECIPES", "BlurRecipe", "find_recipe", "synthesize"],
     "dfdbench.building": ["SceneError", "SceneImages", "Source", "build_store", "open_source"],
     "dfdbench.metrics": ["nmae", "nrmse", "ssim"],

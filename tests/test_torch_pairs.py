@@ -22,6 +22,7 @@ def test_whole_pairs(tiny_store: Store) -> None:
     assert np.array_equal(item["valid"].numpy(), images.valid)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [0, 2])
 def test_crops_do_not_depend_on_the_workers(tiny_store: Store, workers: int) -> None:
     data = TorchPairs("tiny", "all", crop=8, seed=5, store=tiny_store.path)
@@ -71,6 +72,7 @@ def test_crops_that_do_not_fit(tiny_store: Store, crop: int) -> None:
         TorchPairs("tiny", "all", crop=crop, store=tiny_store.path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", ["fork", "spawn"])
 def test_workers_that_stay_hear_of_the_next_epoch(tiny_store: Store, start: str) -> None:
     data = TorchPairs("tiny", "all", crop=8, store=tiny_store.path)

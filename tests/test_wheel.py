@@ -113,6 +113,7 @@ def expected() -> set[str]:
     }
 
 
+@pytest.mark.slow
 def test_the_wheel_holds_every_file_and_no_other(wheel: Path) -> None:
     assert {"dfdbench/py.typed", "dfdbench/manifests/demo-1.toml"} <= held_by(wheel)
     assert held_by(wheel) == expected()

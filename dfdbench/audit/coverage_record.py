@@ -13,6 +13,7 @@ from dfdbench.audit.leaks import Leak
 from dfdbench.audit.level_ranges import range_text, runs
 from dfdbench.audit.sides import Side
 from dfdbench.blur.recipe import LEVELS
+from dfdbench.datasets.manifest import simulated_label
 from dfdbench.system.record import Record
 
 WEIGHTS = "each depth map counts once for each pair that the manifest makes of it"
@@ -36,6 +37,12 @@ class SideRecord(Record):
     inverted: bool
     counts: list[int]
     expanded: list[float]
+    simulated: bool = False
+
+    @property
+    def label(self) -> str:
+        """What tables and figures call the data set: captures that are none say so."""
+        return simulated_label(self.dataset, self.simulated)
 
 
 class RangeRecord(Record):
@@ -182,6 +189,7 @@ def _side_record(side: Side, histogram: DepthHistogram) -> SideRecord:
         inverted=side.inverted,
         counts=histogram.counts.tolist(),
         expanded=np.round(histogram.expanded, 3).tolist(),
+        simulated=side.store.manifest.simulated,
     )
 
 
@@ -218,5 +226,5 @@ def _ranges(coverage: Coverage, test: Side) -> list[RangeRecord]:
 
 
 def coverage_schema() -> str:
-    """Return the JSON schema of a record, as published in ``dfdbench/schemas``."""
+    """Return the JSON schema of a record, as published in ``dfdbench/results/schemas``."""
     return json.dumps(CoverageRecord.model_json_schema(), indent=1, sort_keys=True) + "\n"

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dfdbench.audit.coverage import Criterion, Verdict
 from dfdbench.audit.coverage_record import CoverageRecord, RangeRecord, SideRecord
 from dfdbench.tables.table import Table
-from dfdbench.tables.wording import listed, percent
+from dfdbench.tables.wording import counted, listed, percent
 
 SCHEMA_VERSION = 1
 _SCENES_NAMED = 4
@@ -50,7 +50,7 @@ def verdict_line(record: CoverageRecord) -> str:
 def leak_text(record: CoverageRecord) -> str:
     """Return how much the two sides share, e.g. ``training holds 2 scenes of the test``."""
     counts = Counter(leak.kind for leak in record.leaks)
-    found = [f"{count} {kind}{'s' * (count != 1)}" for kind, count in counts.items()]
+    found = [counted(count, kind) for kind, count in counts.items()]
     return f"training holds {' and '.join(found)} of the test"
 
 
@@ -85,7 +85,7 @@ def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
     absent = sorted({scene for r in records.values() for scene in _absent(r)})
     if absent:
         notes.append(f"not in the store, so on neither side: {', '.join(absent)}")
-    title = f"each {kind} of {first.test.dataset} against all other scenes"
+    title = f"each {kind} of {first.test.label} against all other scenes"
     align = "llrlrll" if kind == "fold" else "lrrlrll"
     return Table(title, columns, rows, align, tuple(notes))
 
@@ -130,8 +130,8 @@ def _absent(record: CoverageRecord) -> list[str]:
 
 
 def _name(side: SideRecord) -> str:
-    scenes = f"{len(side.scenes)} scene{'s' * (len(side.scenes) != 1)}"
-    return f"{side.dataset}, {side.split} ({side.pairs} pairs of {scenes})"
+    scenes = counted(len(side.scenes), "scene")
+    return f"{side.label}, {side.split} ({counted(side.pairs, 'pair')} of {scenes})"
 
 
 def _scenes_of(item: RangeRecord) -> str:

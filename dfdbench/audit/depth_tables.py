@@ -8,7 +8,7 @@ from dfdbench.audit.level_ranges import as_ranges
 from dfdbench.audit.sides import Side
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.tables.table import Table
-from dfdbench.tables.wording import percent
+from dfdbench.tables.wording import counted, percent
 
 _BAND = 16
 
@@ -41,9 +41,9 @@ def depth_table(side: Side) -> Table:
     ]
     if side.absent:
         notes.append(f"not in the store, so not counted: {', '.join(side.absent)}")
-    scenes = f"{len(side.scenes)} scene{'s' * (len(side.scenes) != 1)}"
+    scenes = counted(len(side.scenes), "scene")
     return Table(
-        f"depths of {side.dataset}, {side.name} ({histogram.pairs} pairs of {scenes})",
+        f"depths of {side.label}, {side.name} ({counted(histogram.pairs, 'pair')} of {scenes})",
         ("levels", "pixels", "share", "do not occur"),
         tuple(rows),
         "lrrl",

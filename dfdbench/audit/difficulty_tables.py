@@ -59,7 +59,7 @@ def difficulty_table(manifest: Manifest, rows: list[dict[str, object]], noise: i
     )
     align = "l" + "r" * (len(columns) - 1)
     return Table(
-        f"what blur does not show of depth in {manifest.stem}", columns, cells, align, notes
+        f"what blur does not show of depth in {manifest.label}", columns, cells, align, notes
     )
 
 

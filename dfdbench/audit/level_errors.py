@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dfdbench.audit.depth_histogram import Mask
 from dfdbench.blur.recipe import LEVELS
+from dfdbench.datasets.depth_scale import DepthScale
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class LevelErrors:
     pixels : ndarray of int64, shape (256,)
         Known pixels of each level.
     absolute, squared : ndarray of float64, shape (256,)
-        Their absolute and squared errors summed, in levels.
+        Their absolute and squared errors summed, in levels or in metres.
     """
 
     pixels: NDArray[np.int64]
@@ -65,7 +66,10 @@ class LevelErrors:
 
 
 def level_errors(
-    depth: NDArray[np.uint8], valid: Mask, prediction: NDArray[np.float32]
+    depth: NDArray[np.uint8],
+    valid: Mask,
+    prediction: NDArray[np.float32],
+    scale: DepthScale | None = None,
 ) -> LevelErrors:
     """Sum a prediction's errors by true level.
 
@@ -77,6 +81,8 @@ def level_errors(
         True where it is known; other pixels are left out.
     prediction : ndarray of float32, shape (y, x)
         Estimated depth levels.
+    scale : DepthScale, optional
+        How levels become metres: then the errors are in metres.
 
     Examples
     --------
@@ -87,7 +93,11 @@ def level_errors(
     (7.0, 1.0, 0.8)
     """
     known = depth[valid]
-    error = np.abs(prediction[valid].astype(np.float64) - known)
+    estimate = prediction[valid].astype(np.float64)
+    if scale is None:
+        error = np.abs(estimate - known)
+    else:
+        error = np.abs(scale.to_metres(estimate) - scale.to_metres(known))
     return LevelErrors(
         np.bincount(known, minlength=LEVELS).astype(np.int64),
         np.asarray(np.bincount(known, weights=error, minlength=LEVELS), np.float64),

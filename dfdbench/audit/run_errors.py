@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dfdbench.audit.coverage import Verdict
 from dfdbench.audit.coverage_record import CoverageRecord
@@ -21,7 +22,7 @@ from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, ResultError
 from dfdbench.results.folder import read_prediction, require_pairs_of
-from dfdbench.results.record import Result
+from dfdbench.results.record import PairResult, Result
 from dfdbench.tables.table import Table
 from dfdbench.tables.wording import percent
 
@@ -87,16 +88,46 @@ def join_errors(store: Store, result: Result, folder: Path, record: CoverageReco
     ResultError
         Where the run is of another data set, kept no predictions, or they are not its own.
     """
+    errors, scenes = {}, {}
+    for pair, depth, valid, prediction in kept_predictions(store, result, folder):
+        errors[pair.id] = level_errors(depth, valid, prediction)
+        scenes[pair.id] = pair.scene
+    levels = {verdict: np.array(record.levels(verdict)) for verdict in Verdict}
+    if record.test.inverted:
+        levels = {verdict: mask[::-1] for verdict, mask in levels.items()}
+    return ErrorJoin(errors, scenes, levels)
+
+
+def kept_predictions(
+    store: Store, result: Result, folder: Path
+) -> Iterator[tuple[PairResult, NDArray[np.uint8], Mask, NDArray[np.float32]]]:
+    """Yield each evaluated pair of a run, its depth, where that is known, and the prediction.
+
+    Parameters
+    ----------
+    store : Store
+        The data set that was run on.
+    result : Result
+        The run.
+    folder : Path
+        The run's folder, with its predictions.
+
+    Raises
+    ------
+    ResultError
+        Where the run is of another data set; after the last pair, where predictions were not kept,
+        are not the run's own, or there are none.
+    """
     if result.dataset.fingerprint != store.fingerprint:
         raise ResultError(
             "the result is of another data set",
             where=str(store.path),
             expected=result.dataset.fingerprint,
             got=store.fingerprint,
-            fix="name the store that was run on: dfdbench coverage STORE --result FILE",
+            fix="name the store that was run on",
         )
     require_pairs_of(result, store, folder)
-    errors, problems = {}, []
+    problems = []
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
     for pair in evaluated:
         depth, valid = store.read_depth(pair.pair)
@@ -108,8 +139,8 @@ def join_errors(store: Store, result: Result, folder: Path, record: CoverageReco
                 Problem("the prediction is not the result's", where=f"{folder}: {pair.id}")
             )
         else:
-            errors[pair.id] = level_errors(depth, valid, prediction)
-    if problems or not errors:
+            yield pair, depth, valid, prediction
+    if problems or not evaluated:
         more = f"{len(problems)} of {len(evaluated)} pairs"
         first = problems[0] if problems else Problem("no pair was evaluated", where=str(folder))
         raise ResultError(
@@ -118,11 +149,6 @@ def join_errors(store: Store, result: Result, folder: Path, record: CoverageReco
             got=more,
             fix="run the method again, without --no-predictions",
         )
-    levels = {verdict: np.array(record.levels(verdict)) for verdict in Verdict}
-    if record.test.inverted:
-        levels = {verdict: mask[::-1] for verdict, mask in levels.items()}
-    scenes = {pair.id: pair.scene for pair in evaluated}
-    return ErrorJoin(errors, scenes, levels)
 
 
 def error_table(join: ErrorJoin, title: str, meaning: str) -> Table:

@@ -1,4 +1,4 @@
-"""The depth histograms of a built data set, each depth map read once."""
+"""A side of a comparison, training or test: its scenes' depth histograms, each map read once."""
 
 from __future__ import annotations
 
@@ -44,6 +44,11 @@ class Side:
     def dataset(self) -> str:
         """The manifest's name and version."""
         return self.store.manifest.stem
+
+    @property
+    def label(self) -> str:
+        """What tables and figures call the data set: captures that are none say so."""
+        return self.store.manifest.label
 
     @property
     def histogram(self) -> DepthHistogram:

@@ -49,7 +49,7 @@ def ranked_splits_table(
         notes.append(f"the published test ({', '.join(published)}) is not covered: rank {rank:,}")
     columns = ("rank", "test scenes", "pairs", "uncovered", "overlap")
     rules = frozenset({SHOWN - 1}) if len(rows) > SHOWN else frozenset()
-    return Table(f"test sets of {manifest.stem}", columns, rows, "rlrrr", tuple(notes), rules)
+    return Table(f"test sets of {manifest.label}", columns, rows, "rlrrr", tuple(notes), rules)
 
 
 def folds_table(
@@ -83,7 +83,7 @@ def folds_table(
         )
     notes += [_why_hopeless(item) for item in hopeless]
     columns = ("fold", "test scenes", "pairs", "uncovered", "overlap", "covered")
-    return Table(f"folds of {manifest.stem}", columns, rows, "llrrrl", tuple(notes))
+    return Table(f"folds of {manifest.label}", columns, rows, "llrrrl", tuple(notes))
 
 
 def split_fragment(manifest: Manifest, test: Sequence[str], train: Sequence[str], why: str) -> str:

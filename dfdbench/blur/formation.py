@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d
 
 from dfdbench.blur.gather import blur_by_level
 from dfdbench.blur.layers import composite_layers, without_tails
@@ -161,6 +160,9 @@ def move(image: Floats, down: float, right: float) -> Floats:
     >>> int(move(image, 0, 1)[0, :, 0].argmax())
     5
     """
+    # Here: it takes half a second, and who only runs a method that is told the blur moves nothing.
+    from scipy.ndimage import correlate1d
+
     for axis, distance in enumerate((down, right)):
         extent = LOBES + int(np.ceil(abs(distance)))
         offsets = np.arange(-extent, extent + 1) + distance

@@ -19,6 +19,8 @@ from dfdbench.errors import InputError, Problem
 SIGMAS = "sigmas"
 #: At how many grey levels a measured law tells its noise.
 GREYS = 17
+#: Variance of rounding to whole grey levels.
+ROUNDING_VARIANCE = 1 / 12
 
 
 @dataclass(frozen=True)

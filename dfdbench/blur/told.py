@@ -1,4 +1,7 @@
-"""What a method may be told of a track: how its images come about, as a blur law."""
+"""What a method may be told of a track: how its images come about, as a blur law.
+
+What a run says that it was told is `dfdbench.results.told`.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.formation import decode, kernel_size_of, law_of
-from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
 from dfdbench.blur.tracks import Formation
-
-# Of rounding to whole grey levels.
-_ROUNDING = 1 / 12
 
 
 def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
@@ -53,7 +53,7 @@ def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
         sigmas=tuple(float(sigma) for sigma in own.sigmas[own.level_of_depth(depths)]),
         exponent=formation.exponent,
         kernel_size=kernel_size_of(own, formation.layers),
-        noise=tuple(float(sigma) for sigma in _noise(formation)) if noisy else (_ROUNDING**0.5,),
+        noise=tuple(map(float, _noise(formation))) if noisy else (ROUNDING_VARIANCE**0.5,),
         # Both images go through the same sensor.
         infocus_noise=float(noisy),
         linear=formation.linear,
@@ -65,11 +65,11 @@ def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
 def _noise(formation: Formation) -> NDArray[np.float64]:
     """Return the standard deviation at each grey level, in the unit of a law's noise: (256,)."""
     if not formation.linear:
-        return np.full(LEVELS, math.sqrt(formation.noise**2 + _ROUNDING))
+        return np.full(LEVELS, math.sqrt(formation.noise**2 + ROUNDING_VARIANCE))
     light = decode(np.arange(LAST_LEVEL + 1.0))
     variance = np.full(LEVELS, formation.read_noise**2)
     if formation.full_well:
         variance += light / formation.full_well
     # A grey level is as wide in light as the curve of the camera makes it.
-    variance += _ROUNDING * np.square(np.gradient(light))
+    variance += ROUNDING_VARIANCE * np.square(np.gradient(light))
     return np.asarray(LAST_LEVEL * np.sqrt(variance), np.float64)

@@ -8,13 +8,13 @@ from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Any
 
+from dfdbench.blur.point_spread import DISK
 from dfdbench.errors import UnknownNameError
 
 #: How the images of a data set without a track come about: the method knows the blur.
 CLEAN = "clean"
 
 _GAUSSIAN = 2.0
-_DISK = 32.0
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ _ALL = (
         1,
         "another point-spread function, exp(-(r / c)^p), as wide at every level as the recipe's",
         _steps("p = {:g}", 3, 8, 32),
-        tuple(Formation(exponent=p) for p in (3.0, 8.0, _DISK)),
+        tuple(Formation(exponent=p) for p in (3.0, 8.0, DISK)),
     ),
     Track(
         "law",
@@ -180,9 +180,7 @@ _ALL = (
         "a camera: linear light, a disk, layers, shot and read noise on both images",
         _steps("read noise 10 electrons, {:,} at full scale", 10_000, 3_333, 1_000),
         tuple(
-            Formation(
-                exponent=_DISK, layers=True, linear=True, read_noise=read, full_well=10 / read
-            )
+            Formation(exponent=DISK, layers=True, linear=True, read_noise=read, full_well=10 / read)
             for read in (0.001, 0.003, 0.01)
         ),
     ),

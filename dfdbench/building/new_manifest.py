@@ -11,6 +11,7 @@ from dfdbench.building.folder_facts import Facts, look_into
 from dfdbench.building.folder_layout import SUFFIXES, Key, Layout, find_layout, image_files
 from dfdbench.datasets.captured_files import ROLES
 from dfdbench.errors import InputError
+from dfdbench.tables.wording import listed
 
 _TEST = 4  # without splits of its own, every fourth scene of a set tests
 _NAMED = 6
@@ -83,8 +84,7 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
             "no scene with two photographs and a depth map",
             where=str(folder),
             expected=f"three files a scene ({', '.join(SUFFIXES)}) that share a name or a folder",
-            got=", ".join(paths[:_NAMED]) + (" ..." if len(paths) > _NAMED else "")
-            or "no such file",
+            got=listed(paths, _NAMED) or "no such file",
         )
     facts = look_into(folder, layout)
     stem = _SAFE.sub("-", name or folder.resolve().name).strip("-._") or "captures"
@@ -165,7 +165,7 @@ def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
             "whether files go together by their order: their names have nothing in common"
         )
     if layout.left:
-        named = ", ".join(layout.left[:_NAMED]) + (" ..." if len(layout.left) > _NAMED else "")
+        named = listed(layout.left, _NAMED)
         facts.open.append(f"{len(layout.left)} image files belong to no scene: {named}")
     if not all(scene.split for scene in scenes):
         facts.open.append(

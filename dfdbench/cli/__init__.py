@@ -9,10 +9,10 @@ from typing import Annotated
 
 import typer
 
-from dfdbench import __version__
 from dfdbench.cli.screen import say, spell_out_what_cannot_be_shown
 from dfdbench.cli.verbs import LazyGroup
 from dfdbench.errors import DfdbenchError, Problem, reason_of
+from dfdbench.system.version import PACKAGE_VERSION
 
 __all__ = ["app", "main"]
 
@@ -20,7 +20,6 @@ app = typer.Typer(
     cls=LazyGroup,
     help="Build depth-from-defocus data sets, run methods on them, and compare.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -32,7 +31,7 @@ def version_option(
 ) -> None:
     """Build depth-from-defocus data sets, run methods on them, and compare."""
     if version:
-        print(f"dfdbench {__version__}")
+        print(f"dfdbench {PACKAGE_VERSION}")
         raise typer.Exit
 
 

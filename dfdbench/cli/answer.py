@@ -1,4 +1,7 @@
-"""How an answer is kept and printed: files in a folder, tables in three forms."""
+"""How verbs give a result that may be kept: files in a folder with --out, tables printed.
+
+Messages, progress and single figures are `screen.py`.
+"""
 
 from __future__ import annotations
 

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dfdbench.blur.recipe import RECIPES
+from dfdbench.cli.completion import data_sets
 from dfdbench.cli.options import Cache, Scheduler, Workers, pool_of
 from dfdbench.cli.screen import download_progress, progress, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
+from dfdbench.tables.wording import counted
 
 if TYPE_CHECKING:
     from dfdbench.building.build import BuildReport
@@ -21,11 +23,20 @@ if TYPE_CHECKING:
     from dfdbench.building.sources import Source
 
 
+def _called_png(out: Path | None) -> None:
+    # Other verbs call it so.
+    if out is not None:
+        raise InputError(
+            "the folder to write into has another name here", where="--out", fix=f"--png {out}"
+        )
+
+
 def build(
     name: Annotated[
         str,
         typer.Argument(
-            help="A data set's name or a manifest's path; NAME@TRACK-SEVERITY on a track."
+            help="A data set's name or a manifest's path; NAME@TRACK-SEVERITY on a track.",
+            autocompletion=data_sets,
         ),
     ],
     source: Annotated[
@@ -43,13 +54,13 @@ def build(
         typer.Option(help="In-focus and defocus voltage step of captured pairs: 141,129."),
     ] = None,
     allow_missing: Annotated[
-        bool, typer.Option("--allow-missing", help="Succeed although pairs are missing.")
+        bool, typer.Option("--allow-missing", help="Accept missing pairs and build the rest.")
     ] = False,
     mirror: Annotated[
         list[str] | None,
         typer.Option(
             metavar="URL",
-            help="Ask this address before the site; repeatable; also DFDBENCH_MIRROR.",
+            help="Try to download from here before the site; repeatable; also DFDBENCH_MIRROR.",
         ),
     ] = None,
     offline: Annotated[
@@ -79,8 +90,14 @@ def build(
 
 
 def export(
-    name: Annotated[str, typer.Argument(help="A data set's name, or a store's path or URL.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="A data set's name, or a store's path or URL.", autocompletion=data_sets
+        ),
+    ],
     png: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write PNG files into.")],
+    out: Annotated[Path | None, typer.Option(hidden=True, callback=_called_png)] = None,
     split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "all",
     cache: Cache = None,
 ) -> None:
@@ -92,7 +109,7 @@ def export(
     store.manifest.scenes_of(split)
     with progress("writing pairs") as step:
         count = export_png(store, png, split, step)
-    print(f"{count} pairs lie in {png}")
+    print(f"{counted(count, 'pair')} {'lies' if count == 1 else 'lie'} in {png}")
 
 
 def _steps(pair: str | None) -> tuple[int, int] | None:
@@ -152,9 +169,9 @@ def _fetched(manifest: Manifest, mirror: list[str], offline: bool, cache: Path |
     finally:
         refused = _count_files(folder / SET_ASIDE) - before
         if refused:
-            say(f"{refused} files were refused and set aside in {folder / SET_ASIDE}")
+            say(f"refused, and set aside in {folder / SET_ASIDE}: {counted(refused, 'file')}")
     if done.new:
-        say(f"fetched {done.new} files into {folder}, {done.kept} were there")
+        say(f"fetched {counted(done.new, 'file')} into {folder}, {done.kept} were there")
     if done.lock:
         say(f"their checksums are kept in {done.lock}")
     return source
@@ -167,7 +184,8 @@ def _count_files(folder: Path) -> int:
 def _tell(manifest: Manifest, report: BuildReport) -> None:
     scenes = len(report.scenes_built) + len(report.scenes_kept)
     kept = f", {len(report.scenes_kept)} of them kept from before" if report.scenes_kept else ""
-    print(f"built {manifest.stem}: {report.pairs} pairs of {scenes} scenes{kept}")
+    pairs = counted(report.pairs, "pair")
+    print(f"built {manifest.stem}: {pairs} of {counted(scenes, 'scene')}{kept}")
     print(f"store        {report.path}")
     print(f"fingerprint  {report.fingerprint}")
 
@@ -185,7 +203,7 @@ def _missing_text(manifest: Manifest, missing: tuple[Pair, ...], fix: str) -> st
         if scene not in whole:
             alike.setdefault(", ".join(places), []).append(scene)
     for listed, scenes in alike.items():
-        lines.append(f"  {', '.join(scenes)}: {listed.count(',') + 1} pairs each")
+        lines.append(f"  {', '.join(scenes)}: {counted(listed.count(',') + 1, 'pair')} each")
         lines.append(f"    {listed}")
     lines.append(f"  fix               {fix}")
     return "\n".join(lines)

@@ -25,6 +25,7 @@ from dfdbench.audit.run_errors import (
 from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.trained_on import RunSides, sides_of_run
 from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
+from dfdbench.cli.completion import data_sets
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_figure
@@ -55,32 +56,42 @@ FloorOption = Annotated[
 
 def coverage(
     dataset: Annotated[
-        str | None, typer.Argument(help="A data set's name or a store's path: what trains.")
+        str | None,
+        typer.Argument(
+            help="The training data set: its name or a store's path.", autocompletion=data_sets
+        ),
     ] = None,
     train: Annotated[
-        str | None, typer.Option(help="The split that trains; default: train.")
+        str | None, typer.Option(help="The split to train on; default: train.")
     ] = None,
     test: Annotated[
-        str | None, typer.Option(help="The split that tests; default: test, of others all.")
+        str | None,
+        typer.Option(
+            help="The split to test on; default: test, or with --test-dataset all its pairs."
+        ),
     ] = None,
     fold: Annotated[
-        str | None, typer.Option(help="A fold or a scene that tests; all other scenes train.")
+        str | None, typer.Option(help="Test on this fold or scene, train on all other scenes.")
     ] = None,
     test_dataset: Annotated[
-        str | None, typer.Option(help="Another data set, or its store, that tests.")
+        str | None, typer.Option(help="Test on another data set: its name or a store's path.")
     ] = None,
     each: Annotated[
         Each | None, typer.Option(help="Test every scene or fold against all other scenes.")
     ] = None,
     result: Annotated[
-        Path | None, typer.Option(help="A run's result.json: its errors by coverage.")
+        Path | None,
+        typer.Option(
+            help="A run's result.json: also show its errors on covered and uncovered depths."
+        ),
     ] = None,
     criterion: CriterionOption = Criterion.either,
     allow: AllowOption = 0.0,
     density_factor: FactorOption = DensityBound.factor,
     density_floor: FloorOption = DensityBound.floor,
     out: Annotated[
-        str | None, typer.Option(help="Folder; default: results/DATASET-coverage/TEST.")
+        str | None,
+        typer.Option(help="Folder to write into; default: results/DATASET-coverage/TEST."),
     ] = None,
     format: Annotated[
         AnswerFormat, typer.Option(help="How the answer is printed.")
@@ -210,8 +221,8 @@ def _answer_errors(
     record = rule.compare(sides.train, sides.test, leaks_between(sides.train, sides.test))
     join = join_errors(store, run, folder, record)
     title = (
-        f"errors of {run.method.title} on {run.dataset.name}, {run.dataset.split}, by what "
-        f"{record.train.dataset}, {record.train.split}, covers"
+        f"errors of {run.method.title} on {run.dataset.label}, {run.dataset.split}, by what "
+        f"{record.train.label}, {record.train.split}, covers"
     )
     meaning = conclusion(join, record, sides.training)
     content = errors_as_json(join, run, record, sides.training)

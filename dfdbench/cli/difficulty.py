@@ -17,6 +17,7 @@ from dfdbench.audit.difficulty_tables import (
 from dfdbench.audit.sides import depth_maps
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
+from dfdbench.cli.completion import data_sets
 from dfdbench.cli.screen import progress
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store, open_store
@@ -25,7 +26,9 @@ from dfdbench.figures.coverage import difficulty_figure
 
 
 def difficulty(
-    dataset: Annotated[str, typer.Argument(help="A data set's name or a store's path.")],
+    dataset: Annotated[
+        str, typer.Argument(help="A data set's name or a store's path.", autocompletion=data_sets)
+    ],
     split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
     noise: Annotated[
         int, typer.Option(min=0, help="Whole grey levels that a change must exceed.")
@@ -61,7 +64,7 @@ def difficulty(
     # The easiest pair, the middle one and the hardest.
     chosen = dict.fromkeys((order[0], order[len(order) // 2], order[-1]))
     figure = difficulty_figure(
-        f"easiest, median and hardest pair of {manifest.stem}, {split}",
+        f"easiest, median and hardest pair of {manifest.label}, {split}",
         [(pair.id, store.read(pair).infocus, found[pair]) for pair in chosen],
     )
     answer = Answer(content, (difficulty_table(manifest, rows, noise),))

@@ -32,9 +32,14 @@ from dfdbench.system.extras import needed
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
+from dfdbench.tables.wording import counted
+
+_REDUCTION = "reduction"
+_PUBLISHED = "published"
 
 if TYPE_CHECKING:
-    from dfdbench.training.experiments import Experiment
+    from dfdbench.methods.networks.weights import Card
+    from dfdbench.training.experiments import Experiment, Trial
 
 
 def experiment(
@@ -42,10 +47,10 @@ def experiment(
         str,
         typer.Argument(
             help="repeatability, cross-validation, patch-size, noise, sampling-size, expansion, "
-            "sharpest-step or voltage-pairs."
+            "reduction, sharpest-step or voltage-pairs."
         ),
     ],
-    method: Annotated[Network, typer.Option(help="What is trained.")] = Network.dfd_net,
+    method: Annotated[Network, typer.Option(help="The network to train.")] = Network.dfd_net,
     dataset: Annotated[
         str | None,
         typer.Option(
@@ -56,14 +61,25 @@ def experiment(
     source: Annotated[
         Path | None, typer.Option(help="Folder of the captures, where the voltage steps vary.")
     ] = None,
-    config: Configuration = "published",
+    rows: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="For the experiment reduction: a folder of networks that `dfdbench reduce` "
+            "wrote, instead of those of the thesis's Table D.2.",
+        ),
+    ] = None,
+    config: Configuration = _PUBLISHED,
     changes: Changes = None,
     weights: Weights = None,
     values: Annotated[
-        str | None, typer.Option(metavar="A,B,...", help="In place of the thesis's values.")
+        str | None, typer.Option(metavar="A,B,...", help="Values to try instead of the thesis's.")
     ] = None,
     repeats: Annotated[
-        int | None, typer.Option(min=1, help="Trainings of each value; default: the thesis's.")
+        int | None,
+        typer.Option(
+            min=1, help="How often to train with each value; default: as often as the thesis."
+        ),
     ] = None,
     max_time: MaxTime = None,
     out: Annotated[
@@ -74,19 +90,15 @@ def experiment(
     threads: Threads = None,
     cache: Cache = None,
 ) -> None:
-    """Train for each value and seed of an experiment of the thesis; a stopped one goes on."""
+    """Train for each value and seed of an experiment of the thesis; a stopped one is resumed."""
     limit = seconds_of(max_time)
     with needed():
         from dfdbench.figures.training import experiment_figure
         from dfdbench.methods.networks.weights import find_weights
-        from dfdbench.training.experiments import (
-            experiment_table,
-            find_experiment,
-            run_trial,
-            trials,
-        )
+        from dfdbench.training.experiments import find_experiment, trials
     use_threads(threads)
     asked, chosen = find_experiment(name), _listed(values)
+    configs = _rows_of(name, rows, chosen, config)
     store, stem = _data_of(asked, name, dataset, chosen, source, cache)
     folder = out or Path("training") / f"{stem}-experiments" / f"{name}-{method.value}"
     start = find_weights(method.value, weights) if weights else None
@@ -94,24 +106,74 @@ def experiment(
         asked,
         method.value,
         store,
-        config,
+        configs or config,
         values_of(changes, "--set"),
         folder,
         chosen,
         repeats,
         start,
     )
-    cards = []
+    tables, cards = _train_all(asked, planned, limit, device, folder)
+    if name == _REDUCTION:
+        tables = _compared(asked, planned, cards, device)
+        keep_tables(folder, tables)
+    save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
+    if format is Format.table:
+        for table in tables:
+            print_table(table)
+    else:
+        print(render(tables, format), end="")
+    say(f"table        {folder / 'scores.md'}, scores.csv")
+
+
+def _train_all(
+    asked: Experiment, planned: Sequence[Trial], limit: float | None, device: str, folder: Path
+) -> tuple[list[Table], list[tuple[str, Card]]]:
+    """Return tables and cards of all trainings; what there is so far lies in the folder."""
+    from dfdbench.training.experiments import experiment_table, run_trial
+    from dfdbench.training.scoring import LOGGED
+
+    cards: list[tuple[str, Card]] = []
+    tables: list[Table] = []
     for number, trial in enumerate(planned, 1):
         label = f"{number} of {len(planned)}: {trial.folder.name}"
         with progress(label) as bar:
             card = run_trial(trial, limit, device, stepping(bar))
         cards.append((trial.value, card))
-        table = experiment_table(asked, cards)
-        keep_table(folder, table)
-    save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
-    print_table(table) if format is Format.table else print(render([table], format), end="")
-    say(f"table        {folder / 'scores.md'}, scores.csv")
+        tables = [experiment_table(asked, cards, protocol) for protocol in LOGGED]
+        keep_tables(folder, tables)
+    return tables, cards
+
+
+def _compared(
+    asked: Experiment, trained: Sequence[Trial], cards: Sequence[tuple[str, Card]], device: str
+) -> list[Table]:
+    from dfdbench.training.checkpoint import WEIGHTS
+    from dfdbench.training.reduction.comparison import comparison_table, seconds_an_image
+    from dfdbench.training.scoring import LOGGED
+
+    files = {trial.value: trial.folder / WEIGHTS for trial in trained}
+    seconds = seconds_an_image(files, trained[0].task.store, device)
+    return [comparison_table(asked.title, cards, seconds, protocol) for protocol in LOGGED]
+
+
+def _rows_of(
+    name: str, rows: Path | None, chosen: list[Any] | None, config: str
+) -> dict[str, str] | None:
+    from dfdbench.training.reduction.comparison import configurations_in
+
+    if rows is None:
+        return None
+    if name != _REDUCTION:
+        raise InputError(f"{name} has no rows", where="--rows", fix="leave it out")
+    if config != _PUBLISHED:
+        raise InputError(
+            "each row brings its own configuration",
+            where="--config",
+            got=config,
+            fix="leave it out; dfdbench reduce takes it",
+        )
+    return configurations_in(rows, chosen)
 
 
 def _data_of(
@@ -140,14 +202,15 @@ def _built_pairs(
     for pair, files in sets.to_build.items():
         with progress(f"building {manifest.stem}, steps {pair}") as step:
             report = build_store(manifest, files, sets.places[pair], None, pool_of(None), step)
-        say(f"built        {report.path}: {report.pairs} pairs, {len(report.missing)} missing")
+        pairs_built = counted(report.pairs, "pair")
+        say(f"built        {report.path}: {pairs_built}, {len(report.missing)} missing")
     return {pair: Store(place) for pair, place in sets.places.items()}
 
 
-def keep_table(folder: Path, table: Table) -> None:
-    """Write a table as Markdown and CSV."""
+def keep_tables(folder: Path, tables: Sequence[Table]) -> None:
+    """Write tables as Markdown and CSV."""
     for format, suffix in ((Format.markdown, "md"), (Format.csv, "csv")):
-        write_whole(folder / f"scores.{suffix}", render([table], format))
+        write_whole(folder / f"scores.{suffix}", render(tables, format))
 
 
 def _listed(text: str | None) -> list[Any] | None:

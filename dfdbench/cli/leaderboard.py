@@ -33,6 +33,7 @@ from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.results.tracks_record import results_of
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format
+from dfdbench.tables.wording import counted
 
 app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 Folder = Annotated[Path, typer.Option(help="The leaderboard's folder.")]
@@ -57,7 +58,7 @@ def leaderboard(
             "--check prints no rankings", where=f"--format {format}", fix="leave out one of them"
         )
     if check:
-        print(f"{folder}: {check_readme(folder)} results valid, README up to date")
+        print(f"{folder}: {counted(check_readme(folder), 'result')} valid, README up to date")
         return
     entries, tracked = collect_all(folder)
     found, scored = parted(entries)
@@ -77,7 +78,9 @@ def leaderboard(
 def verify_command(
     results: Annotated[list[Path], typer.Argument(help="Result files.")],
     pairs: Annotated[int, typer.Option(min=1, help="How many pairs are run again.")] = 5,
-    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Of the random sample.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**32 - 1, help="Seed for drawing the pairs.")
+    ] = 0,
     tolerance: Annotated[
         float, typer.Option(help="How far a score may be off where depth maps differ, 0 to 1.")
     ] = SCORE_TOLERANCE,
@@ -85,11 +88,17 @@ def verify_command(
         str | None, typer.Option(help="A store's path; default: the data set that it names.")
     ] = None,
     record: Annotated[
-        bool, typer.Option("--record", help="Write beside the result that it was reproduced.")
+        bool,
+        typer.Option(
+            "--record", help="Write a file beside the result that says it was reproduced."
+        ),
     ] = False,
     trust: Annotated[
         list[str] | None,
-        typer.Option(metavar="ENTRY", help="Code, not built in, that may be run; repeatable."),
+        typer.Option(
+            metavar="ENTRY",
+            help="Allow this method's code, which is not built in, to be run; repeatable.",
+        ),
     ] = None,
     weights: Annotated[
         Path | None, typer.Option(help="Your copy of weights that are not shipped.")
@@ -116,7 +125,7 @@ def verify_command(
             continue
         trusted = consent.to(claim_of(claimed, path), path)
         how = (pairs, seed, tolerance, trusted, weights)
-        with progress(f"verifying {claimed.method.name}") as step:
+        with progress(f"verifying {claimed.method.name}", "the same command verifies anew") as step:
             if is_tracks_file(path):
                 found = verify_tracks(runs, path, open_store, *how, on_pair=step)
             else:

@@ -1,75 +1,102 @@
-"""The verbs for methods: run, check-method."""
+"""The verb that runs a method: run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dfdbench.blur.recipe import RECIPES
-from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
-from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.cli.completion import data_sets, methods
+from dfdbench.cli.options import Cache, FigureFormats, Scheduler, pool_of_processes, values_of
+from dfdbench.cli.run_answer import (
+    print_run_tables,
+    tell_overall,
+    tell_what_was_reused,
+    tell_where_it_lies,
+)
+from dfdbench.cli.screen import progress, say
 from dfdbench.errors import InputError
-from dfdbench.tables.table import Format, Table
+from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
     from dfdbench.datasets.manifest import Manifest
     from dfdbench.datasets.store import Store
-    from dfdbench.evaluation.run import Run
     from dfdbench.methods.method import Method
     from dfdbench.results.record import Result
-    from dfdbench.results.summary import RunSummary
 
 Params = Annotated[
-    list[str] | None, typer.Option("--param", help="NAME=VALUE for the method; repeatable.")
+    list[str] | None,
+    typer.Option("--param", help="A parameter of the method, NAME=VALUE; repeatable."),
+]
+Isolate = Annotated[
+    bool,
+    typer.Option(
+        "--isolate", help="Run it in a process of its own that cannot see the true depth."
+    ),
 ]
 
 
 def run(
     method: Annotated[
-        str, typer.Option(help="A registered name, module:attribute or file.py:attribute.")
+        str,
+        typer.Option(
+            help="A registered name, file.py:function or module:function.", autocompletion=methods
+        ),
     ],
     dataset: Annotated[
-        str, typer.Option(help="A data set's name or a store's path.")
+        str, typer.Option(help="A data set's name or a store's path.", autocompletion=data_sets)
     ] = "middlebury",
-    split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
+    split: Annotated[
+        str, typer.Option(help="Which pairs: a split, a fold, a scene, or all.")
+    ] = "test",
     protocol: Annotated[
         str | None,
         typer.Option(
-            help="Under which the table is shown; default: thesis, of own captures valid."
+            help="Scoring protocol of the printed table; default: the data set's usual one."
         ),
     ] = None,
     param: Params = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder; default: results/DATASET-SPLIT/METHOD.")
+        Path | None,
+        typer.Option(help="Folder to write into; default: results/DATASET-SPLIT/METHOD."),
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Only the first N pairs.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Run only this many pairs, from the first.")
+    ] = None,
     format: Annotated[Format, typer.Option(help="How the tables are printed.")] = Format.table,
     no_predictions: Annotated[
-        bool, typer.Option("--no-predictions", help="Keep no depth maps, draw no figures.")
+        bool, typer.Option("--no-predictions", help="Save no depth maps and no figures.")
+    ] = False,
+    no_figures: Annotated[
+        bool,
+        typer.Option(
+            "--no-figures", help="Draw no figures; `dfdbench report` can draw them later."
+        ),
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Evaluate anew, set an earlier run aside.")
+        bool, typer.Option("--fresh", help="Start over; an earlier run is kept as `.previous`.")
     ] = False,
     seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, help="For methods that draw random numbers.")
+        int, typer.Option(min=0, max=2**32 - 1, help="Seed for methods that use random numbers.")
     ] = 0,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Pairs at once; their times are not comparable.")
+        int | None,
+        typer.Option(min=1, help="Run so many pairs at once; times are then not comparable."),
     ] = None,
     scheduler: Scheduler = None,
+    isolate: Isolate = False,
     cache: Cache = None,
+    figure_format: FigureFormats = None,
     submit: Annotated[
-        bool, typer.Option("--submit", help="Write it into leaderboard/, for a pull request.")
+        bool,
+        typer.Option("--submit", help="Write the result into leaderboard/, for a pull request."),
     ] = False,
 ) -> None:
-    """Run a method on a data set and print its tables; a stopped run goes on."""
-    from dfdbench.audit.trained_on import coverage_warnings
+    """Run a method on a data set and print its tables; a stopped run is resumed."""
     from dfdbench.datasets.store import open_store
-    from dfdbench.evaluation.fitting import training_scenes
-    from dfdbench.evaluation.loading import load_for
+    from dfdbench.evaluation.loading import depth_warnings, load_for
     from dfdbench.evaluation.plan import RunOptions
     from dfdbench.evaluation.run import run_method
     from dfdbench.figures.runs import draw_run
@@ -77,36 +104,42 @@ def run(
     from dfdbench.results.summary import summarise
 
     asked = find_protocol(protocol).label if protocol else None
+    forms = _forms_of(figure_format, no_predictions, no_figures)
     if submit:
         refuse_what_cannot_be_submitted(limit)
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
     shown = protocol_of_tables(asked, data)
-    loaded = load_for(data, method, values_of(param, "--param"), seed)
-    if submit:
-        refuse_what_was_trained_on(loaded, data.manifest, split)
     folder = out or Path("results") / f"{data.path.stem}-{split}" / folder_name(method, param)
+    apart_from = hidden_from_isolated(folder, cache) if isolate else None
+    loaded = load_for(data, method, values_of(param, "--param"), seed, apart_from=apart_from)
+    if submit:
+        refuse_unfit_to_submit(loaded, data, split)
     options = RunOptions(limit, not no_predictions, fresh, seed)
     pool = pool_of_processes(workers, scheduler)
-    saw = [loaded.trained_on]
-    if loaded.fit is not None:
-        saw.append(training_scenes(data.manifest, split)[0])
-    warnings = [
-        text for name in dict.fromkeys(saw) for text in coverage_warnings(name, data, split)
-    ]
+    warnings = depth_warnings(loaded, data, split)
     with progress(f"running {method}") as step:
         done = run_method(data, loaded, split, folder, options, pool, warnings, step)
-    _tell_what_was_reused(done)
+    tell_what_was_reused(done)
     summary = summarise(done.result, shown)
-    if not no_predictions:
-        draw_run(data, summary, folder)
-    _keep_law(loaded.predict, folder, figure=not no_predictions)
+    if forms:
+        draw_run(data, summary, folder, also=forms)
+    _keep_law(loaded.predict, folder, forms)
     print_run_tables(summary, data.manifest, format)
-    tell_where_it_lies(done, figures=not no_predictions)
+    tell_where_it_lies(done, figures=bool(forms))
     if submit:
         submit_run(done.result)
+    tell_overall(summary)
     if any(pair.status == "failed" for pair in done.result.pairs):
         raise typer.Exit(1)
+
+
+def hidden_from_isolated(folder: Path, cache: Path | None) -> list[Path]:
+    """Return what a method that runs isolated is not to see, besides the store."""
+    from dfdbench.system.cache import cache_folder
+
+    # Among results lie earlier runs, with figures and pages that show the truth.
+    return [Path("results"), folder, cache_folder(cache)]
 
 
 def protocol_of_tables(asked: str | None, data: Store) -> str:
@@ -114,13 +147,13 @@ def protocol_of_tables(asked: str | None, data: Store) -> str:
     from dfdbench.results.first_table import first_protocol
 
     known = data.manifest
-    shown = asked or first_protocol(known.short, data.recipe_name, known.degradation)
+    shown = asked or first_protocol(known.short)
     require_shown(shown, known)
     return shown
 
 
 def require_shown(protocol: str, manifest: Manifest) -> None:
-    """Refuse a protocol that a data set's runs are not scored under, before hours are spent."""
+    """Refuse a protocol that a data set's runs are not scored under, before a long run."""
     from dfdbench.metrics.of_protocol import protocols_of
     from dfdbench.metrics.protocol import require_scored
 
@@ -128,98 +161,35 @@ def require_shown(protocol: str, manifest: Manifest) -> None:
     require_scored(protocol, there, f"runs on {manifest.stem}")
 
 
-def _keep_law(predict: Any, folder: Path, figure: bool) -> None:
+def _forms_of(
+    asked: Sequence[str] | None, no_predictions: bool, no_figures: bool
+) -> tuple[str, ...]:
+    if not no_predictions and not no_figures:
+        return ("png", *(asked or ()))
+    if asked:
+        said = "--no-predictions" if no_predictions else "--no-figures"
+        raise InputError(
+            f"no figures are drawn with {said}",
+            where="--figure-format",
+            fix=f"leave out one of --figure-format and {said}",
+        )
+    return ()
+
+
+def _keep_law(predict: Any, folder: Path, forms: Sequence[str]) -> None:
     calibration = getattr(predict, "calibration", None)
     if calibration is None:
         return
     from dfdbench.figures.calibration import law_figure
-    from dfdbench.figures.style import write_figure
+    from dfdbench.figures.style import write_forms
     from dfdbench.methods.calibration import Calibration
     from dfdbench.system.files import write_whole
 
     # Another's method may have something else of that name.
     if isinstance(calibration, Calibration):
         write_whole(folder / "law.toml", calibration.law.as_toml())
-        if figure:
-            write_figure(law_figure(calibration), folder / "figures" / "law.png")
-
-
-def _tell_what_was_reused(done: Run) -> None:
-    if done.set_aside:
-        say(f"an earlier run with other settings was moved to {done.set_aside}")
-    if done.reused:
-        say(f"{done.reused} pairs taken over from an earlier call (--fresh evaluates anew)")
-
-
-def print_run_tables(summary: RunSummary, manifest: Manifest, format: Format) -> None:
-    """Print a run's tables in a format."""
-    from dfdbench.results.run_data import run_as_csv, run_as_json
-    from dfdbench.results.scene_tables import all_tables
-    from dfdbench.results.summary import scene_labels
-    from dfdbench.tables.render import render
-
-    if format is Format.csv:
-        print(run_as_csv(summary, scene_labels(manifest.scenes)), end="")
-        return
-    if format is Format.json:
-        print(run_as_json(summary, scene_labels(manifest.scenes)), end="")
-        return
-    tables = all_tables(summary, manifest.scenes, manifest.splits)
-    if format is Format.table:
-        for table in tables:
-            print_table(table)
-    else:
-        print(render(tables, format), end="")
-
-
-def tell_where_it_lies(done: Run, figures: bool) -> None:
-    """Say where a run's files lie, and what failed."""
-    from dfdbench.results.record_file import RESULT
-
-    method = done.result.method
-    if method.fitted_on:
-        say(f"fitted       on {method.fitted_on}, in {method.fit_seconds:.1f} s")
-    say(f"result       {done.folder / RESULT}")
-    if figures:
-        say(f"figures      {done.folder / 'figures'}")
-    failed = sum(pair.status == "failed" for pair in done.result.pairs)
-    if failed:
-        say(f"{failed} pairs failed; the same command tries them again")
-
-
-def check_method_command(
-    method: Annotated[str, typer.Argument(help="As for run --method.")], param: Params = None
-) -> None:
-    """Try a method on awkward inputs and say what is wrong, before an hour is spent."""
-    from dfdbench.datasets.depth_scale import Rig
-    from dfdbench.methods.check import check_method
-    from dfdbench.methods.registry import load_method
-
-    offers: dict[str, Callable[[], Any]] = {
-        "recipe": lambda: RECIPES["published"],
-        "recipe_name": lambda: "published",
-        "training_mean": lambda: 128.0,
-        "seed": lambda: 0,
-        "rig": Rig,
-    }
-    # A class with a fit has to find out the blur, so that the fit is tried too.
-    for_fits = {"recipe": lambda: None}
-    trials = check_method(load_method(method, values_of(param, "--param"), offers, for_fits))
-    rows = tuple(
-        (
-            "FAIL" if trial.error else "odd" if trial.warning else "ok",
-            trial.name,
-            f"{trial.seconds:.3f} s",
-            trial.error or trial.warning,
-        )
-        for trial in trials
-    )
-    columns = ("", "input", "time", "what is wrong")
-    print_table(Table(f"{method} on awkward inputs", columns, rows, "llrl"))
-    failed = sum(bool(trial.error) for trial in trials)
-    print(f"{failed} of {len(trials)} trials failed" if failed else "fit for a run")
-    if failed:
-        raise typer.Exit(1)
+        if forms:
+            write_forms(law_figure(calibration), folder / "figures", "law", forms)
 
 
 def refuse_what_cannot_be_submitted(limit: int | None) -> None:
@@ -237,12 +207,16 @@ def refuse_what_cannot_be_submitted(limit: int | None) -> None:
     require_leaderboard(LEADERBOARD)
 
 
-def refuse_what_was_trained_on(method: Method, manifest: Manifest, split: str) -> None:
-    """Refuse a method whose weights were trained on scenes of the test."""
+def refuse_unfit_to_submit(method: Method, store: Store, split: str) -> None:
+    """Refuse a damaged store, and a method whose weights were trained on scenes of the test."""
+    from dfdbench.datasets.integrity import require_sound
     from dfdbench.leaderboard.training_problems import training_problems
 
+    require_sound(store)
     trained_on, weights = method.trained_on, method.weights_sha256
-    problems = training_problems(trained_on, weights, manifest.stem, split, f"--split {split}")
+    problems = training_problems(
+        trained_on, weights, store.manifest.stem, split, f"--split {split}"
+    )
     if problems:
         raise InputError.of(problems)
 

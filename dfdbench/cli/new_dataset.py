@@ -30,7 +30,9 @@ def new_dataset(
     path = out or Path(written.name)
     if path.exists():
         raise InputError(
-            "a file of that name is there", where=str(path), fix="name another: --out FILE.toml"
+            f"a {'folder' if path.is_dir() else 'file'} of that name is there",
+            where=str(path),
+            fix="name another: --out FILE.toml",
         )
     with writing(path):
         write_whole(path, written.toml)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dfdbench.errors import InputError, Problem
+from dfdbench.system.json_text import parse_json
 
 if TYPE_CHECKING:
     from dfdbench.system.parallel import Cluster, Pool
@@ -17,15 +19,32 @@ if TYPE_CHECKING:
 Cache = Annotated[
     Path | None,
     typer.Option(
-        envvar="DFDBENCH_CACHE", help="Folder of downloads and stores; default: the platform's."
+        envvar="DFDBENCH_CACHE",
+        help="Folder for downloads and built data sets; default: your system's cache folder.",
     ),
 ]
 Workers = Annotated[
-    int | None, typer.Option(min=1, help="How many at once; default: one a processor core.")
+    int | None, typer.Option(min=1, help="How many at once; default: one per processor core.")
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option(metavar="ADDRESS", help="A dask.distributed scheduler, as tcp://node1:8786."),
+    typer.Option(
+        metavar="ADDRESS",
+        help="Run on a cluster: a dask.distributed scheduler, as tcp://node1:8786.",
+    ),
+]
+
+
+class FigureFormat(StrEnum):
+    """A form of figures for papers, beside PNG."""
+
+    pdf = "pdf"
+    svg = "svg"
+
+
+FigureFormats = Annotated[
+    list[FigureFormat] | None,
+    typer.Option("--figure-format", help="Figures as PDF or SVG too, for papers; repeatable."),
 ]
 
 
@@ -66,15 +85,18 @@ def value_of(text: str, where: str) -> Any:
         Where it begins as an object or a list of JSON, and is none.
     """
     try:
-        return json.loads(text)
-    except json.JSONDecodeError as error:
+        return parse_json(text)
+    except ValueError as error:
         if not text.lstrip().startswith(("{", "[")):
             return text
+        why = str(error)
+        if isinstance(error, json.JSONDecodeError):
+            why = f"{error.msg} at character {error.pos + 1}"
         raise InputError(
             "broken JSON",
             where=where,
             expected='as {"name": 0.5}, or a text in double quotes',
-            got=f"{error.msg} at character {error.pos + 1} of {text}",
+            got=f"{why} of {text[:200]}",
         ) from None
 
 

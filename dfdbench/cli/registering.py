@@ -35,19 +35,20 @@ _KNOWN_WELL = 3.0  # pixels
 
 
 def register_scenes(
-    scene: Annotated[str, typer.Argument(help="Which: k33, k00-k07, or all that are there.")],
+    scene: Annotated[str, typer.Argument(help="Scenes: k33, k00-k07, or all that are there.")],
     source: Annotated[Path, typer.Option(help="Folder with raw captures.")],
     dataset: Annotated[
         str, typer.Option(help="A data set's name or a manifest's path: scenes and frame sizes.")
     ] = "realworld",
-    focal_length: Annotated[str, typer.Option(help="Of the camera.")] = "9.6mm",
+    focal_length: Annotated[str, typer.Option(help="Focal length of the camera.")] = "9.6mm",
     pixel: Annotated[str, typer.Option(help="Size of a pixel.")] = "4.8um",
     baseline: Annotated[str, typer.Option(help="The LIDAR's height above the camera.")] = "93mm",
     fresh: Annotated[
-        bool, typer.Option("--fresh", help=f"Estimate anew; what is there is kept as {PREVIOUS}.")
+        bool,
+        typer.Option("--fresh", help=f"Estimate again; the earlier answer is kept as {PREVIOUS}."),
     ] = False,
 ) -> None:
-    """Lay the LIDAR's depth map on the camera's image: a small file and an overlay a scene."""
+    """Lay the LIDAR's depth map on the camera's image: a small file and an overlay per scene."""
     manifest = find_manifest(dataset)
     capture = capture_of(manifest)
     if not source.is_dir():

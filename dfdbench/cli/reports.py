@@ -10,62 +10,137 @@ from typing import Annotated
 import typer
 
 from dfdbench.cli.answer import writing
-from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.cli.options import FigureFormat, FigureFormats
+from dfdbench.cli.screen import PICTURES, print_table, progress, save_figure, say
 from dfdbench.errors import InputError
-from dfdbench.figures.comparison import change_figure
+from dfdbench.figures.comparison import accuracy_figure, change_figure
 from dfdbench.figures.style import write_figure
 from dfdbench.leaderboard.folder import file_stems
 from dfdbench.metrics.of_protocol import ranked_by
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.report.html import write_html
 from dfdbench.report.markdown import write_markdown
+from dfdbench.report.paper_table import paper_tables
 from dfdbench.results.difference_tables import change_tables, changes_to_show
 from dfdbench.results.first_table import first_protocol
-from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT
+from dfdbench.results.run_names import told_apart, without_previous
 from dfdbench.results.saved_run import SavedRun, open_run
-from dfdbench.results.wording import method_label
+from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format
 
 _PANELS = 4
-_PICTURES = (".png", ".pdf", ".svg")
 Dataset = Annotated[
     str | None, typer.Option(help="A store's path; default: where the runs found it.")
 ]
 ProtocolName = Annotated[
-    str | None, typer.Option(help="Under which protocol; default: thesis, of captures valid.")
+    str | None, typer.Option(help="Under which protocol; default: that of `run`.")
 ]
 
 
-class PageFormat(StrEnum):
-    """The form of a report."""
+class ReportFormat(StrEnum):
+    """The form of a report: a page, or one table of methods beside metrics."""
 
     html = "html"
     markdown = "markdown"
+    table = "table"
+    latex = "latex"
+    csv = "csv"
+
+
+_PAGES = (ReportFormat.html, ReportFormat.markdown)
 
 
 def report(
     results: Annotated[list[Path], typer.Argument(help="Result files or runs' folders.")],
-    out: Annotated[Path, typer.Option(help="The folder that it goes into.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="The page's folder, default: report; a table's file, default: printed."),
+    ] = None,
     protocol: ProtocolName = None,
     format: Annotated[
-        PageFormat, typer.Option(help="One HTML page, or Markdown with PNG files.")
-    ] = PageFormat.html,
+        ReportFormat,
+        typer.Option(
+            help="One HTML page, or Markdown with PNG files; or only the methods beside metrics."
+        ),
+    ] = ReportFormat.html,
+    metric: Annotated[
+        list[str] | None,
+        typer.Option(help="A column of a table: nrmse, nmae, ssim, seconds; repeatable."),
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.png", help="With a table: draw accuracy against seconds."),
+    ] = None,
+    figure_format: FigureFormats = None,
     dataset: Dataset = None,
 ) -> None:
-    """Write a page about runs: tables, plots, and their pairs, worst first."""
+    """Write a page about runs, pairs worst first, or a paper's table of them."""
     asked = find_protocol(protocol).label if protocol else None
-    runs = [open_run(path, dataset) for path in _each_once(results)]
-    shown = asked or _first_of(runs[0].result)
-    with writing(out):
-        # Before the drawing, which takes a while.
-        out.mkdir(parents=True, exist_ok=True)
-        if format is PageFormat.html:
-            with progress("drawing pairs") as step:
-                path = write_html(runs, shown, out, step)
+    _refuse_what_does_not_fit(format, metric, figure, figure_format)
+    paths, left_out = without_previous(_each_once(results))
+    for old, new in left_out:
+        both = f"`dfdbench compare {old} {new}` sets them side by side"
+        say(f"left out: {old}, the run before {new.name}; {both}")
+    runs = told_apart(open_run(path, dataset) for path in paths)
+    shown = asked or first_protocol(runs[0].result.dataset.short)
+    if format in _PAGES:
+        _write_page(runs, shown, format, out or Path("report"), figure_format or ())
+        return
+    tables = paper_tables(runs, shown, metric or ())
+    if out is not None:
+        with writing(out):
+            write_whole(out, render(tables, Format(format.value)))
+        print(out)
+    elif format is ReportFormat.table:
+        for table in tables:
+            print_table(table)
+    else:
+        print(render(tables, Format(format.value)), end="")
+    if figure is not None:
+        drawn = accuracy_figure(runs, shown)
+        if drawn is None:
+            say("no figure: no run is complete")
         else:
-            path = write_markdown(runs, shown, out)
+            save_figure(drawn, figure)
+
+
+def _refuse_what_does_not_fit(
+    format: ReportFormat,
+    metric: list[str] | None,
+    figure: Path | None,
+    figure_format: list[FigureFormat] | None,
+) -> None:
+    if format not in _PAGES:
+        if figure_format:
+            raise InputError(
+                "a table's figure has the form that its name says",
+                where="--figure-format",
+                fix=f"--figure accuracy.{figure_format[0]}",
+            )
+        return
+    for option, given in (("--metric", metric), ("--figure", figure)):
+        if given:
+            raise InputError(
+                "a page shows every metric and figure",
+                where=option,
+                expected="--format table, latex or csv beside it",
+                got=f"--format {format.value}",
+            )
+
+
+def _write_page(
+    runs: Sequence[SavedRun], protocol: str, format: ReportFormat, folder: Path, also: Sequence[str]
+) -> None:
+    with writing(folder):
+        # Before the drawing, which takes a while.
+        folder.mkdir(parents=True, exist_ok=True)
+        if format is ReportFormat.html:
+            with progress("drawing pairs", "the same command draws them anew") as step:
+                path = write_html(runs, protocol, folder, step, also)
+        else:
+            path = write_markdown(runs, protocol, folder, also)
     for run in runs:
         if run.without:
             say(f"no pictures of {run.label}: {run.without}")
@@ -86,13 +161,13 @@ def compare(
 ) -> None:
     """Compare two runs pair by pair: differences, wins, losses, what changed most."""
     asked = find_protocol(protocol).label if protocol else None
-    runs = open_run(first, dataset), open_run(second, dataset)
-    shown = asked or _first_of(runs[0].result)
+    one, other = told_apart((open_run(first, dataset), open_run(second, dataset)))
+    runs = one, other
+    shown = asked or first_protocol(runs[0].result.dataset.short)
     if runs[0].path.resolve() == runs[1].path.resolve():
         raise InputError("A and B are the same run", where=str(runs[0].path), expected="two runs")
-    results = runs[0].result, runs[1].result
-    picture = _picture(out, *results)
-    tables = change_tables(*results, shown, most)
+    picture = _picture(out, *runs)
+    tables = change_tables(one.result, other.result, shown, most, (one.label, other.label))
     if format is Format.table:
         for table in tables:
             print_table(table)
@@ -100,11 +175,6 @@ def compare(
         # A sheet holds one kind of row.
         print(render(tables[:1] if format is Format.csv else tables, format), end="")
     _draw_changes(runs, shown, min(most, _PANELS), picture)
-
-
-def _first_of(result: Result) -> str:
-    told = result.dataset
-    return first_protocol(told.short, str(told.recipe["name"]), told.degradation)
 
 
 def _draw_changes(
@@ -124,21 +194,18 @@ def _draw_changes(
     say(f"panels       {picture}{before}")
 
 
-def _picture(out: Path | None, first: Result, second: Result) -> Path:
+def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
     if out is None:
-        a, b = (
-            file_stems(method_label(result.method), result.dataset.fingerprint)[0]
-            for result in (first, second)
-        )
-        dataset = first.dataset
+        a, b = (file_stems(run.label, run.result.dataset.fingerprint)[0] for run in (first, second))
+        dataset = first.result.dataset
         return Path("results") / f"compare-{dataset.name}-{dataset.split}-{a}-vs-{b}.png"
     if out.is_dir() or not out.suffix:
         return out / "compare.png"
-    if out.suffix.lower() not in _PICTURES:
+    if out.suffix.lower() not in PICTURES:
         raise InputError(
             "not a picture's name",
             where="--out",
-            expected=f"a folder, or {', '.join(_PICTURES)}",
+            expected=f"a folder, or {', '.join(PICTURES)}",
             got=out.name,
         )
     return out

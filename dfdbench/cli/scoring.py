@@ -7,14 +7,10 @@ from typing import Annotated, Literal
 
 import typer
 
-from dfdbench.cli.methods import (
-    folder_name,
-    print_run_tables,
-    protocol_of_tables,
-    submit_run,
-    tell_where_it_lies,
-)
-from dfdbench.cli.options import Cache
+from dfdbench.cli.completion import data_sets
+from dfdbench.cli.methods import folder_name, protocol_of_tables, submit_run
+from dfdbench.cli.options import Cache, FigureFormats
+from dfdbench.cli.run_answer import print_run_tables, tell_overall, tell_where_it_lies
 from dfdbench.cli.screen import progress, say
 from dfdbench.tables.table import Format
 
@@ -24,11 +20,13 @@ def score(
         Path,
         typer.Option(
             metavar="DIR",
-            help="A file a pair, named as `dfdbench info NAME --pairs SPLIT` lists them: npy, npz, "
-            "PNG or TIFF.",
+            help="Folder of depth maps, npy, npz, PNG or TIFF: one file per pair, named as "
+            "`dfdbench info NAME --pairs SPLIT` lists them.",
         ),
     ],
-    dataset: Annotated[str, typer.Option(help="A data set's name or a store's path.")],
+    dataset: Annotated[
+        str, typer.Option(help="A data set's name or a store's path.", autocompletion=data_sets)
+    ],
     split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
     unit: Annotated[
         Literal["levels", "metres"],
@@ -38,12 +36,12 @@ def score(
         ),
     ] = "levels",
     method: Annotated[
-        str | None, typer.Option(help="What tables call it; default: the folder's name.")
+        str | None, typer.Option(help="The method's name in tables; default: the folder's name.")
     ] = None,
     protocol: Annotated[
         str | None,
         typer.Option(
-            help="Under which the table is shown; default: thesis, of own captures valid."
+            help="Scoring protocol of the printed table; default: the data set's usual one."
         ),
     ] = None,
     out: Annotated[
@@ -51,11 +49,14 @@ def score(
     ] = None,
     format: Annotated[Format, typer.Option(help="How the tables are printed.")] = Format.table,
     cache: Cache = None,
+    figure_format: FigureFormats = None,
     submit: Annotated[
-        bool, typer.Option("--submit", help="Write it into leaderboard/, for a pull request.")
+        bool,
+        typer.Option("--submit", help="Write the result into leaderboard/, for a pull request."),
     ] = False,
 ) -> None:
-    """Score depth maps that were made elsewhere, a file a pair; nothing is run."""
+    """Score depth maps that were made elsewhere, one file per pair; nothing is run."""
+    from dfdbench.datasets.integrity import require_sound
     from dfdbench.datasets.store import open_store
     from dfdbench.evaluation.scored import score_predictions
     from dfdbench.figures.runs import draw_run
@@ -68,18 +69,21 @@ def score(
         require_leaderboard(LEADERBOARD)
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
+    if submit:
+        require_sound(data)
     shown = protocol_of_tables(asked, data)
     name = method or predictions.resolve().name
     folder = out or (
         Path("results") / f"{data.path.stem}-{split}" / f"{folder_name(name, None)}-scored"
     )
-    with progress(f"scoring {name}") as step:
+    with progress(f"scoring {name}", "the same command scores all of them anew") as step:
         done = score_predictions(predictions, data, split, folder, name, unit, step)
     if done.set_aside:
         say(f"what lay there was moved to {done.set_aside}")
     summary = summarise(done.result, shown)
-    draw_run(data, summary, folder)
+    draw_run(data, summary, folder, also=figure_format or ())
     print_run_tables(summary, data.manifest, format)
     tell_where_it_lies(done, figures=True)
     if submit:
         submit_run(done.result)
+    tell_overall(summary)

@@ -26,14 +26,19 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from dfdbench.errors import InputError, reason_of
+from dfdbench.errors import InputError, reason_of, steering_nothing
 from dfdbench.tables.render import as_rich
 from dfdbench.tables.table import Table, least_width
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_INTERRUPTED = 130
+#: How the file of a figure may end.
+PICTURES = (".png", ".pdf", ".svg")
+#: The status of a command that Ctrl-C ended.
+INTERRUPTED = 130
+#: How most work that was stopped is taken up.
+GOES_ON = "the same command goes on from here"
 #: Where no bar can be drawn, a line this often says how far the work is.
 _LINE_SECONDS = 60.0
 
@@ -51,6 +56,15 @@ def say(text: str) -> None:
     print(text, file=sys.stderr)
 
 
+def say_stopped(stopped: KeyboardInterrupt, resumed: str = "") -> None:
+    """Say that Ctrl-C ended the work, and how it goes on.
+
+    The notes that the interrupted work has added to the exception know that best; where there are
+    none, it is as `resumed` has it.
+    """
+    say("; ".join(("stopped", *(getattr(stopped, "__notes__", ()) or [resumed] * bool(resumed)))))
+
+
 class _Console(Console):
     def on_broken_pipe(self) -> None:
         # Rich would end the program with status 1, which has a meaning of its own here.
@@ -62,16 +76,17 @@ def print_table(table: Table) -> None:
     console = _Console()
     table = _spelt_out(table, console.encoding)
     # Piped or captured there is no terminal to fit: lines are as long as they need be. On a
-    # narrow one the terminal wraps them, which loses nothing.
-    width = max(console.width, least_width(table)) if sys.stdout.isatty() else 200
-    console.width = width
-    console.print(as_rich(table))
+    # narrow one the terminal wraps the rows, which loses nothing.
+    width = console.width if sys.stdout.isatty() else 200
+    for part in as_rich(table):
+        console.width = width if isinstance(part, Text) else max(width, least_width(table))
+        console.print(part)
 
 
 def _spelt_out(table: Table, encoding: str) -> Table:
     # Before the columns are measured, so that they stay in line.
     def spelt(text: str) -> str:
-        return text.encode(encoding, "backslashreplace").decode(encoding)
+        return steering_nothing(text).encode(encoding, "backslashreplace").decode(encoding)
 
     return replace(
         table,
@@ -83,18 +98,20 @@ def _spelt_out(table: Table, encoding: str) -> Table:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Draw a figure into a PNG file and say where it lies; other files are not replaced.
+    """Draw a figure into a PNG, PDF or SVG file and say where it lies; no others are replaced.
 
     Raises
     ------
     InputError
-        Where the file is to be no PNG, or cannot be written.
+        Where the file is to be something else, or cannot be written.
     """
     from dfdbench.figures.style import write_figure
 
-    if path.suffix.lower() != ".png":
+    if path.suffix.lower() not in PICTURES:
         raise InputError(
-            "figures are PNG files", where=str(path), expected="a name that ends in .png"
+            "not a picture's name",
+            where=str(path),
+            expected=f"one that ends in {', '.join(PICTURES)}",
         )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -107,9 +124,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 @contextmanager
-def progress(
-    what: str, resumed: str = "the same command goes on from here"
-) -> Iterator[Callable[[int, int | None], None]]:
+def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[[int, int | None], None]]:
     """Show a bar while the block runs; the block calls what it is given with (done, total).
 
     Ctrl-C ends the command with status 130 and says how it goes on: in the notes that the
@@ -176,7 +191,7 @@ def _minutes(seconds: float) -> str:
 
 @contextmanager
 def _bar(
-    what: str, *between: ProgressColumn, resumed: str = "the same command goes on from here"
+    what: str, *between: ProgressColumn, resumed: str = GOES_ON
 ) -> Iterator[tuple[Progress, TaskID, Lines]]:
     columns = (
         TextColumn("{task.description}"),
@@ -196,6 +211,5 @@ def _bar(
             yield bar, task, Lines(Text(what).plain, quiet=console.is_terminal)
         except KeyboardInterrupt as stopped:
             bar.stop()
-            # What was under way may know better how it goes on.
-            say(f"stopped; {'; '.join(getattr(stopped, '__notes__', ())) or resumed}")
-            raise typer.Exit(_INTERRUPTED) from None
+            say_stopped(stopped, resumed)
+            raise typer.Exit(INTERRUPTED) from None

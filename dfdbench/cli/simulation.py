@@ -17,6 +17,7 @@ from dfdbench.rig.geometry import Pose
 from dfdbench.simulation.board_scene import MOUNTED
 from dfdbench.simulation.captures import CaptureSettings, write_captures
 from dfdbench.simulation.white_dot import write_lens_test
+from dfdbench.tables.wording import counted
 
 app = typer.Typer(
     help="Make captures as the thesis's rig would write them.",
@@ -33,9 +34,10 @@ def simulate_realworld(
     out: Annotated[Path, typer.Option(help="Folder to write the scenes into.")],
     scenes: Annotated[str, typer.Option(help="Which: k00-k07,k33.")] = "k00-k07",
     steps: Annotated[str, typer.Option(help="Voltage steps: 127-143.")] = "127-143",
-    exposures: Annotated[str, typer.Option(help="In ms.")] = "10,20,30,40,50,60,70",
+    exposures: Annotated[str, typer.Option(help="Exposure times in ms.")] = "10,20,30,40,50,60,70",
     turn: Annotated[
-        str, typer.Option(help="Of the LIDAR against the camera: yaw,pitch,roll in degrees.")
+        str,
+        typer.Option(help="Rotation of the LIDAR against the camera: yaw,pitch,roll in degrees."),
     ] = f"{MOUNTED.yaw},{MOUNTED.pitch},{MOUNTED.roll}",
     workers: Annotated[int, typer.Option(min=1, help="Scenes made at once.")] = os.cpu_count() or 1,
 ) -> None:
@@ -55,7 +57,7 @@ def simulate_realworld(
     with writing(out), progress("simulating scenes") as step:
         made = write_captures(out, names, capture, settings, workers, step)
     kept = f", {len(names) - len(made)} kept from before" if len(made) < len(names) else ""
-    print(f"simulated {len(made)} scenes{kept}")
+    print(f"simulated {counted(len(made), 'scene')}{kept}")
     print(f"captures     {out}")
     print(f"truth        {out / 'truth'} (never read by build or register)")
     say(f"next         dfdbench register {scenes} --source {out}")

@@ -24,6 +24,7 @@ from dfdbench.audit.split_tables import (
 )
 from dfdbench.audit.splits import Scenes, hopeless_scenes, rank_tests
 from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
+from dfdbench.cli.completion import data_sets
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store, open_store
@@ -31,9 +32,11 @@ from dfdbench.errors import InputError
 
 
 def split_command(
-    dataset: Annotated[str, typer.Argument(help="A data set's name or a store's path.")],
+    dataset: Annotated[
+        str, typer.Argument(help="A data set's name or a store's path.", autocompletion=data_sets)
+    ],
     test_scenes: Annotated[
-        int | None, typer.Option(min=1, help="Propose tests of this many scenes.")
+        int | None, typer.Option(min=1, help="Propose test splits of this many scenes.")
     ] = None,
     folds: Annotated[
         int | None, typer.Option(min=2, help="Propose this many folds instead.")
@@ -42,7 +45,12 @@ def split_command(
     allow: AllowOption = 0.0,
     density_factor: FactorOption = DensityBound.factor,
     density_floor: FloorOption = DensityBound.floor,
-    seed: Annotated[int, typer.Option(min=0, help="Of folds, and of draws from too many.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(
+            min=0, help="Seed for drawing folds, and splits where there are too many to try all."
+        ),
+    ] = 0,
     out: Annotated[
         str | None, typer.Option(help="Folder; default: results/DATASET-splits/...")
     ] = None,

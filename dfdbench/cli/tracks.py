@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,38 +10,49 @@ import typer
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.cli.building import source_of
+from dfdbench.cli.completion import data_sets, methods
 from dfdbench.cli.methods import (
+    Isolate,
     Params,
     folder_name,
+    hidden_from_isolated,
+    refuse_unfit_to_submit,
     refuse_what_cannot_be_submitted,
-    refuse_what_was_trained_on,
     require_shown,
 )
-from dfdbench.cli.options import Cache, values_of
+from dfdbench.cli.options import Cache, FigureFormats, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError, StoreError, unknown_name
-from dfdbench.metrics.of_protocol import ranked_by
+from dfdbench.metrics.of_protocol import metrics_of, ranked_by
+from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
     from dfdbench.datasets.manifest import Manifest
     from dfdbench.datasets.store import Store
+    from dfdbench.results.record import Result
 
 
 def tracks(
     method: Annotated[
-        str, typer.Option(help="A registered name, module:attribute or file.py:attribute.")
+        str,
+        typer.Option(
+            help="A registered name, file.py:function or module:function.", autocompletion=methods
+        ),
     ],
     param: Params = None,
     dataset: Annotated[
-        str, typer.Option(help="A synthetic data set's name, without a track.")
+        str,
+        typer.Option(
+            help="A synthetic data set's name, without a track.", autocompletion=data_sets
+        ),
     ] = "demo",
     split: Annotated[str, typer.Option(help="A split, a fold or a scene.")] = "test",
     track: Annotated[
-        list[str] | None, typer.Option(help=f"Only this one; repeatable: {', '.join(TRACKS)}.")
+        list[str] | None, typer.Option(help=f"Only this track; repeatable: {', '.join(TRACKS)}.")
     ] = None,
-    protocol: Annotated[str, typer.Option(help="Under which the table is.")] = "valid",
+    protocol: Annotated[str, typer.Option(help="Scoring protocol of the table.")] = "valid",
     source: Annotated[
         Path | None, typer.Option(help="Folder of the set's files, to build what is not built.")
     ] = None,
@@ -49,22 +61,28 @@ def tracks(
     ] = None,
     format: Annotated[Format, typer.Option(help="How the table is printed.")] = Format.table,
     told: Annotated[
-        bool, typer.Option("--told", help="Tell it the blur of each track: a bound, not ranked.")
+        bool,
+        typer.Option(
+            "--told", help="Tell the method each track's blur: an upper bound, not ranked."
+        ),
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="As of run.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**32 - 1, help="Seed for methods that use random numbers.")
+    ] = 0,
+    isolate: Isolate = False,
     cache: Cache = None,
+    figure_format: FigureFormats = None,
     submit: Annotated[
-        bool, typer.Option("--submit", help="Write it into leaderboard/, for a pull request.")
+        bool,
+        typer.Option("--submit", help="Write the result into leaderboard/, for a pull request."),
     ] = False,
 ) -> None:
-    """Run a method over all tracks and severities; a stopped call goes on."""
+    """Run a method over all tracks and severities; a stopped call is resumed."""
     from dfdbench.evaluation.loading import load_for
     from dfdbench.evaluation.plan import RunOptions
     from dfdbench.evaluation.run import run_method
-    from dfdbench.figures.tracks import tracks_figure
+    from dfdbench.methods.registry import find_entry
     from dfdbench.metrics.protocol import find_protocol
-    from dfdbench.results.track_tables import severities, tracks_table
-    from dfdbench.tables.render import render
 
     shown = find_protocol(protocol).label
     plain = _without_track(dataset)
@@ -74,33 +92,63 @@ def tracks(
     if submit:
         refuse_what_cannot_be_submitted(None)
     place = out or Path("results") / f"{plain.file_stem}-tracks-{split}" / name
-    # What cannot be run is told before anything is built or run for long.
-    stores = {label: _built(plain, dataset, label, source, cache) for label in labels}
-    for store in stores.values():
-        require_shown(shown, store.manifest)
     given = values_of(param, "--param")
+    apart_from = hidden_from_isolated(place, cache) if isolate else None
+    # What cannot be run is told before the tracks are built or anything is run for long.
+    find_entry(method)
+    stores = {CLEAN: _built(plain, dataset, CLEAN, source, cache)}
+    require_shown(shown, stores[CLEAN].manifest)
+    load_for(stores[CLEAN], method, given, seed, told, apart_from)
+    stores |= {label: _built(plain, dataset, label, source, cache) for label in labels}
     results = {}
     for label, store in stores.items():
-        loaded = load_for(store, method, given, seed, told)
+        loaded = load_for(store, method, given, seed, told, apart_from)
         if submit:
-            refuse_what_was_trained_on(loaded, store.manifest, split)
+            refuse_unfit_to_submit(loaded, store, split)
         options = RunOptions(keep_predictions=False, seed=seed)
         with progress(f"running {method} on {label}") as step:
             done = run_method(store, loaded, split, place / label, options, on_pair=step)
         results[label] = done.result
-    table = tracks_table(results, shown)
-    print_table(table) if format is Format.table else print(render([table], format), end="")
-    metric = ranked_by(shown)[0]
-    scores = {method: severities(results, shown, metric)}
-    save_figure(tracks_figure(scores, metric, table.title), place / "tracks.png")
+        _tell_score(label, done.result, shown)
+    _show(results, shown, format, method, place, ("png", *(figure_format or ())))
     say(f"results      {place}")
     if submit:
-        from dfdbench.leaderboard.folder import LEADERBOARD
-        from dfdbench.leaderboard.tracks_submission import submit_tracks
-
-        say(f"submission   {submit_tracks(results, LEADERBOARD)}")
+        _submit(results)
     if any(pair.status == "failed" for result in results.values() for pair in result.pairs):
         raise typer.Exit(1)
+
+
+def _show(
+    results: dict[str, Result],
+    protocol: str,
+    format: Format,
+    method: str,
+    folder: Path,
+    forms: Sequence[str],
+) -> None:
+    from dfdbench.figures.tracks import tracks_figure
+    from dfdbench.results.track_tables import severities, tracks_table
+    from dfdbench.tables.render import render
+
+    table = tracks_table(results, protocol)
+    print_table(table) if format is Format.table else print(render([table], format), end="")
+    metric = ranked_by(protocol)[0]
+    figure = tracks_figure({method: severities(results, protocol, metric)}, metric, table.title)
+    for form in forms:
+        save_figure(figure, folder / f"tracks.{form}")
+
+
+def _submit(results: dict[str, Result]) -> None:
+    from dfdbench.leaderboard.folder import LEADERBOARD
+    from dfdbench.leaderboard.tracks_submission import submit_tracks
+
+    say(f"submission   {submit_tracks(results, LEADERBOARD)}")
+
+
+def _tell_score(label: str, result: Result, protocol: str) -> None:
+    metric = ranked_by(protocol)[0]
+    score = (result.averages or {}).get(protocol, {}).get(metric)
+    say(f"{label:<12} {metrics_of(protocol)[metric].title} {score_text(score)}")
 
 
 def _without_track(dataset: str) -> Manifest:
@@ -139,13 +187,14 @@ def _built(
 ) -> Store:
     from dfdbench.building.build import build_store
     from dfdbench.building.plan import plan_build
+    from dfdbench.building.sources import is_made
     from dfdbench.datasets.store import open_store
 
     name = dataset if label == CLEAN else f"{dataset}@{label}"
     try:
         return open_store(name, cache=cache)
     except StoreError:
-        if plain.reader != "demo" and source is None:
+        if source is None and not is_made(plain):
             raise
     plan = plan_build(find_manifest(name), cache=cache)
     files = source_of(plan, source, [], False, cache)

@@ -36,12 +36,12 @@ if TYPE_CHECKING:
 
 
 def train_command(
-    method: Annotated[Network, typer.Argument(help="What is trained.")],
+    method: Annotated[Network, typer.Argument(help="The network to train.")],
     dataset: Annotated[
         str, typer.Option(help="A data set's name or a store's path.")
     ] = "middlebury",
     split: Annotated[
-        str | None, typer.Option(help="The split that trains.", show_default="train")
+        str | None, typer.Option(help="The split to train on.", show_default="train")
     ] = None,
     fold: Annotated[
         str | None, typer.Option(help="Train on all scenes but this fold's, or this scene.")
@@ -51,13 +51,13 @@ def train_command(
     weights: Weights = None,
     max_time: MaxTime = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")
+        bool, typer.Option("--resume", help="Continue from the folder's checkpoint.")
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Start anew; the earlier training is removed.")
+        bool, typer.Option("--fresh", help="Start over; the earlier training is removed.")
     ] = False,
     seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, help="Of weights, patches and noise.")
+        int, typer.Option(min=0, max=2**32 - 1, help="Seed for weights, patches and noise.")
     ] = 0,
     out: Annotated[
         Path | None, typer.Option(help="Folder; default: training/DATASET-SPLIT/METHOD-CONFIG.")
@@ -72,7 +72,7 @@ def train_command(
         from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.checkpoint import TrainingFolder
-        from dfdbench.training.configuration import read_configuration
+        from dfdbench.training.configuration_file import read_configuration
         from dfdbench.training.precision import precision_for
         from dfdbench.training.task import task_of
         from dfdbench.training.trainer import train
@@ -146,6 +146,11 @@ def card_table(card: Card) -> Table:
         *(
             (f"{name.upper()} on {card.scored_on}", f"{value:.4f}")
             for name, value in card.scores.items()
+        ),
+        *(
+            (f"{name.upper()}, {protocol}", f"{value:.4f}")
+            for protocol, scores in card.further_scores.items()
+            for name, value in scores.items()
         ),
     ]
     return Table(f"{card.method}, seed {card.seed}", ("", ""), tuple(rows), "ll")

@@ -27,26 +27,31 @@ Configuration = Annotated[
     typer.Option(
         "--config",
         help="A TOML file, or one of: published, published-realworld, demo, demo-fine, "
-        "demo-u-net, quick.",
+        "demo-u-net, robust, quick.",
     ),
 ]
 Changes = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="NAME=VALUE", help="In place of the file's; docs/training.md names all."
+        "--set",
+        metavar="NAME=VALUE",
+        help="Change a setting of the file; docs/training.md lists them.",
     ),
 ]
 Weights = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Begin with these weights, or shipped ones by name, in place of random ones.",
+        help="Start from these weights, a file or a shipped name, instead of random ones.",
     ),
 ]
 MaxTime = Annotated[
-    str | None, typer.Option(metavar="30m", help="Time of a training at most, as 90s, 30m, 1h30m.")
+    str | None,
+    typer.Option(metavar="30m", help="Stop a training after this time, as 90s, 30m, 1h30m."),
 ]
-Threads = Annotated[int | None, typer.Option(min=1, help="Processor threads; default: one a core.")]
+Threads = Annotated[
+    int | None, typer.Option(min=1, help="Processor threads; default: one per core.")
+]
 Device = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 from typer.main import get_command
+
+from dfdbench.cli.screen import GOES_ON, INTERRUPTED, say_stopped
 
 
 @dataclass(frozen=True)
@@ -21,11 +24,14 @@ class Verb:
         Where its function, or the `typer.Typer` of its own verbs, stands in `dfdbench.cli`.
     summary : str
         The first line of its help, as the list of all verbs shows it.
+    goes_on : bool
+        Whether the same command, stopped anywhere, goes on where it was.
     """
 
     module: str
     attribute: str
     summary: str
+    goes_on: bool = False
 
     def load(self, name: str) -> Any:
         """Import the verb and return it as a command of this name."""
@@ -42,11 +48,12 @@ VERBS = {
     "list": Verb(
         "datasets", "list_datasets", "List the data sets, their tracks and the registered methods."
     ),
-    "info": Verb(
-        "datasets", "info", "Show what a data set consists of, or what a built one holds."
-    ),
+    "info": Verb("info", "info", "Show what a data set consists of, or what a built one holds."),
     "build": Verb(
-        "building", "build", "Build a data set; what is fetched or finished already is kept."
+        "building",
+        "build",
+        "Build a data set; what is fetched or finished already is kept.",
+        goes_on=True,
     ),
     "new-dataset": Verb(
         "new_dataset",
@@ -62,22 +69,29 @@ VERBS = {
         "building",
         "export",
         "Write the pairs as PNG files; Middlebury's are named as the thesis's.",
+        goes_on=True,
     ),
     "run": Verb(
-        "methods", "run", "Run a method on a data set and print its tables; a stopped run goes on."
+        "methods",
+        "run",
+        "Run a method on a data set and print its tables; a stopped run is resumed.",
+        goes_on=True,
     ),
     "score": Verb(
         "scoring",
         "score",
-        "Score depth maps that were made elsewhere, a file a pair; nothing is run.",
+        "Score depth maps that were made elsewhere, one file per pair; nothing is run.",
     ),
     "tracks": Verb(
-        "tracks", "tracks", "Run a method over all tracks and severities; a stopped call goes on."
+        "tracks",
+        "tracks",
+        "Run a method over all tracks and severities; a stopped call is resumed.",
+        goes_on=True,
     ),
     "check-method": Verb(
-        "methods",
+        "checking",
         "check_method_command",
-        "Try a method on awkward inputs and say what is wrong, before an hour is spent.",
+        "Try a method on awkward inputs and say what is wrong, before a long run.",
     ),
     "train": Verb(
         "training",
@@ -87,10 +101,21 @@ VERBS = {
     "experiment": Verb(
         "experiments",
         "experiment",
-        "Train for each value and seed of an experiment of the thesis; a stopped one goes on.",
+        "Train for each value and seed of an experiment of the thesis; a stopped one is resumed.",
+        goes_on=True,
+    ),
+    "search": Verb(
+        "search", "app", "Search for a network's architecture, as chapter 6 of the thesis does."
+    ),
+    "reduce": Verb(
+        "reduction",
+        "reduce",
+        "Count the different outputs of each layer; write configurations of narrower networks.",
     ),
     "report": Verb(
-        "reports", "report", "Write a page about runs: tables, plots, and their pairs, worst first."
+        "reports",
+        "report",
+        "Write a page about runs, pairs worst first, or a paper's table of them.",
     ),
     "compare": Verb(
         "reports",
@@ -100,12 +125,12 @@ VERBS = {
     "register": Verb(
         "registering",
         "register_scenes",
-        "Lay the LIDAR's depth map on the camera's image: a small file and an overlay a scene.",
+        "Lay the LIDAR's depth map on the camera's image: a small file and an overlay per scene.",
     ),
     "depths": Verb(
         "depths",
         "depths",
-        "Count how often each depth level occurs in a built data set, or in a part of it.",
+        "Count how often each depth occurs, or with --result how far runs are off at each depth.",
     ),
     "coverage": Verb(
         "coverage",
@@ -126,6 +151,11 @@ VERBS = {
         "datasets",
         "cache_app",
         "List what lies in the cache: downloads and built data sets; `clear` removes it.",
+    ),
+    "doctor": Verb(
+        "doctor",
+        "doctor",
+        "Say what is installed here and what the machine can do: for bug reports.",
     ),
     "leaderboard": Verb(
         "leaderboard",
@@ -151,6 +181,32 @@ class LazyGroup(TyperGroup):
         if cmd_name in VERBS and cmd_name not in self.commands:
             self.commands[cmd_name] = VERBS[cmd_name].load(cmd_name)
         return self.commands.get(cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return a verb and what is left for it; of an unknown one the near misses are named."""
+        # Known before the verb is imported, which takes long enough to be stopped in.
+        ctx.invoked_subcommand = args[0]
+        near = [] if args[0] in VERBS else get_close_matches(args[0], VERBS)
+        if near:
+            ctx.fail(f"No such command '{args[0]}'. Did you mean {' or '.join(near)}?")
+        return super().resolve_command(ctx, args)
+
+    def make_context(self, *arguments: Any, **more: Any) -> Any:
+        """Read the command line; Ctrl-C meanwhile is told, and ends it with status 130."""
+        try:
+            return super().make_context(*arguments, **more)
+        except KeyboardInterrupt as stopped:
+            say_stopped(stopped)
+            raise typer.Exit(INTERRUPTED) from None
+
+    def invoke(self, ctx: Any) -> Any:
+        """Call the verb; Ctrl-C anywhere in it is told, and ends the command with status 130."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stopped:
+            verb = VERBS.get(ctx.invoked_subcommand)
+            say_stopped(stopped, GOES_ON if verb and verb.goes_on else "")
+            raise typer.Exit(INTERRUPTED) from None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the verbs and what each does, none of them imported."""

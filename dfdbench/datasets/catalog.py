@@ -20,7 +20,7 @@ def released_manifests() -> tuple[Manifest, ...]:
     --------
     >>> [manifest.stem for manifest in released_manifests()]
     ['demo-1', 'dfd-indoor-1', 'middlebury-default-1', 'middlebury-third-1', 'realworld-1', \
-'realworld-2', 'realworld-synthetic-1', 'realworld-synthetic-2']
+'realworld-2', 'realworld-sim-1', 'realworld-synthetic-1', 'realworld-synthetic-2']
     """
     folder = resources.files("dfdbench.manifests")
     files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dfdbench.datasets.damage import DAMAGED
 from dfdbench.datasets.fingerprint import array_digest, combine
 from dfdbench.datasets.store import Store
+from dfdbench.errors import Problem, StoreError
 from dfdbench.system.parallel import Pool, Threads
 
 
@@ -87,6 +89,28 @@ def verify_store(
     )
 
 
+def require_sound(store: Store) -> None:
+    """Refuse a store that does not hold what was built.
+
+    Raises
+    ------
+    StoreError
+        With everything that differs.
+    """
+    found = verify_store(store)
+    if not found.sound:
+        raise StoreError.of(
+            Problem(
+                "the store does not hold what was built",
+                where=f"{store.path}, {'/'.join(filter(None, (item.scene, item.array)))}",
+                got=item.what,
+                fix="the dfdbench build that made it mends it",
+            )
+            for item in found.differences
+            or (StoreDifference("fingerprint", "", f"{found.recomputed}, not the recorded one"),)
+        )
+
+
 @dataclass(frozen=True)
 class _Scene:
     name: str
@@ -102,22 +126,24 @@ class _SceneVerifier:
     def __call__(self, scene: str) -> _Scene:
         try:
             dataset = self.store.scene(scene)
-        except (OSError, ValueError, KeyError, RuntimeError) as error:
-            return _Scene(scene, "", 0, (StoreDifference(scene, "", f"cannot be opened: {error}"),))
-        recorded = dict(dataset.attrs.get("array_digests", {}))
+        except StoreError as error:
+            why = f"cannot be opened: {error.problems[0].got}"
+            return _Scene(scene, "", 0, (StoreDifference(scene, "", why),))
+        recorded = _recorded(dataset.attrs.get("array_digests"))
         found: dict[str, str] = {}
         differences = []
         for name in sorted(map(str, dataset.variables)):
             variable = dataset[name]
-            try:
-                values = np.asarray(variable.values)
-            except (OSError, ValueError, RuntimeError) as error:
-                differences.append(StoreDifference(scene, name, f"cannot be decoded: {error}"))
-                continue
-            found[name] = array_digest(name, tuple(map(str, variable.dims)), values)
             if name not in recorded:
                 differences.append(StoreDifference(scene, name, "was not there when it was built"))
-            elif found[name] != recorded[name]:
+            try:
+                values = np.asarray(variable.values)
+            except DAMAGED as error:
+                if name in recorded:
+                    differences.append(StoreDifference(scene, name, f"cannot be decoded: {error}"))
+                continue
+            found[name] = array_digest(name, tuple(map(str, variable.dims)), values)
+            if name in recorded and found[name] != recorded[name]:
                 differences.append(StoreDifference(scene, name, "holds other values"))
         unread = {difference.array for difference in differences}
         differences += [
@@ -130,6 +156,12 @@ class _SceneVerifier:
             )
         whole = len(found) == len(dataset.variables)
         return _Scene(scene, combine(found) if whole else "", len(found), tuple(differences))
+
+
+def _recorded(digests: object) -> dict[str, str]:
+    if not isinstance(digests, dict):
+        return {}
+    return {str(name): str(digest) for name, digest in digests.items()}
 
 
 def _scenes_expected(store: Store) -> tuple[str, ...]:

@@ -139,10 +139,22 @@ class Pair:
         return dict(self.coordinates)
 
 
+def simulated_label(name: str, simulated: bool) -> str:
+    """Return a data set's name, marked where its captures are simulated.
+
+    Examples
+    --------
+    >>> simulated_label("realworld-sim-1", True), simulated_label("demo-1", False)
+    ('realworld-sim-1 (SIMULATED)', 'demo-1')
+    """
+    return f"{name} (SIMULATED)" if simulated else name
+
+
 class Manifest(StrictRecord):
     """A data set in full: sources, scenes, axes, exclusions, splits, folds, recipe.
 
     `degradation` is ``clean`` in every file; `dfdbench.datasets.tracked.with_track` names another.
+    `simulated` is set where a simulator made what stands for a camera's captures.
     Obtained from `dfdbench.datasets.manifest_file.read_manifest` or
     `dfdbench.datasets.catalog.find_manifest`, which check it.
     """
@@ -158,6 +170,7 @@ class Manifest(StrictRecord):
     description: str
     reader: str
     recipe: str | None = None
+    simulated: bool = False
     degradation: Annotated[str, Field(pattern=f"^{CLEAN}$")]
     network_crop: Count
     axes: dict[str, Annotated[list[int], Field(min_length=1)]]
@@ -191,6 +204,11 @@ class Manifest(StrictRecord):
     def stem(self) -> str:
         """Name and version, and the track where there is one: what stores and results have."""
         return self.file_stem + (f"@{self.degradation}" if self.on_track else "")
+
+    @property
+    def label(self) -> str:
+        """What tables and figures call it: captures that are none say so."""
+        return simulated_label(self.stem, self.simulated)
 
     @property
     def on_track(self) -> bool:

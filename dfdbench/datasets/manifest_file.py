@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +11,9 @@ from pydantic import TypeAdapter, ValidationError
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_checks import CHECKS
 from dfdbench.errors import ManifestError, Problem, reason_of
+from dfdbench.system.files import read_whole
 from dfdbench.system.record import problems_of
+from dfdbench.system.toml_text import parse_toml
 
 
 def read_manifest(path: str | Path) -> Manifest:
@@ -41,7 +42,7 @@ def read_manifest(path: str | Path) -> Manifest:
     """
     file = Path(path)
     try:
-        content = file.read_bytes()
+        content = read_whole(file)
     except OSError as error:
         raise ManifestError(
             "cannot read the manifest", where=str(file), got=reason_of(error)
@@ -59,8 +60,8 @@ def parse_manifest(content: bytes, file: str) -> Manifest:
     """
     try:
         text = content.decode("utf-8")
-        raw = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raw = parse_toml(text)
+    except ValueError as error:
         raise ManifestError("not a TOML file", where=file, got=str(error)) from error
     raw["toml"] = text
     sections, problems = _validate_sections(raw, file)

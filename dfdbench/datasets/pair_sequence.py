@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from pathlib import Path
 from typing import overload
@@ -9,7 +10,8 @@ from typing import overload
 import xarray
 
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import WHOLE, PairImages, Region, Store, open_store
+from dfdbench.datasets.pair_images import PairImages
+from dfdbench.datasets.store import WHOLE, Region, Store, open_store
 from dfdbench.errors import InputError, Problem
 from dfdbench.system.location import Place
 
@@ -46,6 +48,11 @@ class PairSequence(Sequence[PairImages]):
     def __repr__(self) -> str:
         return f"<{len(self)} pairs of {self.store.path}>"
 
+    def _repr_html_(self) -> str:
+        from dfdbench.datasets.notebook import pairs_html
+
+        return pairs_html(self.store, self.pairs)
+
     def pair_at(self, index: int) -> Pair:
         """Return which pair is at a place, without reading it.
 
@@ -53,9 +60,17 @@ class PairSequence(Sequence[PairImages]):
         ------
         IndexError
             Where there are fewer.
+        TypeError
+            Where it is no whole number.
         """
         try:
-            return self.pairs[index]
+            place = operator.index(index)
+        except TypeError:
+            raise TypeError(
+                f"a pair is found by its place, as data[0]; got {index!r}. Names: data.pairs"
+            ) from None
+        try:
+            return self.pairs[place]
         except IndexError:
             raise IndexError(f"no pair {index}: {self!r} has 0 to {len(self) - 1}") from None
 

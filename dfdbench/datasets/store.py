@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,41 +16,20 @@ from zarr.errors import GroupNotFoundError
 
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.catalog import find_manifest, typed_name
+from dfdbench.datasets.damage import DAMAGED, LONGEST, check_attributes, require_fit
 from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.pair_images import PairImages
 from dfdbench.datasets.store_place import default_store, is_place
 from dfdbench.datasets.tracked import manifest_in
+from dfdbench.datasets.whole_arrays import WholeArrays, open_scene
 from dfdbench.errors import DfdbenchError, StoreError, UnknownNameError, unknown_name
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
 
 FORMAT = "dfdbench store"
 FORMAT_VERSION = 1
-
 #: Rows and columns of an image.
 Region = tuple[slice, slice]
 WHOLE: Region = (slice(None), slice(None))
-
-
-@dataclass(frozen=True)
-class PairImages:
-    """What a pair holds: two images, the ground truth, and where it is known.
-
-    Parameters
-    ----------
-    pair : Pair
-        Which pair it is.
-    infocus, defocus : ndarray of uint8, shape (y, x, channel)
-        RGB.
-    depth : ndarray of uint8, shape (y, x)
-        Depth levels.
-    valid : ndarray of bool, shape (y, x)
-        True where the depth is known.
-    """
-
-    pair: Pair
-    infocus: NDArray[np.uint8]
-    defocus: NDArray[np.uint8]
-    depth: NDArray[np.uint8]
-    valid: NDArray[np.bool_]
 
 
 class Store:
@@ -88,6 +66,7 @@ class Store:
                 where=str(self.path),
                 fix="run the dfdbench build that began it again: it goes on from there",
             )
+        check_attributes(self.attributes, str(self.path))
         self.manifest = manifest_in(self.attributes, str(self.path))
         self._arrays: dict[str, zarr.Array[Any]] = {}
         groups = set(_group_names(self.path, self._root))
@@ -119,15 +98,16 @@ class Store:
         """
         if name not in self.scenes:
             raise unknown_name("scene of the store", name, self.scenes)
-        return _open_scene(self.path, name)
+        with self.reading(name):
+            return open_scene(self.path, name)
 
     def pairs(self, split: str) -> tuple[Pair, ...]:
         """Return the pairs of a split that the store holds, in the manifest's order."""
         wanted = self.manifest.pairs(split)
-        there = {
-            name: np.asarray(self._array(name, "available")[...])
-            for name in {pair.scene for pair in wanted} & set(self.scenes)
-        }
+        there = {}
+        for name in {pair.scene for pair in wanted} & set(self.scenes):
+            with self.reading(f"{name}/available"):
+                there[name] = np.asarray(self._array(name, "available")[...])
         return tuple(
             pair
             for pair in wanted
@@ -166,7 +146,8 @@ class Store:
 
     def shape_of(self, scene: str) -> tuple[int, int]:
         """Return the rows and columns of a scene's images."""
-        rows, columns = self._array(scene, "depth").shape[-2:]
+        with self.reading(f"{scene}/depth"):
+            rows, columns = self._array(scene, "depth").shape[-2:]
         return rows, columns
 
     def _index(self, pair: Pair, axes: Iterable[str]) -> tuple[int, ...]:
@@ -176,7 +157,10 @@ class Store:
         key = f"{scene}/{name}"
         if key not in self._arrays:
             array = self._root[key]
-            assert isinstance(array, zarr.Array)
+            if not isinstance(array, zarr.Array):
+                raise TypeError("not an array")
+            depth = array if name in ("depth", "available") else self._array(scene, "depth")
+            require_fit(array, name, self.manifest, depth.shape[-2:])
             self._arrays[key] = array
         return self._arrays[key]
 
@@ -196,13 +180,20 @@ class Store:
         """
         try:
             yield
-        except (OSError, ValueError, RuntimeError, KeyError) as error:
+        except DAMAGED as error:
+            if isinstance(error, DfdbenchError):
+                raise
             raise StoreError(
                 "an array of the store cannot be read",
                 where=f"{self.path}, {what}",
-                got=str(error),
-                fix=f"dfdbench verify {self.path} tells what is damaged",
+                got=str(error)[:LONGEST],
+                fix=f"dfdbench verify {self.path} tells what is damaged, `dfdbench build` mends it",
             ) from error
+
+    def _repr_html_(self) -> str:
+        from dfdbench.datasets.notebook import store_html
+
+        return store_html(self)
 
     def __reduce__(self) -> tuple[type[Store], tuple[UPath]]:
         # Another process opens it anew.
@@ -234,7 +225,8 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
     if not (default := default_store(manifest, cache)).exists():
         typed = name if name.endswith(".toml") else typed_name(manifest)
         more = " --source DIR" * bool(manifest.files)
-        more += "" if manifest.short == "demo" else ", or name the small one, demo, instead"
+        if manifest.short != "demo":
+            more += ", or start with the small set: `dfdbench build demo`, then `--dataset demo`"
         raise StoreError(
             f"data set {typed_name(manifest)} is not built",
             where=str(default),
@@ -258,25 +250,28 @@ def _manifest_of(name: str) -> Manifest:
         ) from None
 
 
-def _open_scene(location: UPath, name: str) -> xarray.Dataset:
-    scene: xarray.Dataset = xarray.open_zarr(
-        zarr_store(location), group=name, consolidated=False, chunks=None, zarr_format=3
-    )
-    return scene
-
-
 def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
     try:
         return tuple(root.group_keys())
-    except (OSError, ValueError, KeyError) as error:
-        raise StoreError(
-            "cannot read the store", where=str(location), got=str(error), fix="build it again"
-        ) from error
+    except DAMAGED as error:
+        raise _unreadable(location, str(error)) from error
+
+
+def _unreadable(location: UPath, got: str) -> StoreError:
+    return StoreError(
+        "cannot read the store",
+        where=str(location),
+        expected="metadata of Zarr, version 3, as `dfdbench build` wrote it",
+        got=got[:LONGEST],
+        fix="build it again",
+    )
 
 
 def _not_ours(location: UPath) -> StoreError:
     return StoreError(
-        "not a data set built by dfdbench", where=str(location), fix="dfdbench build NAME"
+        "not a data set built by dfdbench",
+        where=str(location),
+        fix="dfdbench build NAME; a store whose zarr.json was lost has to be deleted first",
     )
 
 
@@ -286,15 +281,13 @@ def _open_root(location: UPath) -> zarr.Group:
             raise StoreError(
                 "no such store", where=str(location), fix="dfdbench build NAME --store PATH"
             )
-        return zarr.open_group(zarr_store(location), mode="r", zarr_format=3)
+        return zarr.open_group(WholeArrays(zarr_store(location)), mode="r", zarr_format=3)
     except DfdbenchError:
         raise
     except GroupNotFoundError as error:
         raise _not_ours(location) from error
     except Exception as error:
         # What an object store's library raises is its own: unreachable, forbidden, no bucket.
-        if is_local(location) and not isinstance(error, (OSError, ValueError, KeyError)):
+        if is_local(location) and not isinstance(error, DAMAGED):
             raise
-        raise StoreError(
-            "cannot read the store", where=str(location), got=str(error), fix="build it again"
-        ) from error
+        raise _unreadable(location, str(error)) from error

@@ -12,9 +12,11 @@ import xarray
 import zarr
 from upath import UPath
 
+from dfdbench.datasets.damage import DAMAGED
 from dfdbench.datasets.fingerprint import combine, scene_digests
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import FORMAT, FORMAT_VERSION
+from dfdbench.datasets.whole_arrays import open_scene
 from dfdbench.errors import DfdbenchError, StoreError, reason_of, room_or
 from dfdbench.system.location import (
     Place,
@@ -28,6 +30,7 @@ from dfdbench.system.location import (
     zarr_store,
 )
 from dfdbench.system.lock import Check, hold
+from dfdbench.tables.wording import listed
 
 _METADATA = "zarr.json"
 
@@ -75,12 +78,14 @@ class SceneWriter:
                 mode="w",
                 zarr_format=3,
                 consolidated=False,
+                # Not to be confused with what was lost: see `WholeArrays`.
+                write_empty_chunks=True,
                 encoding={
                     str(name): {"chunks": _image_chunks(variable)}
                     for name, variable in dataset.data_vars.items()
                 },
             )
-            group = zarr.open_group(zarr_store(self.partial), path=scene, mode="r+")
+            group = zarr.open_group(zarr_store(self.partial), path=scene, mode="r+", zarr_format=3)
             group.attrs.update(
                 {"array_digests": digests, "source_sha256": signature, "digest": combine(digests)}
             )
@@ -90,14 +95,13 @@ class SceneWriter:
         if not _says(place, self.attributes):
             return None
         try:
-            dataset = xarray.open_zarr(
-                zarr_store(place), group=scene, consolidated=False, chunks=None, zarr_format=3
-            )
+            dataset = open_scene(place, scene)
             attributes = dataset.attrs
             if attributes.get("source_sha256") != signature or "digest" not in attributes:
                 return None
             digest = combine(scene_digests(dataset))
-        except (OSError, ValueError, KeyError, RuntimeError):
+        except DAMAGED:
+            # Damaged: written again.
             return None
         return digest if digest == attributes["digest"] else None
 
@@ -166,11 +170,10 @@ class StoreWriter:
         found = _attributes_of(self.path) or {}
         lost = sorted(set(missing) - set(found.get("missing_pairs", missing)))
         if lost:
-            named = ", ".join(lost[:3]) + (" ..." if len(lost) > 3 else "")
             raise StoreError(
                 f"the store there holds {len(lost)} pairs that this build lacks",
                 where=str(self.path),
-                got=named,
+                got=listed(lost, most=3),
                 fix="build elsewhere with --store PATH, or delete that store; nothing was changed",
             )
 
@@ -181,7 +184,7 @@ class StoreWriter:
             self._check_held()
             for stray in set(folders_in(self._partial)) - set(digests):
                 remove(self._partial / stray)
-            zarr.open_group(zarr_store(self._partial), mode="r+").attrs.update(
+            zarr.open_group(zarr_store(self._partial), mode="r+", zarr_format=3).attrs.update(
                 {"fingerprint": fingerprint, "missing_pairs": missing}
             )
             move_folder(self._partial, self.path, _METADATA)
@@ -193,11 +196,13 @@ class StoreWriter:
             if not exists(place):
                 continue
             found = _attributes_of(place) or {}
-            if found.get("format") != FORMAT and not self._is_interrupted_move(place, found):
+            ours = self._is_interrupted_move(place, found) or self._is_hardly_begun(place)
+            if found.get("format") != FORMAT and not ours:
                 raise StoreError(
                     "the place is taken by something that is no dfdbench store",
                     where=str(place),
-                    fix="choose another with --store PATH; nothing was changed",
+                    fix="choose another with --store PATH, or delete it where it is a store whose"
+                    " zarr.json was lost; nothing was changed",
                 )
         found = (_attributes_of(self.path) or {}) if exists(self.path) else {}
         for key, what in (("manifest_name", "data set"), ("recipe", "blur recipe")):
@@ -209,6 +214,12 @@ class StoreWriter:
                     got=str(found[key]),
                     fix="choose another place with --store PATH, or delete that store",
                 )
+
+    def _is_hardly_begun(self, place: UPath) -> bool:
+        # A kill or a full disk came between the folder and what it says of itself.
+        if place != self._partial or not place.is_dir():
+            return False
+        return all(item.name.startswith(_METADATA) for item in place.iterdir())
 
     def _is_interrupted_move(self, place: UPath, found: Mapping[str, Any]) -> bool:
         # In an object store the new store's metadata comes last; until then its twin is whole.
@@ -248,7 +259,7 @@ def _image_chunks(variable: xarray.DataArray) -> tuple[int, ...]:
 def _attributes_of(place: UPath) -> dict[str, Any] | None:
     try:
         return dict(zarr.open_group(zarr_store(place), mode="r", zarr_format=3).attrs)
-    except (OSError, ValueError, KeyError):
+    except DAMAGED:
         return None
 
 

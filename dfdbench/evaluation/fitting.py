@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,8 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.methods.fit import Learned, check_learned, restore, teach
 from dfdbench.methods.method import Method
-from dfdbench.system.files import write_whole
+from dfdbench.system.array_files import UNREADABLE
+from dfdbench.system.files import LARGEST_ARRAY, read_whole, write_whole
 
 #: What was learned, in the folder of its run.
 FIT = "fit.npz"
@@ -187,7 +187,7 @@ def read_fit(folder: Path) -> Fit:
     """
     path = folder / FIT
     try:
-        content = path.read_bytes()
+        content = read_whole(path, LARGEST_ARRAY)
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             seconds = float(arrays["seconds"])
             learned = check_learned(unpack(content), str(path))
@@ -196,7 +196,7 @@ def read_fit(folder: Path) -> Fit:
             return Fit(str(arrays["fitted_on"]), seconds, learned)
     except MethodError as error:
         raise _damaged(path, "; ".join(problem.got for problem in error.problems)) from error
-    except (OSError, ValueError, LookupError, EOFError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise _damaged(path, "a file that is damaged, or another kind of file") from error
 
 

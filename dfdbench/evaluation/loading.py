@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dfdbench.audit.trained_on import coverage_warnings
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, StoreError
+from dfdbench.evaluation.fitting import training_scenes
 from dfdbench.evaluation.lens import rig_of, told_by_lens
+from dfdbench.methods.isolated import Order, load_isolated
 from dfdbench.methods.method import Method
-from dfdbench.methods.registry import entry_of, load_method
+from dfdbench.methods.registry import entry_of, load_method, make_method
+from dfdbench.system.cache import cache_folder
+from dfdbench.system.location import is_local
+
+Facts = dict[str, Callable[[], Any]]
 
 
 def load_for(
@@ -24,6 +32,7 @@ def load_for(
     parameters: Mapping[str, Any],
     seed: int = 0,
     told: bool = False,
+    apart_from: Sequence[Path] | None = None,
 ) -> Method:
     """Load a method and hand it the facts of the data set that it asks for.
 
@@ -39,26 +48,22 @@ def load_for(
     which is not told otherwise: what that knowledge is worth. The result then has ``recipe``
     among the method's uses, by which it has no rank.
 
+    With `apart_from`, the method runs in a process of its own from which these folders, the store
+    and the cache are hidden: see `dfdbench.methods.isolated.load_isolated`.
+
     Raises
     ------
     MethodError
         Where the method asks for what there is not; where `told` finds nobody to tell.
     """
-    recipe: Callable[[], BlurRecipe | BlurLaw | None]
-    recipe = (lambda: _formation_of(store)) if told else (lambda: store.recipe)
     taken, recorded = told_by_lens(store.manifest, parameters)
-    found = load_method(
-        method if isinstance(method, str) else entry_of(method),
-        taken,
-        {
-            "recipe": recipe if told else lambda: _recipe_of(store),
-            "recipe_name": lambda: store.recipe_name,
-            "training_mean": lambda: training_mean(store),
-            "seed": lambda: seed,
-            "rig": lambda: rig_of(store.manifest),
-        },
-        for_fits={"recipe": recipe},
-    )
+    offers, for_fits = _offers(store, seed, told)
+    entry = method if isinstance(method, str) else entry_of(method)
+    if apart_from is None:
+        found = load_method(entry, taken, offers, for_fits)
+    else:
+        hidden = (*apart_from, cache_folder(), *([Path(str(store.path))] * is_local(store.path)))
+        found = load_isolated(Order(entry, taken, offers, for_fits, seed, hidden), apart_from)
     if told and "recipe" not in found.uses:
         raise MethodError(
             "nothing to tell: the method does not ask for the blur recipe, or was given one",
@@ -67,6 +72,44 @@ def load_for(
             fix="leave out --told, or --param recipe",
         )
     return replace(found, parameters={**found.parameters, **recorded})
+
+
+def load_here(
+    store: Store, target: Callable[..., Any], parameters: Mapping[str, Any], seed: int = 0
+) -> Method:
+    """Make a method of any callable, as `load_for` does of one that can be found by its name.
+
+    For a function in a notebook, a lambda, an object: what it does may change unnoticed, so that
+    no run of it can go on, and no other process can load it. Its source has no hash.
+
+    Raises
+    ------
+    MethodError
+        Where it asks for what there is not, or does not take these parameters.
+    """
+    kind = target if hasattr(target, "__qualname__") else type(target)
+    name = kind.__qualname__
+    taken, recorded = told_by_lens(store.manifest, parameters)
+    offers, for_fits = _offers(store, seed, told=False)
+    entry = f"{kind.__module__}:{name}"
+    found = make_method(name, entry, target, None, taken, offers, for_fits)
+    return replace(found, parameters={**found.parameters, **recorded})
+
+
+def _offers(store: Store, seed: int, told: bool) -> tuple[Facts, Facts]:
+    """Return what is offered to a class that asks for it, and what instead to one with a fit."""
+
+    def recipe() -> BlurRecipe | BlurLaw | None:
+        return _formation_of(store) if told else store.recipe
+
+    offers: Facts = {
+        "recipe": recipe if told else lambda: _recipe_of(store),
+        "recipe_name": lambda: store.recipe_name,
+        "training_mean": lambda: training_mean(store),
+        "seed": lambda: seed,
+        "rig": lambda: rig_of(store.manifest),
+    }
+    return offers, {"recipe": recipe}
 
 
 def _formation_of(store: Store) -> BlurRecipe | BlurLaw | None:
@@ -100,6 +143,22 @@ def _recipe_of(store: Store) -> BlurRecipe:
             "recipe=published gives a recipe, which is not how these images were made",
         )
     return recipe
+
+
+def depth_warnings(method: Method, store: Store, split: str) -> list[str]:
+    """Return what a result is to say where training leaves depths of the test uncovered.
+
+    Training is what the method says of itself, and what it is fitted on before the split is run.
+
+    Raises
+    ------
+    MethodError, StoreError
+        As `training_scenes`, for a method that is fitted.
+    """
+    saw = [method.trained_on]
+    if method.fit is not None:
+        saw.append(training_scenes(store.manifest, split)[0])
+    return [text for name in dict.fromkeys(saw) for text in coverage_warnings(name, store, split)]
 
 
 def training_mean(store: Store) -> float:

@@ -7,17 +7,19 @@ import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import PairImages, Store
+from dfdbench.datasets.pair_images import PairImages
+from dfdbench.datasets.store import Store
 from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import protocols_on
-from dfdbench.methods.calling import call
+from dfdbench.methods.calling import UNIT_LEVELS, call, in_unit_range
 from dfdbench.methods.fit import restore
 from dfdbench.methods.isolation import seeded
 from dfdbench.methods.method import Method, Prediction
@@ -89,6 +91,8 @@ class RemoteEvaluator:
         What the method's fit learned here, from `pack`; None where it has no fit.
     told : bool
         As for `dfdbench.evaluation.loading.load_for`.
+    apart_from : tuple of Path or None
+        As for `load_for`, too.
     """
 
     place: str
@@ -97,6 +101,7 @@ class RemoteEvaluator:
     seed: int
     learned: bytes | None = field(default=None, repr=False)
     told: bool = False
+    apart_from: tuple[Path, ...] | None = None
 
     @classmethod
     def of(cls, store: Store, method: Method, seed: int, fit: Fit | None = None) -> RemoteEvaluator:
@@ -104,7 +109,8 @@ class RemoteEvaluator:
         place = store.path.absolute() if is_local(store.path) else store.path
         learned = None if fit is None or fit.learned is None else pack(fit.learned)
         told = store.manifest.on_track and "recipe" in method.uses
-        return cls(str(place), method.entry, json.dumps(method.parameters), seed, learned, told)
+        parameters = json.dumps(method.parameters)
+        return cls(str(place), method.entry, parameters, seed, learned, told, method.apart_from)
 
     def __call__(self, pair: Pair) -> Evaluated:
         """Evaluate one pair; its time is marked as not comparable."""
@@ -117,7 +123,7 @@ def _evaluator_here(remote: RemoteEvaluator) -> PairEvaluator:
     # A process keeps what it has loaded: graph cuts compile, networks read their weights.
     store = Store(remote.place)
     parameters = json.loads(remote.parameters)
-    method = load_for(store, remote.entry, parameters, remote.seed, remote.told)
+    method = load_for(store, remote.entry, parameters, remote.seed, remote.told, remote.apart_from)
     if remote.learned is not None:
         restore(method, unpack(remote.learned))
     return PairEvaluator(store, method, remote.seed)
@@ -149,6 +155,8 @@ def record_of(
     likeness = correlation(images.depth[images.valid], prediction.depth[images.valid])
     if likeness < AGAINST:
         warnings.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")
+    if in_unit_range(prediction.depth):
+        warnings.append(UNIT_LEVELS)
     crop, scale = store.manifest.network_crop, store.manifest.depth.scale
     scores = {
         protocol.label: score(protocol, images.depth, images.valid, prediction.depth, crop, scale)

@@ -6,14 +6,17 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-import dfdbench
+from dfdbench.datasets.catalog import typed_name
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
+from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.fitting import Fit
 from dfdbench.methods.method import Method
 from dfdbench.metrics.of_protocol import protocols_of
 from dfdbench.metrics.protocol import Protocol
+from dfdbench.system.version import PACKAGE_VERSION
+from dfdbench.tables.wording import listed
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class RunPlan:
     def identity(self) -> dict[str, Any]:
         """What must be the same for pairs of an earlier call to be taken over."""
         identity = {
-            "dfdbench": dfdbench.__version__,
+            "dfdbench": PACKAGE_VERSION,
             "fingerprint": self.store.fingerprint,
             "split": self.split,
             "entry": self.method.entry,
@@ -88,6 +91,8 @@ class RunPlan:
         if self.store.manifest.on_track and "recipe" in self.method.uses:
             # The same method, parameters and data without it are another run.
             identity["told"] = True
+        if self.method.apart_from is not None:
+            identity["isolated"] = True
         return dict(json.loads(json.dumps(identity)))
 
 
@@ -105,8 +110,9 @@ def plan_run(store: Store, method: Method, split: str, options: RunOptions) -> R
     Raises
     ------
     StoreError
-        Where the store holds no pair of the split.
+        Where the store holds no pair of the split, or has lost what was built.
     """
+    require_what_was_built(store, split)
     available = store.pairs(split)
     if not available:
         raise StoreError(
@@ -117,3 +123,39 @@ def plan_run(store: Store, method: Method, split: str, options: RunOptions) -> R
     expected = store.manifest.pairs(split)
     chosen = available[: options.limit]
     return RunPlan(store, method, split, options, expected, available, chosen)
+
+
+def require_what_was_built(store: Store, split: str) -> None:
+    """Refuse a store that has lost scenes, or pairs of the split, since it was built.
+
+    Its fingerprint, which a result names, is no longer that of what it holds. What the build itself
+    was lacking is another matter: the store says so, and a run on it is incomplete.
+
+    Raises
+    ------
+    StoreError
+        Where there are such; the scenes are named.
+    """
+    manifest = store.manifest
+    lacking = set(store.attributes.get("missing_pairs", ()))
+    there = {pair.id for pair in store.pairs(split)} | lacking
+    # Of other scenes, on which a method may be fitted, only whether they are there at all.
+    whole = set(manifest.scene_names) - set(store.scenes)
+    lost = dict.fromkeys(
+        pair.scene
+        for pair in manifest.pairs("all")
+        if pair.id not in lacking and pair.scene in whole
+    ) | dict.fromkeys(pair.scene for pair in manifest.pairs(split) if pair.id not in there)
+    if lost:
+        raise StoreError(
+            "scenes that were built are no longer in the store, or not all of their pairs",
+            where=str(store.path),
+            got=f"lost: {listed(lost, most=10)}",
+            fix=f"dfdbench build {_as_built(store)}",
+        )
+
+
+def _as_built(store: Store) -> str:
+    name = typed_name(store.manifest) + " --source DIR" * bool(store.manifest.files)
+    at_home = str(store.path) == str(default_store(store.manifest))
+    return name if at_home else f"{name} --store {store.path}"

@@ -1,8 +1,7 @@
-"""Depth maps made elsewhere, a file a pair: found, read, checked, and turned into levels."""
+"""Depth maps made elsewhere, one file per pair: found, read, checked, and turned into levels."""
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,8 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.methods.calling import check_depth
 from dfdbench.results.record import Unit
+from dfdbench.system.array_files import UNREADABLE_IMAGE, load_array
+from dfdbench.tables.wording import listed
 
 #: The formats that are read, by how a file's name ends.
 SUFFIXES = (".npy", ".npz", ".png", ".tif", ".tiff")
@@ -27,7 +28,6 @@ _RULE = {"levels": "levels times 256", "metres": "millimetres"}
 _NAMED = 10
 # Of what is wrong with single files, so much is told: a wrong unit is wrong in all of them.
 _TOLD = 20
-_UNREADABLE = (OSError, ValueError, EOFError, LookupError, MemoryError, SyntaxError)
 
 
 @dataclass(frozen=True)
@@ -161,13 +161,10 @@ def _sorted_out(
         else:
             files[found] = path
     missing = [pair.id for pair in wanted if pair not in files]
+    each = f"a file for each of the {len(wanted)} pairs, as {wanted[0].id}.npy"
     lists = (
-        (
-            "pairs without a depth map",
-            missing,
-            f"a file for each of the {len(wanted)} pairs, as {wanted[0].id}.npy",
-        ),
-        ("pairs with two depth maps", twice, "a file a pair"),
+        ("pairs without a depth map", missing, each),
+        ("pairs with two depth maps", twice, "one file per pair"),
         (
             "files that are no pair's depth map",
             surplus,
@@ -176,16 +173,17 @@ def _sorted_out(
     )
     fix = f"dfdbench info {store.manifest.short} --pairs {split} lists the pairs"
     problems = [
-        Problem(f"{what}: {len(names)}", where=str(folder), expected=wish, got=_few(names), fix=fix)
+        Problem(
+            f"{what}: {len(names)}",
+            where=str(folder),
+            expected=wish,
+            got=listed(names, _NAMED),
+            fix=fix,
+        )
         for what, names, wish in lists
         if names
     ]
     return files, problems
-
-
-def _few(names: Sequence[str]) -> str:
-    left = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {left} more" if left > 0 else "")
 
 
 def _expected(shape: tuple[int, int], unit: Unit) -> str:
@@ -198,7 +196,7 @@ def _levels(
     """Return a file's levels, how many pixels lie beyond the scale, and what is wrong with it."""
     try:
         values = _read(path, unit)
-    except (*_UNREADABLE, zipfile.BadZipFile) as error:
+    except UNREADABLE_IMAGE as error:
         # What is no array NumPy takes for a pickle, and says how it would run it.
         reason = "no array of numbers" if "pickle" in str(error) else reason_of(error)
         return None, 0, f"cannot be read: {reason}"
@@ -215,8 +213,7 @@ def _levels(
 def _read(path: Path, unit: Unit) -> NDArray[Any]:
     suffix = path.suffix.lower()
     if suffix == ".npy":
-        # Mapped, so that a header that claims more than the file holds takes no memory.
-        return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+        return np.asarray(load_array(path))
     if suffix == ".npz":
         with np.load(path, allow_pickle=False) as arrays:
             return np.asarray(arrays[_only(arrays.files)])

@@ -10,8 +10,11 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.evaluation.pair import PRINTED, TURNED
 from dfdbench.evaluation.plan import RunPlan, protocols_on
+from dfdbench.methods.calling import UNIT_LEVELS
+from dfdbench.methods.method import Method
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Result, average
+from dfdbench.tables.wording import counted, listed
 
 #: Of many pairs, so many are named.
 _NAMED = 10
@@ -90,27 +93,33 @@ def _dataset_record(store: Store, split: str, expected: int, evaluated: int) -> 
         axes=list(manifest.axes),
         blocks=manifest.table.blocks,
         rows=manifest.table.rows,
+        simulated=manifest.simulated,
     )
 
 
 def _method_record(plan: RunPlan) -> MethodRecord:
     method = plan.method
-    trained_on = method.trained_on
-    if trained_on is None and "training_mean" in method.uses:
-        trained_on = f"{plan.store.manifest.stem}, split train"
     return MethodRecord(
         name=method.name,
         entry=without_folder(method.entry),
         source_sha256=method.source_sha256,
         parameters={name: _shared(value) for name, value in method.parameters.items()},
         uses=list(method.uses),
-        trained_on=trained_on,
+        trained_on=trained_on_of(method, plan.store.manifest),
         weights_sha256=method.weights_sha256,
         files_sha256=method.files_sha256,
         fitted_on=plan.fit.fitted_on if plan.fit else None,
         fit_seconds=plan.fit.seconds if plan.fit else None,
         paper=method.paper,
+        isolated=method.apart_from is not None,
     )
+
+
+def trained_on_of(method: Method, manifest: Manifest) -> str | None:
+    """Return what a result says that a method was trained on: its own word, or the mean's split."""
+    if method.trained_on is None and "training_mean" in method.uses:
+        return f"{manifest.stem}, split train"
+    return method.trained_on
 
 
 def _warnings(
@@ -121,11 +130,11 @@ def _warnings(
     if missing:
         warnings.append(
             f"the store lacks {len(missing)} of {len(pairs)} pairs of the split, and there is no "
-            f"average: {', '.join(missing[:_NAMED])}{' ...' if len(missing) > _NAMED else ''}"
+            f"average: {listed(missing, _NAMED)}"
         )
     printed = _warned(pairs, PRINTED)
     if printed:
-        warnings.append(f"the method printed to standard output on {printed} pairs")
+        warnings.append(f"the method printed to standard output on {counted(printed, 'pair')}")
     turned = _warned(evaluated, TURNED)
     # A flat board tells no direction: half the pairs of a set that has some are enough.
     if turned and 2 * turned >= len(evaluated):
@@ -133,9 +142,12 @@ def _warnings(
             f"{TURNED} on {turned} of {len(evaluated)} pairs: {manifest.stem} wants brighter for "
             f"{manifest.depth.direction}"
         )
+    if evaluated and _warned(evaluated, UNIT_LEVELS) == len(evaluated):
+        warnings.append(f"{UNIT_LEVELS}: multiply the depth by 255?")
     together = sum(not pair.timed_alone for pair in evaluated)
     if together:
-        warnings.append(f"{together} pairs were run several at once: times are not comparable")
+        pairs_together = counted(together, "pair")
+        warnings.append(f"{pairs_together} run several at once: times are not comparable")
     return warnings
 
 

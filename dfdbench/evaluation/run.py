@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.errors import MethodError, ResultError, reason_of, room_or
+from dfdbench.errors import MethodError
 from dfdbench.evaluation.fitting import Fit, fit_again, fit_method, keep_fit
 from dfdbench.evaluation.pair import Evaluated, PairEvaluator, RemoteEvaluator, blank_record
 from dfdbench.evaluation.plan import RunOptions, RunPlan, plan_run
@@ -25,9 +24,8 @@ from dfdbench.results.folder import (
 )
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.record_file import RESULT, save_result
-from dfdbench.system.location import as_location
-from dfdbench.system.lock import hold
 from dfdbench.system.parallel import Pool
+from dfdbench.system.work_folder import writing_folder
 
 _BATCH = 256  # pairs whose depth maps are in memory together when many run at once
 
@@ -101,7 +99,7 @@ def run_method(
     """
     plan = plan_run(store, method, split, options or RunOptions())
     identity = plan.identity
-    with writing(folder):
+    with writing_folder(folder, "run"):
         goes_on = not plan.options.fresh and is_of_run(folder, identity)
         plan = replace(plan, fit=_fitted(plan, folder if goes_on else None, pool))
         set_aside = open_run_folder(folder, identity, plan.options.fresh)
@@ -114,34 +112,6 @@ def run_method(
         result = result_of(plan, journal.records(), warnings)
         save_result(result, folder / RESULT)
     return Run(result, folder, reused, set_aside)
-
-
-@contextmanager
-def writing(folder: Path) -> Iterator[None]:
-    """Keep a run's folder for the block alone, and tell what the disk does not take.
-
-    Raises
-    ------
-    ResultError
-        Where another run is writing it, or it cannot be written.
-    """
-    taken = ResultError(
-        "another run is writing this folder",
-        where=str(folder),
-        fix="wait for it, or choose another with --out DIR",
-    )
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with hold(as_location(folder.with_name(f".{folder.name}.lock")), taken):
-            yield
-    except OSError as error:
-        raise ResultError(
-            "cannot write the run",
-            where=str(folder),
-            got=reason_of(error),
-            fix=room_or("choose another place with --out DIR", error)
-            + "; the same command goes on where it stopped",
-        ) from error
 
 
 def _fitted(plan: RunPlan, before: Path | None, pool: Pool | None) -> Fit | None:

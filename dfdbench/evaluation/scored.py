@@ -10,14 +10,15 @@ from pydantic import ValidationError
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
 from dfdbench.evaluation.pair import blank_record, record_of
-from dfdbench.evaluation.plan import protocols_on
+from dfdbench.evaluation.plan import protocols_on, require_what_was_built
 from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictions
 from dfdbench.evaluation.result import compose
-from dfdbench.evaluation.run import Run, writing
+from dfdbench.evaluation.run import Run
 from dfdbench.methods.method import Prediction
 from dfdbench.results.folder import keep_prediction, keep_store_place, open_run_folder
 from dfdbench.results.record import SCORED, MethodRecord, PairResult, Unit
 from dfdbench.results.record_file import RESULT, save_result
+from dfdbench.system.work_folder import writing_folder
 
 
 def score_predictions(
@@ -57,13 +58,16 @@ def score_predictions(
     ------
     InputError
         For a name that is none.
+    StoreError
+        Where the store has lost what was built.
     ResultError
         With all that is wrong with the files, before anything is written; where the folder cannot
         be written.
     """
     method = _method_record(name, unit)
+    require_what_was_built(store, split)
     found = find_predictions(predictions, store, split, unit)
-    with writing(folder):
+    with writing_folder(folder, "run"):
         identity = {"scored": name, "fingerprint": store.fingerprint, "split": split, "unit": unit}
         set_aside = open_run_folder(folder, identity, fresh=True)
         keep_store_place(folder, store.path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from dfdbench.figures.style import COLOURS
+from dfdbench.figures.style import COLOURS, legend_beside
 from dfdbench.methods.calibration import Calibration
 
 
@@ -37,7 +37,7 @@ def law_figure(calibration: Calibration) -> Figure:
     )
     # A level that shows no blur may be off by pixels: the law sets the scale.
     widths.set_ylim(0, 1.3 * max(law.sigmas))
-    widths.legend()
+    legend_beside(widths)
     left.plot(levels, calibration.residual, ".", color=COLOURS[0])
     left.set(xlabel="depth level", ylabel="residual (grey levels, rms)", xlim=(0, law.levels - 1))
     left.set_ylim(bottom=0)

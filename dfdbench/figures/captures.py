@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.figures.style import depth_span
+from dfdbench.figures.style import depth_span, legend_below
 from dfdbench.optics.white_dot import Measurement
 
 _BLUE, _ORANGE = "#0072B2", "#E69F00"
@@ -72,7 +72,7 @@ def temperature_figure(measured: Sequence[Measurement]) -> Figure:
         title=f"sharpness over temperature, voltage step {measured[0].step}",
     )
     axis.grid(alpha=0.3)
-    axis.legend()
+    legend_below(figure, axis)
     return figure
 
 
@@ -98,5 +98,5 @@ def voltage_figure(up: Sequence[Measurement], down: Sequence[Measurement]) -> Fi
         title="sharpness over the voltage step: hysteresis",
     )
     axis.grid(alpha=0.3)
-    axis.legend()
+    legend_below(figure, axis)
     return figure

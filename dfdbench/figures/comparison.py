@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from dfdbench.figures.runs import ERROR_LIMIT
+from dfdbench.datasets.pair_images import PairImages
 from dfdbench.figures.style import (
     COLOURS,
+    ERROR_LIMIT,
     MARKERS,
+    brightened,
+    brightening,
     legend_below,
     plain_text,
     without_ticks,
     wrapped,
 )
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.of_protocol import metrics_of
+from dfdbench.metrics.of_protocol import metrics_of, ranked_by
+from dfdbench.metrics.protocol import title_of
 from dfdbench.results.differences import PairChange
 from dfdbench.results.record import PairResult
 from dfdbench.results.saved_run import SavedRun
@@ -53,7 +59,7 @@ def lighting_figures(runs: Sequence[SavedRun], protocol: str) -> dict[str, Figur
 
 
 def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
-    """Draw the seconds a pair of each method as boxes on a logarithmic axis."""
+    """Draw the seconds per pair of each method as boxes on a logarithmic axis."""
     timed = [
         (run.label, [pair.seconds for pair in run.result.pairs if pair.seconds])
         for run in runs
@@ -76,8 +82,47 @@ def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
     axis.set_yticks(range(1, len(timed) + 1), names)
     axis.invert_yaxis()
     axis.set_xscale("log")
-    axis.set_xlabel("seconds a pair: quartiles and extremes")
+    axis.set_xlabel("seconds per pair: quartiles and extremes")
     axis.grid(axis="x", alpha=0.3)
+    return figure
+
+
+def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
+    """Draw the metric that ranks against the seconds per pair, a mark a method; both logarithmic.
+
+    None where no run is complete.
+    """
+    name = ranked_by(protocol)[0]
+    found = [
+        (run.label, float(np.mean(seconds)), score)
+        for run in runs
+        if (score := (run.result.averages or {}).get(protocol, {}).get(name))
+        and (seconds := [pair.seconds for pair in run.result.pairs if pair.seconds])
+    ]
+    if not found:
+        return None
+    figure = Figure(figsize=(7, 4.2), layout="constrained")
+    axis = figure.subplots()
+    for number, (label, mean, score) in enumerate(found):
+        axis.plot(
+            mean,
+            score,
+            linestyle="",
+            color=COLOURS[number % len(COLOURS)],
+            marker=MARKERS[(number + number // len(COLOURS)) % len(MARKERS)],
+            markersize=9,
+            label=plain_text(label),
+        )
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_formatter("{x:g}")
+    axis.yaxis.set_minor_formatter("{x:g}")
+    axis.set_xlabel("seconds per pair, mean")
+    axis.set_ylabel(find_metric(name).heading)
+    axis.set_title(f"{runs[0].result.dataset.name}, protocol {title_of(protocol)}", fontsize=11)
+    axis.grid(which="both", alpha=0.3)
+    legend_below(figure, axis)
     return figure
 
 
@@ -100,31 +145,40 @@ def change_figure(
     for axis, head in zip(grid[0], heads, strict=True):
         axis.set_title(head, fontsize=10)
     for axes, (change, images, *predictions) in zip(grid, rows, strict=True):
-        known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
-        depth_style = {
-            "cmap": "viridis",
-            "vmin": np.nanmin(known),
-            "vmax": np.nanmax(known),
-            "interpolation": "nearest",
-        }
-        error_style = {
-            "cmap": "PuOr",
-            "vmin": -ERROR_LIMIT,
-            "vmax": ERROR_LIMIT,
-            "interpolation": "nearest",
-        }
-        axes[0].imshow(images.infocus)
-        for axis, depth in zip(axes[1:4], (known, *predictions), strict=True):
-            shown = axis.imshow(depth, **depth_style)
-        for axis, depth in zip(axes[4:], predictions, strict=True):
-            error = axis.imshow(depth - known, **error_style)
+        _draw_maps(figure, axes, images, predictions)
         axes[0].set_ylabel(change.first.id.replace("/", "\n"), fontsize=8)
         axes[5].set_xlabel(f"{find_metric(metric).title} {change.difference:+.4f}", fontsize=9)
-        without_ticks(axes, "0.75")
-        figure.colorbar(shown, ax=axes[3], label="depth level", fraction=0.05)
-        figure.colorbar(error, ax=axes[5], label="levels", fraction=0.05, extend="both")
     figure.supxlabel("grey: depth unknown", fontsize=8)
     return figure
+
+
+def _draw_maps(
+    figure: Figure, axes: NDArray[Any], images: PairImages, predictions: Sequence[NDArray[Any]]
+) -> None:
+    known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
+    depth_style = {
+        "cmap": "viridis",
+        "vmin": np.nanmin(known),
+        "vmax": np.nanmax(known),
+        "interpolation": "nearest",
+    }
+    error_style = {
+        "cmap": "PuOr",
+        "vmin": -ERROR_LIMIT,
+        "vmax": ERROR_LIMIT,
+        "interpolation": "nearest",
+    }
+    times = brightening(images.infocus)
+    axes[0].imshow(brightened(images.infocus, times))
+    if times > 1:
+        axes[0].set_xlabel(f"shown {times} times brighter", fontsize=8)
+    for axis, depth in zip(axes[1:4], (known, *predictions), strict=True):
+        shown = axis.imshow(depth, **depth_style)
+    for axis, depth in zip(axes[4:], predictions, strict=True):
+        error = axis.imshow(depth - known, **error_style)
+    without_ticks(axes, "0.75")
+    figure.colorbar(shown, ax=axes[3], label="depth level", fraction=0.05)
+    figure.colorbar(error, ax=axes[5], label="levels", fraction=0.05, extend="both")
 
 
 def _scene_figure(

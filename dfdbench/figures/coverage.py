@@ -22,9 +22,10 @@ from dfdbench.audit.run_errors import ErrorJoin
 from dfdbench.audit.sides import Side
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.store import Store
-from dfdbench.figures.style import without_ticks
+from dfdbench.figures.style import legend_beside, without_ticks
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
+from dfdbench.tables.wording import counted
 
 # Okabe and Ito's colours, which the colour-blind can tell apart.
 _TRAIN, _TEST, _MISSING, _SCARCE = "#0072B2", "#D55E00", "#CC79A7", "#E69F00"
@@ -68,8 +69,8 @@ def coverage_figure(record: CoverageRecord) -> Figure:
         for verdict in (Verdict.missing, Verdict.scarce)
         if (text := record.ranges_of(verdict)) and len(text) < 90
     ]
-    top.legend(handles=[*top.get_legend_handles_labels()[0], *handles], loc="best", fontsize=9)
-    bottom.legend(loc="best", fontsize=9)
+    legend_beside(top, [*top.get_legend_handles_labels()[0], *handles])
+    legend_beside(bottom)
     for axis in (top, middle, bottom):
         axis.grid(alpha=0.3)
     return figure
@@ -81,10 +82,10 @@ def depths_figure(side: Side) -> Figure:
     figure = Figure(figsize=(11, 5), layout="constrained")
     axis = figure.subplots()
     axis.stairs(histogram.counts, np.arange(LEVELS + 1) - 0.5, fill=True, color=_TRAIN)
-    scenes = f"{len(side.scenes)} scene{'s' * (len(side.scenes) != 1)}"
+    scenes = counted(len(side.scenes), "scene")
     axis.set(
-        title=f"depths of {side.dataset}, {side.name}: {histogram.known:,} pixels of known depth, "
-        f"{histogram.pairs} pairs of {scenes}",
+        title=f"depths of {side.label}, {side.name}: {histogram.known:,} pixels of known depth, "
+        f"{counted(histogram.pairs, 'pair')} of {scenes}",
         xlabel=f"depth level, grows with {side.store.manifest.depth.grows_with}",
         ylabel="pixels of all pairs",
         xlim=(-1, LEVELS),
@@ -109,7 +110,7 @@ def level_error_figure(join: ErrorJoin, title: str) -> Figure:
             top.bar(levels[chosen], mean[chosen], width=1, color=colour, label=str(verdict))
             bottom.bar(levels[chosen], total.pixels[chosen], width=1, color=colour)
     top.set(title=title, ylabel="mean absolute error (levels)")
-    top.legend()
+    legend_beside(top)
     bottom.set(xlabel="true depth level", ylabel="pixels", xlim=(-1, LEVELS), yscale="log")
     for axis in (top, bottom):
         axis.grid(alpha=0.3)
@@ -126,7 +127,7 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
     figure = Figure(figsize=(15, 2.7 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 5, squeeze=False)
     shown = "where training lacks levels" if join.total.share(join.uncovered) else _ALL_COVERED
-    figure.suptitle(f"{result.method.title} on {result.dataset.name}: {shown}")
+    figure.suptitle(f"{result.method.title} on {result.dataset.label}: {shown}")
     heads = ("ground truth", "prediction", "uncovered levels", "|error|", "error under the mask")
     for axis, head in zip(grid[0], heads, strict=True):
         axis.set_title(head, fontsize=10)
@@ -268,4 +269,4 @@ def _label_ranges(axis: Axes, record: CoverageRecord) -> None:
 
 
 def _name(side: SideRecord) -> str:
-    return f"{side.dataset}, {side.split}"
+    return f"{side.label}, {side.split}"

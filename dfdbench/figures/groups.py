@@ -78,8 +78,8 @@ def _figure(
     first = next(iter(results.values()))
     whose = "" if several else f"{plain_text(next(iter(results)))} on "
     figure.suptitle(
-        f"{whose}{first.dataset.name}, split {first.dataset.split}, protocol {title_of(protocol)}: "
-        "mean and standard deviation; a dot is a pair",
+        f"{whose}{first.dataset.label}, split {first.dataset.split}, "
+        f"protocol {title_of(protocol)}: mean and standard deviation; a dot is a pair",
         fontsize=10,
     )
     if several:

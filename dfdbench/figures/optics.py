@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from dfdbench.figures.style import legend_below, legend_beside
 from dfdbench.optics.lens_table import LensTable, StepPair
 from dfdbench.optics.thin_lens import ThinLens
 
@@ -48,7 +49,7 @@ def blur_figure(lens: ThinLens, near: float, far: float) -> Figure:
         f"{lens.focus_distance:g} m, pixels of {lens.pixel_size * 1e6:g} µm",
     )
     axis.grid(alpha=0.3)
-    axis.legend()
+    legend_below(figure, axis)
     return figure
 
 
@@ -73,6 +74,6 @@ def pair_figure(table: LensTable, pairs: Sequence[StepPair]) -> Figure:
         )
         axis.set(xlabel="distance from the camera (m)", title=pair.name)
         axis.grid(alpha=0.3)
-        axis.legend(fontsize=8)
+        legend_beside(axis)
     grid[0].set_ylabel("blur radius (pixels)")
     return figure

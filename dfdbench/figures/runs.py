@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,16 +12,10 @@ from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
-from dfdbench.datasets.store import PairImages, Store
+from dfdbench.datasets.store import Store
 from dfdbench.figures.groups import group_figures
-from dfdbench.figures.style import (
-    COLOURS,
-    MARKERS,
-    depth_span,
-    plain_text,
-    without_ticks,
-    write_figure,
-)
+from dfdbench.figures.pairs import HEADS, draw_pair
+from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text, write_forms
 from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.metrics.protocol import title_of
 from dfdbench.results.folder import read_prediction
@@ -31,11 +24,10 @@ from dfdbench.results.summary import RunSummary
 from dfdbench.results.wording import score_text
 
 _PANELS = 3
-ERROR_LIMIT = 50.0
 
 
 def draw_run(
-    store: Store, summary: RunSummary, folder: Path, on_figure: Callable[[Path], None] | None = None
+    store: Store, summary: RunSummary, folder: Path, also: Sequence[str] = ()
 ) -> list[Path]:
     """Draw a run's figures as PNG files into ``folder/figures``; return their paths.
 
@@ -47,31 +39,28 @@ def draw_run(
         The run under a protocol, by which pairs are ranked and scored.
     folder : Path
         The run's folder, with its predictions.
-    on_figure : callable, optional
-        Called with each path as it is written.
+    also : sequence of str
+        Further forms of each figure, "pdf" or "svg", beside the PNG file.
     """
     target = folder / "figures"
     target.mkdir(parents=True, exist_ok=True)
     result, protocol, order = summary.result, summary.protocol, summary.ranked
     figures: dict[str, Figure | None] = {
-        "scores.png": score_figure(result, protocol),
-        "best.png": panel_figure(store, result, folder, order[:_PANELS], protocol, "best"),
-        "worst.png": panel_figure(store, result, folder, order[::-1][:_PANELS], protocol, "worst"),
-        "depths.png": depth_figure(store, result, folder),
-        "time_by_pixels.png": pixel_time_figure(store, result),
+        "scores": score_figure(result, protocol),
+        "best": panel_figure(store, result, folder, order[:_PANELS], protocol, "best"),
+        "worst": panel_figure(store, result, folder, order[::-1][:_PANELS], protocol, "worst"),
+        "depths": depth_figure(store, result, folder),
+        "time_by_pixels": pixel_time_figure(store, result),
     }
     runs = {result.method.title: result}
     for what, parted in group_figures(runs, protocol, store.manifest.scenes).items():
-        figures[f"by_{what}.png"] = parted
-    paths = []
-    for name, figure in figures.items():
-        if figure is None:
-            continue
-        write_figure(figure, target / name)
-        paths.append(target / name)
-        if on_figure:
-            on_figure(target / name)
-    return paths
+        figures[f"by_{what}"] = parted
+    return [
+        path
+        for name, figure in figures.items()
+        if figure is not None
+        for path in write_forms(figure, target, name, ("png", *also))
+    ]
 
 
 def panel_figure(
@@ -94,14 +83,13 @@ def panel_figure(
     figure = Figure(figsize=(15, 2.55 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 5, squeeze=False)
     figure.suptitle(
-        f"{plain_text(result.method.title)}: {kind} pairs of {result.dataset.name}, "
+        f"{plain_text(result.method.title)}: {kind} pairs of {result.dataset.label}, "
         f"split {result.dataset.split}, protocol {title_of(protocol)}"
     )
-    heads = ("in-focus", "defocus", "ground truth", "prediction", "prediction − truth")
-    for axis, head in zip(grid[0], heads, strict=True):
+    for axis, head in zip(grid[0], HEADS, strict=True):
         axis.set_title(head, fontsize=10)
     for axes, (record, images, prediction) in zip(grid, rows, strict=True):
-        _draw_pair(figure, axes, images, prediction)
+        draw_pair(figure, axes, images, prediction)
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
         scores = (
             f"{metric.title} {score_text(record.score(protocol, name), 'undefined')}"
@@ -110,23 +98,6 @@ def panel_figure(
         axes[4].set_xlabel("  ".join(scores), fontsize=8)
     figure.supxlabel("grey: depth unknown", fontsize=8)
     return figure
-
-
-def _draw_pair(
-    figure: Figure, axes: Sequence[Axes], images: PairImages, prediction: NDArray[np.float32]
-) -> None:
-    known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
-    low, high = depth_span(known)
-    levels: dict[str, Any] = {"cmap": "viridis", "vmin": low, "vmax": high}
-    errors: dict[str, Any] = {"cmap": "PuOr", "vmin": -ERROR_LIMIT, "vmax": ERROR_LIMIT}
-    axes[0].imshow(images.infocus)
-    axes[1].imshow(images.defocus)
-    truth = axes[2].imshow(known, interpolation="nearest", **levels)
-    axes[3].imshow(prediction, interpolation="nearest", **levels)
-    error = axes[4].imshow(prediction - known, interpolation="nearest", **errors)
-    without_ticks(axes, "0.75")
-    figure.colorbar(truth, ax=axes[3], label="depth level", fraction=0.05)
-    figure.colorbar(error, ax=axes[4], label="levels", fraction=0.05, extend="both")
 
 
 def score_figure(result: Result, protocol: str) -> Figure | None:
@@ -145,7 +116,7 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     figure = Figure(figsize=(whole, 0.8 + 2.4 * len(metrics)), layout="constrained")
     grid = figure.subplots(len(metrics), len(columns), squeeze=False, sharey="row", sharex=True)
     figure.suptitle(
-        f"{plain_text(result.method.title)} on {result.dataset.name}, "
+        f"{plain_text(result.method.title)} on {result.dataset.label}, "
         f"split {result.dataset.split}, protocol {title_of(protocol)}"
     )
     for line, metric in zip(grid, metrics.values(), strict=True):
@@ -154,12 +125,8 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
             chosen = [pair for pair in pairs if rows is None or pair.coordinates[rows] == value]
             for number, level in enumerate(levels):
                 offset = (number - (len(levels) - 1) / 2) * 0.5 / len(levels)
-                found = [
-                    (scenes.index(pair.scene) + offset, score)
-                    for pair in chosen
-                    if pair.coordinates[blocks] == level
-                    and (score := pair.score(protocol, metric.name)) is not None
-                ]
+                of_level = [pair for pair in chosen if pair.coordinates[blocks] == level]
+                found = _marks(of_level, scenes, offset, protocol, metric.name)
                 _draw_marks(axis, found, number, f"{blocks} {level}")
             axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
             axis.grid(alpha=0.3)
@@ -172,6 +139,16 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
         handles, labels, loc="outside lower center", ncols=min(len(levels), int(whole / 2))
     )
     return figure
+
+
+def _marks(
+    pairs: Sequence[PairResult], scenes: Sequence[str], offset: float, protocol: str, metric: str
+) -> list[tuple[float, float]]:
+    return [
+        (scenes.index(pair.scene) + offset, score)
+        for pair in pairs
+        if (score := pair.score(protocol, metric)) is not None
+    ]
 
 
 def _draw_marks(axis: Axes, found: Sequence[tuple[float, float]], number: int, label: str) -> None:
@@ -214,10 +191,10 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
         xlabel="depth level",
         ylabel="known pixels (%)",
         xlim=(0, LAST_LEVEL),
-        title=f"depths of {result.dataset.name}, split {result.dataset.split}",
+        title=f"depths of {result.dataset.label}, split {result.dataset.split}",
     )
     axis.grid(alpha=0.3)
-    axis.legend()
+    legend_below(figure, axis)
     return figure
 
 
@@ -271,14 +248,14 @@ def pixel_time_figure(store: Store, result: Result) -> Figure | None:
     )
     axis.set(
         xlabel="pixels of an image",
-        ylabel="seconds a pair",
+        ylabel="seconds per pair",
         ylim=(0, None),
-        title=f"time of {plain_text(result.method.title)} on {result.dataset.name}, "
+        title=f"time of {plain_text(result.method.title)} on {result.dataset.label}, "
         f"split {result.dataset.split}",
     )
     axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     axis.grid(alpha=0.3)
-    axis.legend()
+    legend_below(figure, axis)
     return figure
 
 

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from dfdbench.blur.recipe import LAST_LEVEL
 
 # Okabe and Ito's colours, which the colour-blind can tell apart; markers differ as well.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
 _DPI = 120
 _LEAST_SPAN = 20.0
+# An image counts as dark where nearly all of it lies below half of this grey level.
+_BRIGHT, _NEARLY_ALL = 235.0, 99
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+#: Errors of depth are drawn up to so many levels.
+ERROR_LIMIT = 50.0
 _LEGEND_COLUMNS = 3
 _LABEL_LENGTH = 60
 # In ems: a character, rather wide since browsers use fonts of their own; a mark and the space
@@ -25,8 +33,21 @@ _CHARACTER, _MARK, _LINE = 0.65, 5.0, 1.6
 
 
 def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure, in the form that the file's suffix names: every figure is as fine."""
-    figure.savefig(path, dpi=_DPI)
+    """Write a figure, in the form that the file's suffix names: every figure is as fine.
+
+    The same figure gives the same bytes: neither form holds when it was written.
+    """
+    undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
+    with mpl.rc_context({"svg.hashsalt": path.stem}):
+        figure.savefig(path, dpi=_DPI, metadata=undated)
+
+
+def write_forms(figure: Figure, folder: Path, name: str, forms: Sequence[str]) -> list[Path]:
+    """Write a figure in each of several forms, "png", "pdf", "svg", each once; return the files."""
+    paths = [folder / f"{name}.{form}" for form in dict.fromkeys(forms)]
+    for path in paths:
+        write_figure(figure, path)
+    return paths
 
 
 def without_ticks(axes: Iterable[Axes], background: str) -> None:
@@ -52,6 +73,28 @@ def depth_span(levels: NDArray[np.float64]) -> tuple[float, float]:
     return low - more, high + more
 
 
+def brightening(infocus: NDArray[np.uint8]) -> int:
+    """Return how many times brighter a pair has to be shown to be seen; 1 for most.
+
+    Examples
+    --------
+    >>> brightening(np.full((4, 5, 3), 200, np.uint8)), brightening(np.full((4, 5), 9, np.uint8))
+    (1, 26)
+    """
+    return max(1, int(_BRIGHT / max(float(np.percentile(infocus, _NEARLY_ALL)), 1.0)))
+
+
+def brightened(image: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
+    """Return an image so many times brighter, cut off at white.
+
+    Examples
+    --------
+    >>> brightened(np.array([[9, 200]], np.uint8), 3).tolist()
+    [[27, 255]]
+    """
+    return np.minimum(image.astype(np.int64) * times, LAST_LEVEL).astype(np.uint8)
+
+
 def plain_text(text: str) -> str:
     r"""Return text as matplotlib shows it letter by letter: no formulas, no hidden legends.
 
@@ -75,6 +118,12 @@ def wrapped(text: str, width: int = _LABEL_LENGTH) -> str:
     # A dollar and the backslash before it are one letter, and stay on one line.
     lines = textwrap.wrap(text.replace(r"\$", "\0"), width, break_on_hyphens=False)
     return "\n".join(lines).replace("\0", r"\$") or text
+
+
+def legend_beside(axis: Axes, handles: Sequence[Artist] | None = None) -> None:
+    """Give axes their legend to the right of them, where it hides no data."""
+    shown = axis.get_legend_handles_labels()[0] if handles is None else handles
+    axis.legend(handles=list(shown), loc="upper left", bbox_to_anchor=(1, 1), fontsize=9)
 
 
 def legend_below(figure: Figure, axis: Axes) -> None:

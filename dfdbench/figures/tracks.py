@@ -12,6 +12,8 @@ from dfdbench.metrics.metric import find_metric
 
 _COLUMNS = 4
 _WIDTH, _HEIGHT = 2.7, 2.4
+# Where colours and marks begin anew.
+_LINES = ("-", "--", ":")
 
 
 def tracks_figure(
@@ -46,15 +48,17 @@ def tracks_figure(
                 values,
                 color=COLOURS[number % len(COLOURS)],
                 marker=MARKERS[number % len(MARKERS)],
+                linestyle=_LINES[number // len(COLOURS) % len(_LINES)],
                 label=plain_text(method),
             )
         axis.set_title(track, fontsize=10)
+        axis.set_xlabel("severity")
         axis.set_xticks(range(longest), [CLEAN, *map(str, range(1, longest))])
-        axis.set_ylim(bottom=0)
         axis.grid(alpha=0.3)
     for axis in axes[:, 0]:
         axis.set_ylabel(find_metric(metric).heading)
-    figure.supxlabel("severity", fontsize=10)
+    # The axis is shared: before the last panel is drawn nobody knows how high it reaches.
+    axes.flat[0].set_ylim(bottom=0)
     figure.suptitle(plain_text(title), fontsize=11)
     if len(scores) > 1:
         handles, labels = axes.flat[0].get_legend_handles_labels()

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
-from dfdbench.figures.style import COLOURS
+from dfdbench.figures.style import COLOURS, legend_below, legend_beside
 from dfdbench.methods.networks.weights import Card
 from dfdbench.metrics.metric import METRICS
 from dfdbench.training.checkpoint import Log, Row
@@ -43,7 +43,7 @@ def training_figure(log: Log, title: str) -> Figure:
         axis.set(ylabel=shown.title, xlabel="step")
         axis.xaxis.set_tick_params(labelbottom=True)
         if log.scores:
-            axis.legend()
+            legend_beside(axis)
     for axis in axes.flat[len(drawn) :]:
         axis.set_axis_off()
     for axis in drawn:
@@ -62,7 +62,7 @@ def _draw_losses(losses: Axes, rates: Axes, rows: Sequence[Row]) -> None:
         label=f"mean of {width} steps" if width > 1 else "each step",
     )
     losses.set(ylabel="training loss")
-    losses.legend()
+    legend_beside(losses)
     rates.plot(steps, [float(row["learning_rate"]) for row in rows], color="black")
     rates.set(ylabel="learning rate", yscale="log")
 
@@ -87,7 +87,7 @@ def levels_figure(rows: Sequence[Row], title: str) -> Figure:
         )
     axis.set(title=title, xlabel="depth level", ylabel="pixels (%)", xlim=(-1, LEVELS))
     axis.grid(alpha=0.3)
-    axis.legend()
+    legend_below(figure, axis)
     return figure
 
 

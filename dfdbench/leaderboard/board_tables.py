@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from dfdbench.datasets.catalog import released_manifests
-from dfdbench.leaderboard.boards import Entry, ScoreBoard, Standing
+from dfdbench.leaderboard.boards import Entry, ScoreBoard, Standing, mean_over
 from dfdbench.leaderboard.by_scene import folds_table, scenes_table
+from dfdbench.leaderboard.folder import link_to
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
-from dfdbench.metrics.metric import find_metric, mean_of
+from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.of_protocol import metrics_of, ranked_by
 from dfdbench.metrics.protocol import RELEASED, title_of
 from dfdbench.results.record import Result
@@ -26,6 +27,7 @@ from dfdbench.results.wording import (
     training_of,
 )
 from dfdbench.tables.table import Link, Table
+from dfdbench.tables.wording import counted
 
 
 def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
@@ -60,7 +62,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
         interval_name(board.scenes),
         *(metric.heading for metric in metrics),
         "behind the row above",
-        "seconds a pair",
+        "seconds per pair",
         "status",
     )
     rows = tuple(
@@ -68,9 +70,9 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
             NOTHING if standing.rank is None else str(standing.rank),
             standing.entry.label,
             told(standing.entry.result),
-            score_text(standing.entry.score(board.protocol, first)),
+            standing.entry.shown_score(board.protocol, first),
             interval_text(standing.interval),
-            *(score_text(standing.entry.score(board.protocol, each.name)) for each in metrics),
+            *(standing.entry.shown_score(board.protocol, each.name) for each in metrics),
             str(standing.above or NOTHING),
             seconds_text(standing.entry.seconds),
             standing.entry.status,
@@ -79,7 +81,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
     )
     scores = len(columns) - 3
     return Table(
-        f"{board.dataset}, split {board.split}, protocol {title_of(board.protocol)}",
+        f"{board.label}, split {board.split}, protocol {title_of(board.protocol)}",
         columns,
         rows,
         "rllrl" + "r" * len(metrics) + "lrl",
@@ -134,12 +136,12 @@ def lighting_table(board: ScoreBoard) -> Table:
         entry = standing.entry
         for number, (metric, shown) in enumerate(metrics_of(board.protocol).items()):
             means = [_mean(entry.result, board.protocol, metric, axis, level) for level in levels]
-            whole = entry.score(board.protocol, metric)
+            whole = entry.shown_score(board.protocol, metric)
             name = "" if number else entry.label
-            rows.append((name, shown.heading, *map(score_text, means), score_text(whole)))
+            rows.append((name, shown.heading, *map(score_text, means), whole))
             values = {
                 **{f"{axis} {n}": m for n, m in zip(levels, means, strict=True)},
-                "overall": whole,
+                "overall": entry.score(board.protocol, metric),
             }
             records.append({"method": entry.label, "metric": metric, **values})
         rules.add(len(rows) - 1)
@@ -166,13 +168,13 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
             method.paper or NOTHING,
         )
         if folder:
-            cells += (_checked(entry), Link("result", target_of(entry, folder)))
+            cells += (_checked(entry), Link("result", link_to(entry.path, folder)))
         rows.append(cells)
     columns: tuple[str, ...] = (
         "method",
         "parameters",
         "training data",
-        "seconds a pair",
+        "seconds per pair",
         "machine",
         "paper",
     )
@@ -223,7 +225,7 @@ def standing_record(board: ScoreBoard, standing: Standing, folder: Path) -> dict
         "machine": machine_of(entry.result),
         "pairs": f"{dataset.evaluated}/{dataset.expected}",
         "status": entry.status,
-        "result": target_of(entry, folder),
+        "result": link_to(entry.path, folder),
     }
 
 
@@ -234,11 +236,8 @@ def _levels(board: ScoreBoard) -> list[int]:
 
 
 def _mean(result: Result, protocol: str, metric: str, axis: str, level: int) -> float | None:
-    # As in a run's own table: where a pair of the level is lacking there is no mean.
     pairs = [pair for pair in result.pairs if pair.coordinates[axis] == level]
-    if not pairs or any(pair.status != "ok" for pair in pairs):
-        return None
-    return mean_of(pair.score(protocol, metric) for pair in pairs)
+    return mean_over(pairs, protocol, metric)
 
 
 def _interval_note(scenes: int, score: str) -> str:
@@ -276,7 +275,7 @@ def _incomplete_notes(board: ScoreBoard) -> list[str]:
         if not standing.entry.result.complete:
             notes.append(
                 f"{standing.entry.label}: {dataset.evaluated} of {dataset.expected} pairs "
-                "evaluated; an incomplete run has no rank"
+                "evaluated, whose means stand in brackets; an incomplete run has no rank"
             )
         elif knew_blur(standing.entry.result):
             notes.append(f"{standing.entry.label}: told a blur on a track, which gives no rank")
@@ -291,10 +290,5 @@ def _checked(entry: Entry) -> str:
         return "not yet"
     count = len(found.pairs)
     if found.identical == count:
-        return f"{count} pairs, the same depth maps"
-    return f"{count} pairs, scores within {found.largest_difference:.1g}"
-
-
-def target_of(entry: Entry, folder: Path) -> str:
-    """Return where a link to an entry's file leads, from the leaderboard's folder."""
-    return Path(os.path.relpath(entry.path, folder)).as_posix()
+        return f"{counted(count, 'pair')}, the same depth maps"
+    return f"{counted(count, 'pair')}, scores within {found.largest_difference:.1g}"

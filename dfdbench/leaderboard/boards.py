@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -10,70 +10,89 @@ from pathlib import Path
 
 from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import Problem, ResultError
-from dfdbench.leaderboard.folder import RESULTS, require_leaderboard
+from dfdbench.errors import ResultError
+from dfdbench.leaderboard.folder import require_leaderboard, result_files
+from dfdbench.leaderboard.ranks import order_of, tied_ranks
 from dfdbench.leaderboard.submission import TIME_FORMAT, load_submission
 from dfdbench.leaderboard.tracks_submission import is_tracks_file
 from dfdbench.leaderboard.verification import entry_problems
-from dfdbench.leaderboard.verification_file import SUFFIX, Reproduction, load_verification
+from dfdbench.leaderboard.verification_file import (
+    SUFFIX,
+    Reproduction,
+    load_verification,
+    status_of,
+)
 from dfdbench.metrics.intervals import scene_interval
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.of_protocol import ranked_by
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.differences import PairedDifference, changes, paired_difference
-from dfdbench.results.record import Result
+from dfdbench.results.first_table import first_protocol
+from dfdbench.results.record import PairResult, Result
 from dfdbench.results.told import knew_blur
-from dfdbench.results.wording import method_label
-
-#: Sets whose first board is under the thesis's protocol, which its printed tables are held
-#: against. There SSIM and unknown pixels flatter everyone; other sets are headed by `valid`.
-_HEADED_BY_THESIS = ("demo", "middlebury", "realworld", "realworld-synthetic")
-
-
-def headline_of(short: str) -> str:
-    """Return the protocol that a data set, by its short name, is ranked by first.
-
-    Examples
-    --------
-    >>> headline_of("demo"), headline_of("middlebury-default")
-    ('thesis', 'valid')
-    """
-    return "thesis" if short in _HEADED_BY_THESIS else "valid"
+from dfdbench.results.wording import NOTHING, labelled, method_label, score_text
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A result of the leaderboard, its file, and what verifying it found."""
+    """A result of the leaderboard, its file, and what verifying it found.
+
+    `place` is that of a `dfdbench.results.saved_run.SavedRun`; the leaderboard itself has none.
+    """
 
     result: Result
     path: Path
     verification: Reproduction | None
+    place: str = ""
 
     @property
     def label(self) -> str:
-        """The method with its parameters."""
-        return method_label(self.result.method)
+        """The method with its parameters, and the place where that is needed."""
+        return labelled(method_label(self.result.method), self.place)
+
+    @property
+    def identity(self) -> tuple[str, str, str]:
+        """What makes two results those of one method: name, parameters as JSON, and the place."""
+        method = self.result.method
+        return method.name, json.dumps(method.parameters, sort_keys=True), self.place
 
     @property
     def status(self) -> str:
         """``reproduced``, where a sample of its pairs was run again, or ``rerun``.
 
-        Depth maps that were scored, not run, are ``unverified``: nothing can be run again.
+        Depth maps that were scored, not run, are ``unverified``: nothing can be run again. A run in
+        a process of its own says ``isolated`` besides.
         """
         if self.result.method.scored:
             return "unverified"
-        return "reproduced" if self.verification else "rerun"
+        return status_of(self.result, self.verification)
 
     @property
     def seconds(self) -> float | None:
-        """Mean seconds a pair; None where they cannot be compared, or nothing was evaluated."""
+        """Mean seconds per pair; None where they cannot be compared, or nothing was evaluated."""
         if not all(pair.timed_alone for pair in self.result.pairs):
             return None
         return mean_of(pair.seconds for pair in self.result.pairs)
 
     def score(self, protocol: str, metric: str) -> float | None:
-        """Return the average over all pairs; None for an incomplete run."""
-        return (self.result.averages or {}).get(protocol, {}).get(metric)
+        """Return the average over all pairs, computed from them; None for an incomplete run."""
+        if protocol not in self.result.protocol_names:
+            return None
+        return mean_over(self.result.pairs, protocol, metric)
+
+    def shown_score(self, protocol: str, metric: str) -> str:
+        """Return the average as tables show it.
+
+        Of an incomplete run it is that of the pairs that were evaluated, in brackets.
+        """
+        if self.result.complete:
+            return score_text(self.score(protocol, metric))
+        scores = [
+            score
+            for pair in self.result.pairs
+            if pair.status == "ok" and (score := pair.score(protocol, metric)) is not None
+        ]
+        return f"({score_text(mean_of(scores))})" if scores else NOTHING
 
 
 @dataclass(frozen=True)
@@ -115,13 +134,18 @@ class ScoreBoard:
 
     @property
     def headline(self) -> bool:
-        """Whether this protocol's board is the one to look at first; see `_HEADED_BY_THESIS`."""
-        return self.protocol == headline_of(self.short)
+        """Whether this protocol's board is the one to look at first; see `first_protocol`."""
+        return self.protocol == first_protocol(self.short)
 
     @property
     def short(self) -> str:
         """The data set's short name."""
         return self.standings[0].entry.result.dataset.short
+
+    @property
+    def label(self) -> str:
+        """What its tables call the data set: captures that are none say so."""
+        return self.standings[0].entry.result.dataset.label
 
     @property
     def manifest(self) -> Manifest | None:
@@ -150,8 +174,8 @@ def collect(folder: Path) -> list[Entry]:
     """
     require_leaderboard(folder)
     entries: list[Entry] = []
-    problems: list[Problem] = []
-    for path in sorted((folder / RESULTS).rglob("*.json")):
+    paths, problems = result_files(folder)
+    for path in paths:
         try:
             if path.name.endswith(SUFFIX):
                 _refuse_orphan(path)
@@ -185,7 +209,7 @@ def boards(entries: Sequence[Entry]) -> list[ScoreBoard]:
         dataset = entry.result.dataset
         for protocol in entry.result.protocol_names:
             order = list(RELEASED).index(protocol) if protocol in RELEASED else len(RELEASED)
-            later = protocol != headline_of(dataset.short)
+            later = protocol != first_protocol(dataset.short)
             key = (dataset.name, dataset.split, later, order, protocol, dataset.fingerprint)
             groups.setdefault(key, []).append(entry)
     return [
@@ -199,22 +223,20 @@ def boards(entries: Sequence[Entry]) -> list[ScoreBoard]:
 def _board(
     dataset: str, split: str, fingerprint: str, protocol: str, found: Sequence[Entry]
 ) -> ScoreBoard:
-    newest: dict[str, Entry] = {}
+    newest: dict[tuple[str, str, str], Entry] = {}
     superseded = []
     for entry in sorted(found, key=_age):
-        if entry.label in newest:
-            superseded.append((newest[entry.label], entry))
-        newest[entry.label] = entry
+        if entry.identity in newest:
+            superseded.append((newest[entry.identity], entry))
+        newest[entry.identity] = entry
     ranks_by = ranked_by(protocol)[0]
     ranked = sorted(
         (entry for entry in newest.values() if _can_rank(entry, protocol)),
         key=lambda entry: (*_order(entry, protocol), entry.label),
     )
     standings: list[Standing] = []
-    for place, entry in enumerate(ranked, 1):
-        above = ranked[place - 2] if place > 1 else None
-        tied = above is not None and _order(above, protocol) == _order(entry, protocol)
-        rank = standings[-1].rank if tied else place
+    ranks = tied_ranks([_order(entry, protocol) for entry in ranked])
+    for above, entry, rank in zip([None, *ranked], ranked, ranks, strict=False):
         difference = None
         if above is not None:
             found_changes = changes(above.result, entry.result, protocol, ranks_by)
@@ -226,6 +248,13 @@ def _board(
         for entry in sorted(unranked, key=lambda entry: entry.label)
     ]
     return ScoreBoard(dataset, split, fingerprint, protocol, tuple(standings), tuple(superseded))
+
+
+def mean_over(pairs: Sequence[PairResult], protocol: str, metric: str) -> float | None:
+    """Return the average over some pairs; None where one is lacking, as in a run's table."""
+    if not pairs or any(pair.status != "ok" for pair in pairs):
+        return None
+    return mean_of(pair.score(protocol, metric) for pair in pairs)
 
 
 def _can_rank(entry: Entry, protocol: str) -> bool:
@@ -241,8 +270,8 @@ def _age(entry: Entry) -> tuple[str, str]:
 
 
 def _order(entry: Entry, protocol: str) -> tuple[float, float]:
-    first, second = (entry.score(protocol, metric) for metric in ranked_by(protocol))
-    return (math.inf if first is None else first, math.inf if second is None else second)
+    first, second = ranked_by(protocol)
+    return order_of(entry.score(protocol, first), entry.score(protocol, second))
 
 
 def _interval(result: Result, protocol: str) -> tuple[float, float] | None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from dfdbench.leaderboard.boards import ScoreBoard, Standing
-from dfdbench.metrics.metric import find_metric, mean_of
+from dfdbench.leaderboard.boards import ScoreBoard, mean_over
+from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.of_protocol import ranked_by
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
@@ -44,7 +44,14 @@ def _table(board: ScoreBoard, what: str, groups: Iterable[tuple[str, Sequence[st
     labels = [standing.entry.label for standing in board.standings]
     rows, records = [], []
     for name, scenes in groups:
-        means = [_mean(standing, board.protocol, scenes) for standing in board.standings]
+        means = [
+            mean_over(
+                [pair for pair in standing.entry.result.pairs if pair.scene in scenes],
+                board.protocol,
+                metric.name,
+            )
+            for standing in board.standings
+        ]
         rows.append((name, *map(score_text, means)))
         records.append({what: name, **dict(zip(labels, means, strict=True))})
     return Table(
@@ -54,10 +61,3 @@ def _table(board: ScoreBoard, what: str, groups: Iterable[tuple[str, Sequence[st
         "l" + "r" * len(labels),
         records=tuple(records),
     )
-
-
-def _mean(standing: Standing, protocol: str, scenes: Sequence[str]) -> float | None:
-    pairs = [pair for pair in standing.entry.result.pairs if pair.scene in scenes]
-    if not pairs or any(pair.status != "ok" for pair in pairs):
-        return None
-    return mean_of(pair.score(protocol, ranked_by(protocol)[0]) for pair in pairs)

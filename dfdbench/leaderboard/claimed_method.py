@@ -6,14 +6,14 @@ import ast
 import hashlib
 import json
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from dfdbench.errors import ResultError, unknown_name
+from dfdbench.errors import Problem, ResultError, unknown_name
 from dfdbench.methods.registry import built_in_methods, registered_methods
 from dfdbench.results.record import MethodRecord
 
@@ -151,6 +151,33 @@ def parameters_to_run(record: MethodRecord, weights: Path | None, path: Path) ->
             got=found,
         )
     return {**record.parameters, "weights": str(weights)}
+
+
+def other_claims(
+    record: MethodRecord, found: Mapping[str, object], path: Path
+) -> Iterator[Problem]:
+    """Tell where a record says other of what its method was told and has seen than was found.
+
+    Parameters
+    ----------
+    record : MethodRecord
+        What a result claims.
+    found : mapping of str to object
+        Fields of the record, as running the method anew gives them.
+    path : Path
+        The result's file.
+    """
+    for field, value in found.items():
+        claimed = getattr(record, field)
+        claimed = sorted(claimed) if isinstance(claimed, list) else claimed
+        if claimed != value:
+            yield Problem(
+                "the method is told, or was trained, other than the result says",
+                where=f"{path}: method.{field}",
+                expected=f"{value} (run here)",
+                got=str(claimed),
+                fix="submit the run again with this version",
+            )
 
 
 def _built_in_name(record: MethodRecord) -> str:

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.tracked import part_name, with_track
 from dfdbench.errors import DfdbenchError, Problem, unknown_name
 from dfdbench.leaderboard.folder import UNDEFINED, known_fingerprints, known_undefined
+from dfdbench.leaderboard.text_problems import text_problems
 from dfdbench.leaderboard.training_problems import training_problems
 from dfdbench.metrics.protocol import RELEASED, label_of
 from dfdbench.results.record import Result
+from dfdbench.tables.wording import counted, listed
 
 
 def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]:
-    """Return in what a result differs from the released data set and protocols it names."""
+    """Return in what a result differs from the released data set and protocols it names.
+
+    Text that cannot be shown beside other results is a problem as well.
+    """
     dataset = result.dataset
     try:
         manifest = _released(dataset.name)
@@ -35,9 +42,12 @@ def data_set_problems(result: Result, folder: Path, where: str) -> list[Problem]
     return [
         *_other_facts(result, manifest, where),
         *_other_data(result, manifest, folder, where),
+        *_other_recipe(result, where),
         *_other_pairs(result, expected, where),
+        *_unmeasured(result, where),
         *_other_protocols(result, where),
         *_left_out(result, folder, where),
+        *text_problems(result, where),
         *training_problems(
             result.method.trained_on,
             result.method.weights_sha256,
@@ -57,7 +67,7 @@ def _other_data(result: Result, manifest: Manifest, folder: Path, where: str) ->
             expected=manifest.sha256,
             got=dataset.manifest_sha256,
         )
-    known = known_fingerprints(folder).get(dataset.name)
+    known = known_fingerprints(folder).get(dataset.name, [])
     # Built with another recipe it is a board of its own; a track can be built one way only.
     told = "" if manifest.on_track else manifest.recipe or ""
     if manifest.on_track and dataset.recipe != {"name": "", "parameters": {}}:
@@ -66,6 +76,13 @@ def _other_data(result: Result, manifest: Manifest, folder: Path, where: str) ->
             where=f"{where}: dataset.recipe",
             expected='name "", no parameters',
             got=str(dataset.recipe),
+        )
+    elif dataset.recipe["name"] != told and dataset.fingerprint in known:
+        yield Problem(
+            f"another blur recipe than {dataset.name} was made with, of which these data are",
+            where=f"{where}: dataset.recipe",
+            expected=told or "none",
+            got=str(dataset.recipe["name"]),
         )
     elif known and dataset.recipe["name"] == told and dataset.fingerprint not in known:
         yield Problem(
@@ -77,6 +94,21 @@ def _other_data(result: Result, manifest: Manifest, folder: Path, where: str) ->
         )
 
 
+def _other_recipe(result: Result, where: str) -> Iterator[Problem]:
+    recipe = result.dataset.recipe
+    name = recipe["name"]
+    known: dict[str, dict[str, Any]] = {"": {}} | {
+        name: recipe.as_dict() for name, recipe in RECIPES.items()
+    }
+    if name in known and recipe != (expected := {"name": name, "parameters": known[name]}):
+        yield Problem(
+            f"not the blur recipe {name}" if name else "a blur recipe without a name",
+            where=f"{where}: dataset.recipe",
+            expected=str(expected),
+            got=str(recipe),
+        )
+
+
 def _other_pairs(result: Result, expected: Mapping[str, Pair], where: str) -> Iterator[Problem]:
     dataset = result.dataset
     found = {pair.id: pair for pair in result.pairs}
@@ -85,14 +117,39 @@ def _other_pairs(result: Result, expected: Mapping[str, Pair], where: str) -> It
         ("too many for the split", found.keys() - expected.keys()),
     ):
         if names:
-            count = f"{len(names)} pair{'s' if len(names) > 1 else ''}"
-            whole = f"{len(expected)} pairs of {dataset.name}, split {dataset.split}"
-            named = ", ".join(sorted(names)[:3]) + (", ..." if len(names) > 3 else "")
-            yield Problem(f"{count} {what}", where=f"{where}: pairs", expected=whole, got=named)
+            count = counted(len(names), "pair")
+            whole = f"{counted(len(expected), 'pair')} of {dataset.name}, split {dataset.split}"
+            yield Problem(
+                f"{count} {what}",
+                where=f"{where}: pairs",
+                expected=whole,
+                got=listed(sorted(names), most=3),
+            )
     for name, pair in found.items():
         there = expected.get(name)
         if there and (pair.scene, pair.coordinates) != (there.scene, there.at):
             yield Problem("pair's coordinates are not those of its name", where=f"{where}: {name}")
+
+
+def _unmeasured(result: Result, where: str) -> Iterator[Problem]:
+    # Seconds are averaged over those that are there: a method must not choose which.
+    for pair in result.pairs:
+        there = {
+            "prediction_sha256": pair.prediction_sha256 is not None,
+            "seconds": pair.seconds is not None,
+            "scores": bool(pair.scores),
+        }
+        if result.method.scored:
+            del there["seconds"]
+        evaluated = pair.status == "ok"
+        wrong = ", ".join(field for field, found in there.items() if found is not evaluated)
+        if wrong:
+            yield Problem(
+                "what was measured is lacking" if evaluated else "nothing can have been measured",
+                where=f"{where}: {pair.id}",
+                expected=f"{wrong}, for its status is ok" if evaluated else f"no {wrong}",
+                got=f"no {wrong}" if evaluated else f"{wrong}, and status {pair.status}",
+            )
 
 
 def _other_protocols(result: Result, where: str) -> Iterator[Problem]:
@@ -123,6 +180,7 @@ def _other_facts(result: Result, manifest: Manifest, where: str) -> Iterator[Pro
         "axes": list(manifest.axes),
         "blocks": manifest.table.blocks,
         "rows": manifest.table.rows,
+        "simulated": manifest.simulated,
     }
     for field, value in facts.items():
         got = getattr(result.dataset, field)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -10,9 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from dfdbench.errors import Problem, ResultError
-from dfdbench.leaderboard.folder import PUBLISHED
+from dfdbench.errors import Problem, ResultError, reason_of
+from dfdbench.leaderboard.folder import PUBLISHED, read_own
 from dfdbench.metrics.metric import METRICS, mean_of
+from dfdbench.system.json_text import parse_json
 from dfdbench.system.record import Record, problems_of
 
 Text = Annotated[str, Field(min_length=1)]
@@ -101,15 +101,18 @@ def load_published(folder: Path) -> list[PublishedTable]:
     ResultError
         With everything that is wrong in any of the files.
     """
-    tables, problems = [], []
+    tables: list[PublishedTable] = []
+    problems: list[Problem] = []
     for path in sorted((folder / PUBLISHED).glob("*.json")):
         try:
-            tables.append(PublishedTable.model_validate(json.loads(path.read_text("utf-8"))))
+            tables.append(PublishedTable.model_validate(parse_json(read_own(path) or b"")))
+        except ResultError as error:
+            problems += error.problems
         except ValidationError as error:
             problems += problems_of(error, "wrong value in the published table", file=path)
-        except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        except (OSError, ValueError) as error:
             problems.append(
-                Problem("cannot read the published table", where=str(path), got=str(error))
+                Problem("cannot read the published table", where=str(path), got=reason_of(error))
             )
     if problems:
         raise ResultError.of(problems)

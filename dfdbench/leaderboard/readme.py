@@ -12,7 +12,7 @@ import jinja2
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.board_tables import board_tables
 from dfdbench.leaderboard.boards import Entry, ScoreBoard, collect, parted
-from dfdbench.leaderboard.folder import README
+from dfdbench.leaderboard.folder import README, read_own_text
 from dfdbench.leaderboard.published import PublishedTable, load_published
 from dfdbench.leaderboard.published_tables import published_summary, published_table
 from dfdbench.leaderboard.scored_table import scored_table
@@ -20,6 +20,7 @@ from dfdbench.leaderboard.track_board_tables import tracks_board_table
 from dfdbench.leaderboard.track_boards import TracksBoard, TracksEntry, collect_tracks, track_boards
 from dfdbench.metrics.metric import IN_METRES
 from dfdbench.metrics.of_protocol import ranked_by
+from dfdbench.results.record import Result
 from dfdbench.results.told import told
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown
@@ -56,7 +57,7 @@ def check_readme(folder: Path) -> int:
     entries, tracked = collect_all(folder)
     expected = readme_text(folder, entries, tracked)
     path = folder / README
-    found = path.read_text(encoding="utf-8") if path.exists() else ""
+    found = read_own_text(path).replace("\r\n", "\n")
     if found != expected:
         raise ResultError(
             "the leaderboard's README is stale",
@@ -91,19 +92,26 @@ def collect_all(folder: Path) -> tuple[list[Entry], list[TracksEntry]]:
 
 
 def readme_text(folder: Path, entries: Sequence[Entry], tracked: Sequence[TracksEntry] = ()) -> str:
-    """Return what the README is to say of these entries."""
+    """Return what the README is to say of these entries.
+
+    Raises
+    ------
+    ResultError
+        Where a published table cannot be read.
+    """
     found, scored = parted(entries)
     published = load_published(folder)
-    note = folder / NOTE
+    note = read_own_text(folder / NOTE).replace("\r\n", "\n")
     template = resources.files("dfdbench.leaderboard") / "leaderboard.md.jinja"
     # Markdown, not HTML: what comes from results is escaped by as_markdown, table by table.
     environment = jinja2.Environment(keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
     compared = dict.fromkeys(table.compare for table in published if table.compare)
     text = environment.from_string(template.read_text(encoding="utf-8")).render(
-        note=note.read_text(encoding="utf-8").rstrip() if note.exists() else "",
+        note=note.rstrip(),
         boards=[_board_context(board, folder) for board in found],
         tracks=[_tracks_context(board, folder) for board in track_boards(tracked)],
         lens_told=any("lens told" in told(entry.result) for entry in entries),
+        isolated=any(result.method.isolated for result in _results(entries, tracked)),
         in_metres=any(ranked_by(board.protocol)[0] in IN_METRES for board in found),
         scored=[as_markdown(scored_table(board, folder)) for board in scored],
         summaries=[as_markdown(published_summary(published, name)) for name in compared],
@@ -112,6 +120,10 @@ def readme_text(folder: Path, entries: Sequence[Entry], tracked: Sequence[Tracks
         doi=published[0].doi if published else "",
     )
     return text.rstrip("\n") + "\n"
+
+
+def _results(entries: Sequence[Entry], tracked: Sequence[TracksEntry]) -> list[Result]:
+    return [entry.result for entry in entries] + [entry.clean for entry in tracked]
 
 
 def _board_context(board: ScoreBoard, folder: Path) -> dict[str, object]:

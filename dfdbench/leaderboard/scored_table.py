@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dfdbench.leaderboard.board_tables import standing_record, target_of
+from dfdbench.leaderboard.board_tables import standing_record
 from dfdbench.leaderboard.boards import ScoreBoard
+from dfdbench.leaderboard.folder import link_to
 from dfdbench.metrics.intervals import interval_name
 from dfdbench.metrics.of_protocol import metrics_of, ranked_by
 from dfdbench.metrics.protocol import title_of
@@ -33,7 +34,7 @@ def scored_table(board: ScoreBoard, folder: Path) -> Table:
             interval_text(standing.interval),
             *(score_text(standing.entry.score(board.protocol, each.name)) for each in others),
             standing.entry.status,
-            Link("result", target_of(standing.entry, folder)),
+            Link("result", link_to(standing.entry.path, folder)),
         )
         for standing in board.standings
     )
@@ -41,7 +42,7 @@ def scored_table(board: ScoreBoard, folder: Path) -> Table:
         standing_record(board, standing, folder) | {"rank": None} for standing in board.standings
     )
     return Table(
-        f"{board.dataset}, split {board.split}, protocol {title_of(board.protocol)}: {SCORED}",
+        f"{board.label}, split {board.split}, protocol {title_of(board.protocol)}: {SCORED}",
         (
             "method",
             metrics[first].heading,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from datetime import UTC, datetime
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from dfdbench.system.files import write_whole
 from dfdbench.system.record import Record
 
 TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
+#: How far ahead a submitter's clock may be.
+_CLOCKS_DIFFER = timedelta(days=1)
 
 
 def submit(result: Result, folder: Path, submitted: datetime | None = None) -> list[Path]:
@@ -120,9 +123,35 @@ def load_submission(path: Path, folder: Path) -> Result:
             )
         )
     problems += data_set_problems(result, folder, str(path))
+    problems += future_problems(result.submission, str(path))
     if problems:
         raise ResultError.of(problems)
     return result
+
+
+def future_problems(
+    submission: Submission | None, where: str, now: datetime | None = None
+) -> Iterator[Problem]:
+    """Tell where a submission is from the future: it would be the newest for ever.
+
+    Parameters
+    ----------
+    submission : Submission or None
+        What the file says.
+    where : str
+        The file.
+    now : datetime, optional
+        Default: the clock's.
+    """
+    latest = ((now or datetime.now(UTC)) + _CLOCKS_DIFFER).strftime(TIME_FORMAT)
+    if submission and submission.submitted > latest:
+        yield Problem(
+            "submitted in the future",
+            where=f"{where}: submission.submitted",
+            expected=f"at most {latest}",
+            got=submission.submitted,
+            fix="set the clock, and submit the run again: `dfdbench run ... --submit`",
+        )
 
 
 def _place(result: Result, folder: Path) -> Path:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.tracked import part_name
+from dfdbench.leaderboard.folder import link_to
 from dfdbench.leaderboard.track_boards import TracksBoard, TracksEntry
 from dfdbench.leaderboard.tracks_submission import HEADLINE
 from dfdbench.metrics.metric import METRICS, RANKED_BY
@@ -51,7 +51,7 @@ def tracks_board_table(board: TracksBoard, folder: Path) -> Table:
             fitted_on(entry),
             trained_on(entry),
             entry.status,
-            Link("result", _target(entry, folder)),
+            Link("result", link_to(entry.path, folder)),
         )
         for rank, entry in board.rows
     )
@@ -100,10 +100,6 @@ def _clean(entry: TracksEntry, metric: str) -> float | None:
     return (entry.clean.averages or {}).get(HEADLINE, {}).get(metric)
 
 
-def _target(entry: TracksEntry, folder: Path) -> str:
-    return Path(os.path.relpath(entry.path, folder)).as_posix()
-
-
 def _notes(board: TracksBoard) -> list[str]:
     notes = [
         "A track's column is the mean over its severities 1 to 3. Methods are ranked by the mean "
@@ -141,7 +137,7 @@ def _record(
         "fitted_on_tracks": fitted_on(entry),
         "trained_on_tracks": trained_on(entry),
         "status": entry.status,
-        "result": _target(entry, folder),
+        "result": link_to(entry.path, folder),
     }
     for metric in METRICS:
         record[f"{metric} {CLEAN}"] = _clean(entry, metric)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
-from dfdbench.errors import Problem, ResultError
-from dfdbench.leaderboard.folder import RESULTS, require_leaderboard
+from dfdbench.errors import ResultError
+from dfdbench.leaderboard.folder import require_leaderboard, result_files
+from dfdbench.leaderboard.ranks import order_of, tied_ranks
 from dfdbench.leaderboard.tracks_submission import (
     HEADLINE,
     is_tracks_file,
@@ -17,7 +17,12 @@ from dfdbench.leaderboard.tracks_submission import (
     tracks_label,
 )
 from dfdbench.leaderboard.verification import entry_problems
-from dfdbench.leaderboard.verification_file import SUFFIX, Reproduction, load_tracks_verification
+from dfdbench.leaderboard.verification_file import (
+    SUFFIX,
+    Reproduction,
+    load_tracks_verification,
+    status_of,
+)
 from dfdbench.metrics.metric import RANKED_BY, TIES_BY, mean_of
 from dfdbench.results.record import Result
 from dfdbench.results.told import knew_blur
@@ -50,7 +55,7 @@ class TracksEntry:
     @property
     def status(self) -> str:
         """As of `dfdbench.leaderboard.boards.Entry`."""
-        return "reproduced" if self.verification else "rerun"
+        return status_of(self.clean, self.verification)
 
     def by_track(self, metric: str) -> dict[str, list[float | None]]:
         """Return the averages of each track by severity, from 1; None where a run is lacking."""
@@ -106,8 +111,8 @@ def collect_tracks(folder: Path) -> list[TracksEntry]:
     """
     require_leaderboard(folder)
     entries: list[TracksEntry] = []
-    problems: list[Problem] = []
-    for path in sorted((folder / RESULTS).rglob("*.json")):
+    paths, problems = result_files(folder)
+    for path in paths:
         try:
             if path.name.endswith(SUFFIX) or not is_tracks_file(path):
                 continue
@@ -137,14 +142,13 @@ def track_boards(entries: Sequence[TracksEntry]) -> list[TracksBoard]:
 def _ranked(found: Sequence[TracksEntry]) -> tuple[tuple[int | None, TracksEntry], ...]:
     can_rank = [entry for entry in found if not entry.told and entry.mean(RANKED_BY) is not None]
     ranked = sorted(can_rank, key=lambda entry: (*_order(entry), entry.label))
-    rows: list[tuple[int | None, TracksEntry]] = []
-    for place, entry in enumerate(ranked, 1):
-        tied = place > 1 and _order(ranked[place - 2]) == _order(entry)
-        rows.append((rows[-1][0] if tied else place, entry))
+    ranks = tied_ranks([_order(entry) for entry in ranked])
     others = [entry for entry in found if entry not in ranked]
-    return (*rows, *((None, e) for e in sorted(others, key=lambda e: (e.told, e.label))))
+    return (
+        *zip(ranks, ranked, strict=True),
+        *((None, e) for e in sorted(others, key=lambda e: (e.told, e.label))),
+    )
 
 
 def _order(entry: TracksEntry) -> tuple[float, float]:
-    first, second = entry.mean(RANKED_BY), entry.mean(TIES_BY)
-    return (math.inf if first is None else first, math.inf if second is None else second)
+    return order_of(entry.mean(RANKED_BY), entry.mean(TIES_BY))

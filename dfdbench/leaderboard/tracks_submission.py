@@ -14,7 +14,7 @@ from dfdbench.blur.tracks import CLEAN
 from dfdbench.errors import Problem, ResultError
 from dfdbench.leaderboard.data_set_problems import data_set_problems
 from dfdbench.leaderboard.folder import RESULTS, file_stems
-from dfdbench.leaderboard.submission import sealed, under_protocol
+from dfdbench.leaderboard.submission import future_problems, sealed, under_protocol
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import contradictions, read_json, seal_of
 from dfdbench.results.told import knew_blur
@@ -95,6 +95,7 @@ def _different_runs(results: Mapping[str, Result]) -> Iterator[Problem]:
             "source": method.source_sha256,
             "weights": method.weights_sha256,
             "files": method.files_sha256,
+            "isolated": method.isolated,
             "split": dataset.split,
             "manifest": dataset.manifest_sha256,
             "seed": result.seed,
@@ -168,7 +169,7 @@ def read_tracks(path: Path) -> TracksRecord:
         Where it cannot be read, or is not such a file.
     """
     try:
-        record = TracksRecord.model_validate(read_json(path))
+        record = TracksRecord.model_validate(read_json(path), strict=True)
         results_of(record)
     except ValidationError as error:
         what = "wrong value in the runs on tracks"
@@ -224,6 +225,7 @@ def _misplaced(
             got=record.submission.seal,
             fix=_FIX,
         )
+    yield from future_problems(record.submission, str(path))
     if results[CLEAN].protocol_names != (HEADLINE,):
         yield Problem(
             "tracks are ranked by another protocol",

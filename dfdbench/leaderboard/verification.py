@@ -10,8 +10,13 @@ from dfdbench.errors import InputError, Problem, ResultError, unknown_name
 from dfdbench.evaluation.fitting import fit_method
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
-from dfdbench.evaluation.result import without_folder
-from dfdbench.leaderboard.claimed_method import ClaimedMethod, claimed_method, parameters_to_run
+from dfdbench.evaluation.result import trained_on_of, without_folder
+from dfdbench.leaderboard.claimed_method import (
+    ClaimedMethod,
+    claimed_method,
+    other_claims,
+    parameters_to_run,
+)
 from dfdbench.leaderboard.verification_file import (
     SCORE_TOLERANCE,
     VerifiedSample,
@@ -170,9 +175,18 @@ class _Comparison:
         # By its entry, which was agreed to: a name may hold a folder of another machine.
         parameters = parameters_to_run(record, weights, self._path)
         told = store.manifest.on_track and "recipe" in record.uses
-        method = load_for(store, record.entry, parameters, result.seed, told)
+        # What is said to have run without sight of the data is run so again.
+        apart_from = () if record.isolated else None
+        method = load_for(store, record.entry, parameters, result.seed, told, apart_from)
         protocols = _protocols_of(result, self._path)
-        fit_method(store, method, result.dataset.split, result.seed)
+        fit = fit_method(store, method, result.dataset.split, result.seed)
+        found: dict[str, object] = {
+            "uses": sorted(method.uses),
+            "trained_on": trained_on_of(method, store.manifest),
+            "weights_sha256": method.weights_sha256,
+            "fitted_on": fit.fitted_on if fit else None,
+        }
+        self._problems += other_claims(record, found, self._path)
         evaluate = PairEvaluator(store, method, result.seed, protocols)
         for claim in claims:
             self._compare(claim, evaluate(claim.pair)[0])

@@ -13,15 +13,16 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field, ValidationError
 
 from dfdbench.errors import Problem, ResultError
+from dfdbench.leaderboard.folder import REPRODUCED, read_own
 from dfdbench.leaderboard.submission import TIME_FORMAT
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import Count, Environment, PairResult, Result, Seed, Sha256, Time
-from dfdbench.system.files import write_whole
+from dfdbench.system.files import read_whole, write_whole
 from dfdbench.system.record import Record, problems_of
 
 T = TypeVar("T")
 
-SUFFIX = ".reproduced.json"
+SUFFIX = f"{REPRODUCED}.json"
 #: How far a score may be off where the depth map is not the very same: float32 filters differ in
 #: the last digits between processors. What is recorded was found with this one.
 SCORE_TOLERANCE = 1e-3
@@ -116,7 +117,7 @@ def save_verification(outcome: VerifiedSample, seed: int, path: Path) -> Path:
         The result's file.
     """
     verification = Reproduction(
-        result_sha256=sha256(path.read_bytes()).hexdigest(),
+        result_sha256=sha256(read_whole(path)).hexdigest(),
         reproduced=datetime.now(UTC).strftime(TIME_FORMAT),
         seed=seed,
         tolerance=SCORE_TOLERANCE,
@@ -159,13 +160,20 @@ def load_tracks_verification(results: Mapping[str, Result], path: Path) -> Repro
     )
 
 
+def status_of(result: Result, verification: Reproduction | None) -> str:
+    """Return whether a run was reproduced, and whether it was isolated."""
+    isolated = ", isolated" if result.method.isolated else ""
+    return f"{'reproduced' if verification else 'rerun'}{isolated}"
+
+
 def _load(path: Path, draw: Callable[[int, int], list[str]]) -> Reproduction | None:
     place = path.with_name(path.stem + SUFFIX)
-    if not place.exists():
+    content = read_own(place)
+    if content is None:
         return None
     fix = f"dfdbench leaderboard verify {path} --record"
     try:
-        verification = Reproduction.model_validate_json(place.read_bytes())
+        verification = Reproduction.model_validate_json(content, strict=True)
     except ValidationError as error:
         what = "wrong value in the verification"
         raise ResultError.of(problems_of(error, what, file=place, fix=fix)) from error
@@ -182,7 +190,7 @@ def _contradictions(
     place: Path,
     fix: str,
 ) -> Iterator[Problem]:
-    there = sha256(path.read_bytes()).hexdigest()
+    there = sha256(read_whole(path)).hexdigest()
     if verification.result_sha256 != there:
         yield Problem(
             what="the verification is of another file than the result beside it",

@@ -1,15 +1,20 @@
-"""What the classical methods share: the blur they are told, or calibrate where nobody tells it."""
+"""Shared by the classical methods: the blur they are told, or calibrate where nobody tells it.
+
+The measuring itself is `calibration.py`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.calibration import Calibration, calibrate
 from dfdbench.methods.fit import Learned, TrainingPair
+
+if TYPE_CHECKING:
+    from dfdbench.methods.calibration import Calibration
 
 
 class Calibrated:
@@ -33,6 +38,9 @@ class Calibrated:
 
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""
+        # Here and in the fit: it brings half of scipy, which nobody needs who was told the blur.
+        from dfdbench.methods.calibration import Calibration
+
         self.calibration = Calibration.of(learned)
 
     @property
@@ -60,4 +68,6 @@ class Calibrated:
         return self.calibration.law
 
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
+        from dfdbench.methods.calibration import calibrate
+
         return calibrate(pairs).as_learned()

@@ -1,4 +1,7 @@
-"""A blur law measured from training pairs: how wide, of which shape, how bright, how noisy."""
+"""Measure a blur law from training pairs: how wide, of which shape, how bright, how noisy.
+
+Which pixels count is `calibration_parts.py`; the methods that use the law are on `calibrated.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a calibration looks at: parts of training pairs, and the pixels of them that count."""
+"""What `calibration.py` looks at: parts of training pairs, and the pixels of them that count."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Sample:
     counts: NDArray[np.bool_]
 
     def trials(self, way: Way) -> Iterator[NDArray[np.float64]]:
-        """Yield the light that each width of the ladder would give."""
+        """Yield the light that each width of the ladder would give: float64, shape (pixel,)."""
         for kernel in point_spread_functions(LADDER, KERNEL_SIZE, way.exponent):
             yield blur(self.light, kernel)[self.counts][:, 0].astype(np.float64)
 

@@ -12,13 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.methods.importing import describe
+from dfdbench.methods.importing import describe, place_of
 from dfdbench.methods.isolation import process_kept
-from dfdbench.methods.method import Image, Predict, Prediction
+from dfdbench.methods.method import Image, Predict, Prediction, writable
 from dfdbench.metrics.scores import LARGEST_NUMBER
 
 # A level this far out of 0..255 is rounding, not a mistake.
 _ROUNDING = 1e-3
+
+#: What is said of depth maps in which 1 seems to stand for the nearest.
+UNIT_LEVELS = "all levels between 0 and 1; levels go from 0 (far) to 255 (near)"
+
+
+class NoDepthError(Exception):
+    """Raised by what stands for a method elsewhere: why that gave no depth map."""
 
 
 def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
@@ -47,7 +54,7 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
     'returned shape (2, 2, 3); expected (2, 2), one depth level a pixel'
     """
     copies = infocus.copy(), defocus.copy()
-    printed = io.StringIO()
+    printed = _Printed()
     depth, error = None, ""
     numbers: dict[str, float] = {}
     begin = time.perf_counter()
@@ -57,27 +64,55 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
             returned = predict(*copies)
             seconds = time.perf_counter() - begin
             numbers = _finite_numbers(getattr(predict, "numbers", None))
-    except (Exception, SystemExit) as raised:
-        error = f"raised {describe(raised)}"
+    except KeyboardInterrupt:
+        raise
+    except BaseException as raised:
+        told = isinstance(raised, NoDepthError)
+        error = str(raised) if told else f"raised {describe(raised)}{place_of(raised)}"
         seconds = time.perf_counter() - begin
     else:
-        depth, error = check_depth(returned, infocus.shape[:2])
-    return Prediction(depth, seconds, _writable(error), _writable(printed.getvalue()), numbers)
+        depth, error = _checked(returned, infocus.shape[:2])
+    return Prediction(depth, seconds, writable(error), writable(printed.getvalue()), numbers)
 
 
-def _writable(text: str) -> str:
-    # A lone surrogate, which no file can hold, must not cost the run its other pairs.
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+class _Printed(io.StringIO):
+    """What a method prints, which stays there where the method closes its standard output."""
+
+    def close(self) -> None:
+        pass
+
+
+def _checked(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float32] | None, str]:
+    try:
+        return check_depth(returned, shape)
+    except Exception as error:
+        return None, f"returned a {type(returned).__name__} that breaks: {describe(error)}"
 
 
 def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float32] | None, str]:
     """Return a method's answer as float32 levels, or None and what is wrong with it.
+
+    Parameters
+    ----------
+    returned : object
+        What the method returned.
+    shape : tuple of int
+        Of the images, (y, x).
+
+    Returns
+    -------
+    depth : ndarray of float32, shape (y, x), or None
+        Levels 0 to 255.
+    wrong : str
+        Empty where there is a depth map.
 
     Examples
     --------
     >>> check_depth(np.full((2, 2), 300), (2, 2))
     (None, 'returned levels from 300 to 300; expected 0 to 255')
     """
+    if returned is None:
+        return None, "returned None; expected depth levels: is a `return` missing?"
     if isinstance(returned, tuple) and any(isinstance(part, Mapping) for part in returned):
         return None, (
             "returned a depth map and numbers; expected the depth map alone: "
@@ -98,6 +133,22 @@ def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float
     if low < -_ROUNDING or high > LAST_LEVEL + _ROUNDING:
         return None, f"returned levels from {low:g} to {high:g}; expected 0 to {LAST_LEVEL}"
     return np.clip(array.astype(np.float32), 0, LAST_LEVEL), ""
+
+
+def in_unit_range(depth: NDArray[np.float32]) -> bool:
+    """Return whether a depth map holds levels from 0 to 1 alone, and not just zeros.
+
+    Parameters
+    ----------
+    depth : ndarray of float32, shape (y, x)
+        Levels 0 to 255.
+
+    Examples
+    --------
+    >>> in_unit_range(np.float32([[0, 0.5]])), in_unit_range(np.float32([[0, 2]]))
+    (True, False)
+    """
+    return bool(0 < depth.max() <= 1)
 
 
 def _finite_numbers(given: Any) -> dict[str, float]:

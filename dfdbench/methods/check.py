@@ -1,4 +1,4 @@
-"""Try a method on awkward inputs before an hour is spent on a run."""
+"""Try a method on awkward inputs before a long run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import DfdbenchError
-from dfdbench.methods.calling import call
+from dfdbench.methods.calling import UNIT_LEVELS, call, in_unit_range
 from dfdbench.methods.fit import teach
 from dfdbench.methods.method import Method
 from dfdbench.metrics.scores import AGAINST, correlation
@@ -47,7 +47,8 @@ def check_method(method: Method, seed: int = 0) -> tuple[Check, ...]:
     Tried are odd sizes, tall and wide images, a flat, a black and a saturated pair, a pair
     without any blur; the same pair twice (the answers must be equal); whether the method
     writes into the images it is handed; and whether its depth is brighter for nearer, which
-    shows on a slope whose near side is less blurred. A method with a fit is fitted to two made
+    shows on a slope whose near side is less blurred; whether its levels go from 0 to 255, and
+    not from 0 to 1. A method with a fit is fitted to two made
     pairs first; where that fails, nothing else is tried.
 
     Parameters
@@ -81,6 +82,8 @@ def check_method(method: Method, seed: int = 0) -> tuple[Check, ...]:
         turned = "depth seems to grow with distance: every set wants brighter for nearer"
         odd = turned if likeness < AGAINST else ""
         trials.append(Check("brighter for nearer", first.seconds, "", odd))
+        odd = UNIT_LEVELS if in_unit_range(first.depth) and in_unit_range(second.depth) else ""
+        trials.append(Check("levels from 0 to 255", first.seconds, "", odd))
     trials.append(_try_writing(method, infocus, defocus))
     return tuple(trials)
 

@@ -206,7 +206,10 @@ def _fill(
     fours = (width + 3) // 4 * 4
     residuals = np.zeros((channels, (nodes + 1) // 2 * 2, fours), np.float32)
     factors = np.zeros((residuals.shape[1], labels), np.float32)
-    factors[:nodes] = mixture
+    # By loops: numba takes seconds to compile what an assignment of arrays says when shapes differ.
+    for node in range(nodes):
+        for label in range(labels):
+            factors[node, label] = mixture[node, label]
     difference = np.empty((4, labels), np.float32)
     squares = np.empty((4, labels), np.float32)
     costs = np.empty(labels, np.int32)

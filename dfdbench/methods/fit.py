@@ -1,21 +1,22 @@
-"""A method's fit: called on training pairs; what it learned is checked and given back to it."""
+"""Call any method's `fit` on training pairs, check what it learned, and give that back to it.
+
+What the package's own methods share in theirs is `fitted.py`.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import sys
 import time
-import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import DfdbenchError, MethodError, Problem
-from dfdbench.methods.importing import describe
+from dfdbench.methods.importing import describe, place_of
 from dfdbench.methods.isolation import process_kept, seeded
 from dfdbench.methods.method import Method
 
@@ -110,7 +111,7 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
         raise MethodError(
             "the method cannot be fitted",
             where=f"{method.entry}: fit",
-            got=describe(error) + _place_of(error),
+            got=describe(error) + place_of(error),
         ) from error
     learned = None if returned is None else check_learned(returned, method.entry)
     if learned is not None:
@@ -148,14 +149,8 @@ def restore(method: Method, learned: Learned) -> None:
         raise MethodError(
             "the method does not take back what it learned",
             where=f"{method.entry}: restore",
-            got=describe(error) + _place_of(error),
+            got=describe(error) + place_of(error),
         ) from error
-
-
-def _place_of(error: BaseException) -> str:
-    """Say in which file and line an error arose, where that is known."""
-    frames = traceback.extract_tb(error.__traceback__)
-    return f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
 
 
 def check_learned(returned: Any, entry: str) -> Learned:
@@ -185,38 +180,41 @@ def check_learned(returned: Any, entry: str) -> Learned:
     problems = []
     for name, value in returned.items():
         array = _as_numbers(value)
-        if not isinstance(name, str) or not name:
-            problems.append(
-                Problem(
-                    "what the fit learned has no name to be kept by",
-                    where=f"{entry}: fit",
-                    expected="a text as name",
-                    got=repr(name),
-                )
-            )
-        elif array is None:
-            problems.append(
-                Problem(
-                    "what the fit learned cannot be kept",
-                    where=f"{entry}: fit, {name!r}",
-                    expected=_EXPECTED,
-                    got=type(value).__name__,
-                )
-            )
-        elif array.size and not np.isfinite(array).any():
-            problems.append(
-                Problem(
-                    "what the fit learned is no number",
-                    where=f"{entry}: fit, {name!r}",
-                    expected="finite numbers",
-                    got=str(array.flat[0]),
-                )
-            )
-        else:
+        problem = _what_is_wrong(name, value, array, entry)
+        if problem:
+            problems.append(problem)
+        elif array is not None:
             learned[name] = array if array.ndim else array.item()
     if problems:
         raise MethodError.of(problems)
     return learned
+
+
+def _what_is_wrong(
+    name: object, value: object, array: NDArray[Any] | None, entry: str
+) -> Problem | None:
+    if not isinstance(name, str) or not name:
+        return Problem(
+            "what the fit learned has no name to be kept by",
+            where=f"{entry}: fit",
+            expected="a text as name",
+            got=repr(name),
+        )
+    if array is None:
+        return Problem(
+            "what the fit learned cannot be kept",
+            where=f"{entry}: fit, {name!r}",
+            expected=_EXPECTED,
+            got=type(value).__name__,
+        )
+    if array.size and not np.isfinite(array).any():
+        return Problem(
+            "what the fit learned is no number",
+            where=f"{entry}: fit, {name!r}",
+            expected="finite numbers",
+            got=str(array.flat[0]),
+        )
+    return None
 
 
 def _as_numbers(value: Any) -> NDArray[Any] | None:

@@ -1,4 +1,7 @@
-"""What the methods that are fitted have in common: which pairs they look at, and what they say."""
+"""Shared by our methods with a `fit`: which pairs they look at, and what they say is wrong.
+
+Who calls `fit`, ours or another's, is `fit.py`; a fit that measures the blur is `calibrated.py`.
+"""
 
 from __future__ import annotations
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib
 import importlib.util
+import os
 import sys
+import sysconfig
+import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -27,7 +32,7 @@ def import_entry(entry: str) -> tuple[Any, str | None]:
         raise MethodError(
             "not a method's name",
             where=entry,
-            expected="module:attribute or path/to/file.py:attribute",
+            expected="module:function or path/to/file.py:function",
         )
     module = _import_file(Path(place)) if place.endswith(".py") else _import_module(place)
     found: Any = module
@@ -47,6 +52,37 @@ def import_entry(entry: str) -> tuple[Any, str | None]:
     file = getattr(module, "__file__", None)
     source = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else None
     return found, source
+
+
+def near_entry(name: str) -> str:
+    """Return the entry that a name without a colon seems to mean; empty where there is none.
+
+    The file is looked for from the working directory; it is parsed, not imported.
+
+    Parameters
+    ----------
+    name : str
+        As ``mymodule.predict``, ``mymodule`` or ``folder/mymodule.py``.
+
+    Examples
+    --------
+    >>> near_entry("nosuchmodule.predict")
+    ''
+    """
+    is_file = name.endswith(".py")
+    module, _, attribute = name.rpartition(".")
+    for place, asked in ((name, ""),) if is_file else ((name, ""), (module, attribute)):
+        file = Path(place if is_file else place.replace(".", "/") + ".py")
+        try:
+            body = ast.parse(file.read_bytes()).body
+        except (OSError, SyntaxError, ValueError):
+            continue
+        kinds = (ast.FunctionDef, ast.ClassDef)
+        there = [part.name for part in body if isinstance(part, kinds) and part.name[0] != "_"]
+        for wanted in [asked] if asked else ["predict", *there]:
+            if wanted in there:
+                return f"{place}:{wanted}"
+    return ""
 
 
 def _import_module(name: str) -> ModuleType:
@@ -108,5 +144,40 @@ def describe(error: BaseException) -> str:
     >>> describe(ValueError("no"))
     'ValueError: no'
     """
-    text = str(error).strip()
+    try:
+        text = str(error).strip()
+    except Exception:
+        text = "its text cannot be told"
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def place_of(error: BaseException) -> str:
+    """Return where in a user's own code an exception arose, in brackets; empty where in none.
+
+    The last frame that belongs neither to dfdbench nor to Python and its libraries; where there
+    is none, the first that is not of dfdbench. Of the file only the name: results keep this.
+
+    Examples
+    --------
+    >>> place_of(ValueError("never raised"))
+    ''
+    """
+    frames = list(_frames_of_others(error))
+    own = [frame for frame in frames if not _is_library(frame[0])]
+    for file, line, name in own[-1:] or frames[:1]:
+        return f" ({Path(file).name}:{line} in {name})"
+    return ""
+
+
+def _frames_of_others(error: BaseException) -> Iterator[tuple[str, int, str]]:
+    ours = str(Path(__file__).parents[1]) + os.sep
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        code = frame.f_code
+        if not code.co_filename.startswith(ours):
+            yield code.co_filename, line, code.co_name
+
+
+def _is_library(file: str) -> bool:
+    if {"site-packages", "dist-packages"} & set(Path(file).parts):
+        return True
+    return file.startswith(("<frozen ", sysconfig.get_path("stdlib") + os.sep))

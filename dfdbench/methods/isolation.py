@@ -1,22 +1,31 @@
-"""Keep what a method changes of the process from all that comes after it."""
+"""Put back what a method changed of this process; a process of its own is `isolated.py`."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import random
+import sys
 import warnings
 from collections.abc import Iterator
 
 import numpy as np
+
+# How libraries tell and take the number of threads that they work with.
+_THREADS = {
+    "cv2": ("getNumThreads", "setNumThreads"),
+    "numba": ("get_num_threads", "set_num_threads"),
+    "torch": ("get_num_threads", "set_num_threads"),
+}
 
 
 @contextlib.contextmanager
 def process_kept() -> Iterator[None]:
     """Put back what the block changed of the process, however it ends.
 
-    That is the working directory, the environment, NumPy's print options and error handling, and
-    the filters of warnings.
+    That is the working directory, the environment, NumPy's print options and error handling, the
+    filters of warnings, and the numbers of threads of OpenCV, Numba and PyTorch where they are
+    loaded.
 
     Examples
     --------
@@ -29,6 +38,7 @@ def process_kept() -> Iterator[None]:
     folder = _working_directory()
     environment = dict(os.environ)
     filters = list(warnings.filters)
+    threads = _threads()
     try:
         with np.printoptions(), np.errstate():
             yield
@@ -42,6 +52,9 @@ def process_kept() -> Iterator[None]:
         for name, value in environment.items():
             if os.environ.get(name) != value:
                 os.environ[name] = value
+        for name, number in _threads().items():
+            if name in threads and threads[name] != number:
+                getattr(sys.modules[name], _THREADS[name][1])(threads[name])
         # Only where they changed: `catch_warnings` would show a warning anew at each pair.
         if filters != warnings.filters:
             warnings.resetwarnings()
@@ -75,3 +88,12 @@ def _working_directory() -> str | None:
         return os.getcwd()
     except FileNotFoundError:
         return None
+
+
+def _threads() -> dict[str, int]:
+    # What is not loaded is not loaded for this.
+    return {
+        name: getattr(sys.modules[name], told)()
+        for name, (told, _) in _THREADS.items()
+        if hasattr(sys.modules.get(name), told)
+    }

@@ -61,7 +61,10 @@ class Blurred:
     spread: NDArray[np.float64]
 
     def of_level(self, level: int) -> NDArray[np.float32]:
-        """Return the in-focus image as it would look at one level, in the unit of the nodes."""
+        """Return the in-focus image as it would look at one level: (y, x, channel).
+
+        In the unit of the nodes; `level` is a place among the levels that were asked for.
+        """
         return np.asarray(self.nodes @ self.factors[:, level], np.float32)
 
 
@@ -194,6 +197,15 @@ def law_misfits(blurred: Blurred) -> NDArray[np.uint16]:
 
     The interval is that of the even distribution whose variance is the level's: half a grey level
     where there is nothing but rounding. Whole multiples of 1 / 256 of the images' unit, rounded up.
+
+    Parameters
+    ----------
+    blurred : Blurred
+        The pair, from `blurred_by`.
+
+    Returns
+    -------
+    ndarray of uint16, shape (y, x, level)
     """
     unary = _room(blurred, None)
     bounds = np.sqrt(3 * blurred.spread).astype(np.float32)

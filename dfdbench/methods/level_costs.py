@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.law_cost import blurred_by, law_cost
 
 #: Integer cost of one nat, a factor e of probability.
 UNIT = 4
-# Of a recipe's residuals nothing is known but that images are rounded, which has this variance.
-_ROUNDING = 1 / 12
 
 
 def level_costs(
@@ -52,5 +50,6 @@ def level_costs(
     most = round(UNIT * limit)
     if isinstance(blur, BlurLaw):
         return law_cost(blurred_by(blur, sharp, blurred), UNIT, most)[0]
-    weight = UNIT / (2 * _ROUNDING)
+    # Of a recipe's residuals nothing is known but that images are rounded.
+    weight = UNIT / (2 * ROUNDING_VARIANCE)
     return data_cost(sharp, blurred, blur.sigmas, weight, most, blur.kernel_size)[0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,8 @@ from dfdbench.errors import (
     reason_of,
     unknown_name,
 )
+from dfdbench.system.files import read_text
+from dfdbench.system.toml_text import parse_toml
 
 
 def read_parameters(
@@ -131,7 +132,7 @@ def read_fields(file: str | Path) -> dict[str, Any]:
             "blur recipe", str(file), RECIPES, "A recipe of your own: its fields, or FILE.toml"
         )
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return parse_toml(read_text(path))
     except (OSError, ValueError) as error:
         reason = reason_of(error)
         raise MethodError(

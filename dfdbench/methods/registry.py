@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from dfdbench.errors import MethodError, Problem, unknown_name
-from dfdbench.methods.importing import describe, import_entry
+from dfdbench.methods.importing import describe, import_entry, near_entry, place_of
 
 if TYPE_CHECKING:
     from dfdbench.methods.method import Method, Predict
@@ -66,7 +66,7 @@ def load(name: str, **params: Any) -> Predict:
     Parameters
     ----------
     name : str
-        A registered name, ``module:attribute`` or ``path/to/file.py:attribute``.
+        A registered name, ``path/to/file.py:function`` or ``module:function``.
     **params
         Handed to a class when it is constructed, or to a function at each call. `recipe` may be
         a blur recipe's name, its fields as a mapping, a TOML file of them, or a `BlurRecipe`.
@@ -121,19 +121,65 @@ def load_method(
     MethodError, UnknownNameError
         As for `load`.
     """
+    entry = find_entry(name)
+    target, source = import_entry(entry)
+    return make_method(name, entry, target, source, parameters, offers, for_fits)
+
+
+def find_entry(name: str) -> str:
+    """Return where a method is defined, ``module:attribute``; nothing is imported.
+
+    Raises
+    ------
+    UnknownNameError
+        Where no method is registered under a name without a colon.
+
+    Examples
+    --------
+    >>> find_entry("constant"), find_entry("mine.py:predict")
+    ('dfdbench.methods.baselines:Constant', 'mine.py:predict')
+    """
+    if ":" in name:
+        return name
+    registered = registered_methods()
+    if name not in registered:
+        near = near_entry(name)
+        own = "a method of your own: file.py:function or module:function"
+        raise unknown_name("method", name, registered, f"did you mean {near}?" if near else own)
+    return registered[name]
+
+
+def make_method(
+    name: str,
+    entry: str,
+    target: Any,
+    source: str | None,
+    parameters: Mapping[str, Any],
+    offers: Mapping[str, Callable[[], Any]],
+    for_fits: Mapping[str, Callable[[], Any]] = MappingProxyType({}),
+) -> Method:
+    """Make a method of what was found: construct it where it is a class.
+
+    Parameters
+    ----------
+    name, entry : str
+        What tables call it, and what the result says that it is.
+    target : object
+        The function, class or object.
+    source : str or None
+        The SHA-256 of the file that it is defined in.
+    parameters, offers, for_fits : mapping
+        As for `load_method`.
+
+    Raises
+    ------
+    MethodError
+        Where it cannot be constructed or called, or does not take these parameters.
+    """
     # Here, so that a list of the names needs no numpy.
     from dfdbench.methods.method import Method
     from dfdbench.methods.parameters import read_parameters
 
-    entry = name
-    if ":" not in name:
-        registered = registered_methods()
-        if name not in registered:
-            raise unknown_name(
-                "method", name, registered, "A method of your own: module:attribute or file.py:name"
-            )
-        entry = registered[name]
-    target, source = import_entry(entry)
     fits = hasattr(target, "fit")
     given, recorded = read_parameters(parameters, fits)
     if fits:
@@ -151,7 +197,9 @@ def load_method(
             raise
         except (Exception, SystemExit) as error:
             raise MethodError(
-                "the method cannot be constructed", where=entry, got=describe(error)
+                "the method cannot be constructed",
+                where=entry,
+                got=describe(error) + place_of(error),
             ) from error
     else:
         uses = ()

@@ -184,7 +184,10 @@ def _misfits(
     fours = (width + 3) // 4 * 4
     residuals = np.zeros((channels, fours, (nodes + 3) // 4 * 4), np.float64)
     factors = np.zeros((residuals.shape[2], labels), np.float64)
-    factors[:nodes] = mixture
+    # By loops: numba takes seconds to compile what an assignment of arrays says when shapes differ.
+    for node in range(nodes):
+        for label in range(labels):
+            factors[node, label] = mixture[node, label]
     blurred = np.empty(width, np.float64)
     difference = np.zeros((4, labels), np.float64)
     squares = np.empty((4, labels), np.float64)
@@ -208,7 +211,8 @@ def _misfits(
                     factor = kernel[tap]
                     for x in range(width):
                         blurred[x] += factor * (left[x] + right[x])
-                residuals[channel, :width, node] = blurred
+                for x in range(width):
+                    residuals[channel, x, node] = blurred[x]
         for start in range(0, width, 4):
             many = min(4, width - start)
             squares[:] = 0

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.linalg import solve_banded
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
@@ -78,7 +79,20 @@ def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
 
 
 def left_at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
-    """Return the squared differences by depth level at one width each."""
+    """Return the squared differences by depth level at one width each.
+
+    Parameters
+    ----------
+    sums : ndarray of float, shape (level, widths)
+        Squared differences by depth level and width of `LADDER`.
+    sigmas : ndarray of float, shape (level,)
+        The widths, in pixels.
+
+    Returns
+    -------
+    ndarray of float64, shape (level,)
+        Between the widths of the ladder by a cubic spline, 0 or more.
+    """
     curves = CubicSpline(np.log(LADDER), sums, axis=1)(np.log(sigmas))
     return np.asarray(np.maximum(np.diagonal(curves), 0), np.float64)
 
@@ -86,7 +100,19 @@ def left_at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
 def best_widths(
     sums: Array,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the width of least difference by level, how sharp it is, and the difference there."""
+    """Return the width of least difference by level, how sharp it is, and the difference there.
+
+    Parameters
+    ----------
+    sums : ndarray of float, shape (level, widths)
+        Squared differences by depth level and width of `LADDER`.
+
+    Returns
+    -------
+    widths, sharpness, least : ndarray of float64, shape (level,)
+        Widths in pixels; the second derivative by them, 0 where there is no least inside the
+        ladder; the squared difference at the least.
+    """
     values = CubicSpline(np.log(LADDER), sums, axis=1)(np.log(_FINE))
     best = values.argmin(axis=1)
     inner = np.clip(best, 1, _FINE.size - 2)
@@ -105,18 +131,31 @@ def smooth_curve(
 
     How strongly bending counts is chosen by generalised cross validation where it is not given;
     it is returned too.
+
+    Parameters
+    ----------
+    values, weights : ndarray of float, shape (level,)
+        A value counts by its weight, 0 or more; at 0 it is taken for unknown.
+    strength : float, optional
+        How much bending counts, against the squares of what the curve is off.
+
+    Returns
+    -------
+    curve : ndarray of float64, shape (level,)
+        `values` as they are where all weights are 0.
+    strength : float
     """
     bends = np.diff(np.eye(len(values)), 2, axis=0)
-    penalty = bends.T @ bends
+    penalty = _bands(bends.T @ bends)
     known = weights > 0
     if not known.any():
         return values, strength or 1.0
     target = np.where(known, values, 0.0)
     if strength is not None:
-        return np.linalg.solve(np.diag(weights) + strength * penalty, weights * target), strength
+        return _bent_through(weights, strength * penalty, weights * target), strength
     tried = []
     for strength in np.geomspace(1e-2, 1e10, 25) * np.median(weights[known]):
-        hat = np.linalg.solve(np.diag(weights) + strength * penalty, np.diag(weights))
+        hat = _bent_through(weights, strength * penalty, np.diag(weights))
         curve = hat @ target
         freedom = max(1 - np.trace(hat) / known.sum(), 1e-6)
         score = float((weights * np.square(target - curve)).sum()) / freedom**2
@@ -125,3 +164,20 @@ def smooth_curve(
     best = min(score for score, _, _ in tried)
     smoothest = next(each for each in reversed(tried) if each[0] <= _AS_GOOD * best)
     return smoothest[1], smoothest[2]
+
+
+def _bands(matrix: Array) -> NDArray[np.float64]:
+    """Return the five diagonals of a matrix, as LAPACK keeps them."""
+    bands = np.zeros((5, len(matrix)))
+    for above in range(-2, 3):
+        diagonal = np.diagonal(matrix, above)
+        bands[2 - above, max(above, 0) : len(matrix) + min(above, 0)] = diagonal
+    return bands
+
+
+def _bent_through(weights: Array, penalty: Array, right: Array) -> NDArray[np.float64]:
+    # By its bands: a dense solver's last digits depend on how many threads it has, and on a busy
+    # machine its threads wait for each other.
+    bands = penalty.copy()
+    bands[2] += weights
+    return np.asarray(solve_banded((2, 2), bands, right), np.float64)

@@ -1,4 +1,7 @@
-"""Which protocols a data set is scored under, by which metrics, and which of them rank."""
+"""Look up what follows from a protocol's name: its metrics, what ranks, which data it scores.
+
+What a protocol is, and all that there are, is `protocol.py`.
+"""
 
 from __future__ import annotations
 

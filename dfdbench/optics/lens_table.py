@@ -13,8 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.errors import InputError, Problem, SourceError, reason_of
+from dfdbench.system.files import read_text
 
 _TABLE = "realworld-1/lens_blur_radius_px.csv"
+#: No image has a blur of so many pixels, no lens so many steps.
+_MOST = 10**6
 _LAYOUT = "a heading step,0.4,0.5,... and a row a voltage step"
 
 
@@ -127,15 +130,13 @@ def read_lens_table(path: Path | None = None) -> LensTable:
     >>> table.steps[0], table.steps[-1], table.radius.shape
     (127, 143, (17, 37))
     """
+    shipped = resources.files("dfdbench.manifests").joinpath(_TABLE)
     try:
-        shipped = resources.files("dfdbench.manifests").joinpath(_TABLE)
-        text = path.read_text("utf-8") if path else shipped.read_text("utf-8")
+        text = read_text(path) if path else shipped.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
+        expected = f"a CSV file: {_LAYOUT}"
         raise SourceError(
-            "cannot read the lens table",
-            where=str(path),
-            expected=f"a CSV file: {_LAYOUT}",
-            got=reason_of(error),
+            "cannot read the lens table", where=str(path), expected=expected, got=reason_of(error)
         ) from error
     return parse_lens_table(text, str(path or _TABLE))
 
@@ -171,11 +172,7 @@ def parse_lens_table(text: str, where: str) -> LensTable:
                 )
             )
             continue
-        numbers = _numbers(row, place, problems)
-        if any(number != int(number) or number < 0 for number in numbers):
-            problems.append(
-                Problem("not whole pixels", where=place, expected="0, 1, 2, ...", got=",".join(row))
-            )
+        numbers = _whole_numbers(row, place, problems)
         steps.append(int(numbers[0]))
         radii.append([int(number) for number in numbers[1:]])
     for what, values in (("distances", distances), ("voltage steps", steps)):
@@ -268,6 +265,20 @@ def _distances_within(table: LensTable, near: float, far: float) -> list[int]:
             got=f"{near:g} to {far:g} m",
         )
     return within
+
+
+def _whole_numbers(cells: list[str], where: str, problems: list[Problem]) -> list[float]:
+    numbers = _numbers(cells, where, problems)
+    if any(number != int(number) or not 0 <= number <= _MOST for number in numbers):
+        problems.append(
+            Problem(
+                "not whole pixels",
+                where=where,
+                expected=f"0, 1, 2, ... {_MOST}",
+                got=",".join(cells),
+            )
+        )
+    return numbers
 
 
 def _numbers(cells: list[str], where: str, problems: list[Problem]) -> list[float]:

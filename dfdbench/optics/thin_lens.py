@@ -17,6 +17,10 @@ from dfdbench.errors import InputError, Problem
 Floats = NDArray[np.float64]
 
 
+# Beyond, products of two numbers of a lens come to 0 or to infinity.
+_LEAST, _MOST = 1e-12, 1e12
+
+
 @dataclass(frozen=True)
 class ThinLens:
     """A lens, focused at one distance, before a sensor.
@@ -35,7 +39,8 @@ class ThinLens:
     Raises
     ------
     InputError
-        Where a number is not positive, or the focus lies within the focal length.
+        Where a number is not positive or none that a lens could have, or the focus lies within the
+        focal length.
 
     Examples
     --------
@@ -54,6 +59,11 @@ class ThinLens:
             Problem("not a positive number", where=name, got=str(value))
             for name, value in vars(self).items()
             if not (np.isfinite(value) and value > 0)
+        ]
+        problems += [
+            Problem("not a lens's", where=name, expected=f"{_LEAST} to {_MOST}", got=f"{value:g}")
+            for name, value in vars(self).items()
+            if not problems and not _LEAST <= value <= _MOST
         ]
         if not problems and self.focus_distance <= self.focal_length:
             problems.append(

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.optics.sharpness import dct_sharpness, to_grey
+from dfdbench.system.files import LARGEST_ARRAY, read_whole
 
 Image = NDArray[np.uint8]
 
@@ -112,7 +113,12 @@ def _measure(path: Path, warms: bool, problems: list[Problem]) -> Measurement | 
         expected = "image_STEP_EXPOSURE_TEMPERATURE.png" if warms else "image_STEP_EXPOSURE.png"
         problems.append(Problem("name tells no voltage step", where=str(path), expected=expected))
         return None
-    image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR_RGB)
+    try:
+        content = read_whole(path, LARGEST_ARRAY)
+    except OSError as error:
+        problems.append(Problem("cannot read the file", where=str(path), got=reason_of(error)))
+        return None
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR_RGB)
     if image is None:
         problems.append(Problem("not an image", where=str(path), expected="a PNG file"))
         return None

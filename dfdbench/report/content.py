@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from dfdbench.figures.comparison import lighting_figures, time_figure
+from dfdbench.figures.comparison import accuracy_figure, lighting_figures, time_figure
 from dfdbench.figures.groups import group_figures
 from dfdbench.leaderboard.board_tables import lighting_table, runs_table, standings_table
 from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards
@@ -100,7 +100,7 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
     """
     for run in runs:
         require_scored(protocol, run.result.protocol_names, str(run.path))
-    found = boards([Entry(run.result, run.path, None) for run in runs])
+    found = boards([Entry(run.result, run.path, None, run.place) for run in runs])
     sections, sentences = [], []
     shown: list[tuple[SavedRun, RunSummary]] = []
     for board in found:
@@ -143,7 +143,9 @@ def _section_of(
     parted = group_figures({run.label: run.result for run in members}, board.protocol, scenes)
     plots |= {f"by {what}": figure for what, figure in parted.items()}
     if (times := time_figure(members)) is not None:
-        plots["seconds a pair"] = times
+        plots["seconds per pair"] = times
+    if len(members) > 1 and (accuracy := accuracy_figure(members, board.protocol)) is not None:
+        plots["accuracy and seconds"] = accuracy
     ranking = standings_table(board, folder)
     tables = (ranking, lighting_table(board), runs_table(board))
     return Section(ranking.title, board.fingerprint, tables, details, plots)

@@ -10,11 +10,14 @@ import jinja2
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
-from dfdbench.figures.runs import ERROR_LIMIT
+from dfdbench.datasets.pair_images import PairImages
+from dfdbench.figures.style import ERROR_LIMIT, brightened, brightening
 from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.report.content import Content, ShownPair, gather
 from dfdbench.report.pictures import depth_map, error_map, ink, inline_svg, photo, scale
+from dfdbench.report.plot_files import write_plots
 from dfdbench.results.record import SCORED
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.wording import score_text, seconds_text
@@ -28,6 +31,7 @@ def write_html(
     protocol: str,
     folder: Path,
     on_pair: Callable[[int, int], None] | None = None,
+    also: Sequence[str] = (),
 ) -> Path:
     """Write the report as ``report.html``; return its path.
 
@@ -41,9 +45,12 @@ def write_html(
         Where it goes.
     on_pair : callable, optional
         Called with (pairs done, pairs to do).
+    also : sequence of str
+        Forms in which plots are written beside the page too: "pdf", "svg".
     """
     with mpl.rc_context(ink()):
         content = gather(runs, protocol)
+        write_plots(content, folder, also)
         plots = [
             [
                 (name, Markup(inline_svg(figure, f"{section.heading}: {name}")))
@@ -53,13 +60,7 @@ def write_html(
         ]
     # The same scene serves many pairs and methods: each picture stands in the page once.
     pictures: dict[str, str] = {}
-    pairs = []
-    for number, shown in enumerate(content.pairs, 1):
-        card = _card(shown, content, pictures)
-        if card:
-            pairs.append(card)
-        if on_pair:
-            on_pair(number, len(content.pairs))
+    pairs = _cards(content, pictures, on_pair)
     templates = resources.files("dfdbench.report")
     # Names of methods are untrusted text: jinja escapes them wherever they stand.
     environment = jinja2.Environment(
@@ -83,7 +84,26 @@ def write_html(
     return path
 
 
-def _card(shown: ShownPair, content: Content, pictures: dict[str, str]) -> dict[str, object] | None:
+def _cards(
+    content: Content, pictures: dict[str, str], on_pair: Callable[[int, int], None] | None
+) -> list[dict[str, object]]:
+    of_data: dict[tuple[str, str], dict[str, str]] = {}
+    cards = []
+    for number, shown in enumerate(content.pairs, 1):
+        card = _card(shown, content, pictures, of_data)
+        if card:
+            cards.append(card)
+        if on_pair:
+            on_pair(number, len(content.pairs))
+    return cards
+
+
+def _card(
+    shown: ShownPair,
+    content: Content,
+    pictures: dict[str, str],
+    of_data: dict[tuple[str, str], dict[str, str]],
+) -> dict[str, object] | None:
     found = shown.run.images(shown.pair)
     if found is None:
         return None
@@ -91,10 +111,12 @@ def _card(shown: ShownPair, content: Content, pictures: dict[str, str]) -> dict[
     known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
     low, high = float(np.nanmin(known)), float(np.nanmax(known))
     pair = shown.pair
+    times = brightening(images.infocus)
+    place = shown.run.result.dataset.fingerprint, pair.id
+    if place not in of_data:
+        of_data[place] = _pictures_of_data(images, known, times)
     addresses = {
-        "infocus": photo(images.infocus),
-        "defocus": photo(images.defocus),
-        "truth": depth_map(known, low, high),
+        **of_data[place],
         "prediction": depth_map(prediction.astype(np.float64), low, high),
         "error": error_map(prediction - known),
     }
@@ -112,6 +134,7 @@ def _card(shown: ShownPair, content: Content, pictures: dict[str, str]) -> dict[
         },
         "width": images.depth.shape[1],
         "height": images.depth.shape[0],
+        "brighter": times,
         "low": f"{low:.0f}",
         "high": f"{high:.0f}",
         "scores": [
@@ -119,6 +142,14 @@ def _card(shown: ShownPair, content: Content, pictures: dict[str, str]) -> dict[
             for name, metric in metrics_of(content.protocol).items()
         ],
         "seconds": SCORED if pair.seconds is None else f"{seconds_text(pair.seconds)} s",
+    }
+
+
+def _pictures_of_data(images: PairImages, known: NDArray[np.float64], times: int) -> dict[str, str]:
+    return {
+        "infocus": photo(brightened(images.infocus, times)),
+        "defocus": photo(brightened(images.defocus, times)),
+        "truth": depth_map(known, float(np.nanmin(known)), float(np.nanmax(known))),
     }
 
 

@@ -11,6 +11,7 @@ import jinja2
 from dfdbench.figures.runs import panel_figure
 from dfdbench.figures.style import write_figure
 from dfdbench.report.content import Content, gather
+from dfdbench.report.plot_files import write_plots
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown
@@ -19,7 +20,9 @@ _PAGE = "report.md"
 _WORST = 6
 
 
-def write_markdown(runs: Sequence[SavedRun], protocol: str, folder: Path) -> Path:
+def write_markdown(
+    runs: Sequence[SavedRun], protocol: str, folder: Path, also: Sequence[str] = ()
+) -> Path:
     """Write the report as ``report.md`` with PNG files beside it; return its path.
 
     Parameters
@@ -30,17 +33,12 @@ def write_markdown(runs: Sequence[SavedRun], protocol: str, folder: Path) -> Pat
         Under which protocol.
     folder : Path
         Where it goes.
+    also : sequence of str
+        Further forms of the plots, "pdf" or "svg", beside the PNG files.
     """
     content = gather(runs, protocol)
     folder.mkdir(parents=True, exist_ok=True)
-    plots = []
-    for number, section in enumerate(content.sections, 1):
-        drawn = []
-        for name, figure in section.plots.items():
-            file = f"{number}-{name.replace(' ', '-')}.png"
-            write_figure(figure, folder / file)
-            drawn.append((name, file))
-        plots.append(drawn)
+    plots = write_plots(content, folder, ("png", *also))
     template = resources.files("dfdbench.report") / "report.md.jinja"
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True)
     environment.filters |= {"table": as_markdown, "text": escape_markdown}

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import re
 from typing import Any
 from warnings import catch_warnings, filterwarnings
 from xml.etree import ElementTree
 
-import cv2
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.figures.runs import ERROR_LIMIT
+from dfdbench.figures.style import ERROR_LIMIT
+from dfdbench.system.data_address import webp_address
 
 _UNKNOWN = (191, 191, 191)
 _PHOTO_QUALITY = 80
@@ -28,7 +27,7 @@ _INK = "#010203"
 
 def photo(image: NDArray[np.uint8]) -> str:
     """Return an RGB image, shape (y, x, 3), as a data address."""
-    return _address(image, _PHOTO_QUALITY)
+    return webp_address(image, _PHOTO_QUALITY)
 
 
 def depth_map(depth: NDArray[np.float64], low: float, high: float) -> str:
@@ -94,12 +93,4 @@ def _coloured(value: NDArray[np.float64], name: str, unknown: NDArray[np.bool_])
     known = np.clip(np.where(unknown, 0.0, value), 0, 1)
     image = np.asarray(mpl.colormaps[name](known, bytes=True))[..., :3].copy()
     image[unknown] = _UNKNOWN
-    return _address(image, _MAP_QUALITY)
-
-
-def _address(image: NDArray[np.uint8], quality: int) -> str:
-    done, content = cv2.imencode(
-        ".webp", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, quality]
-    )
-    assert done
-    return "data:image/webp;base64," + base64.b64encode(content.tobytes()).decode("ascii")
+    return webp_address(image, _MAP_QUALITY)

@@ -22,7 +22,13 @@ from dfdbench.tables.table import Table
 _ALL = "all"
 
 
-def change_tables(first: Result, second: Result, protocol: str, most: int = 10) -> list[Table]:
+def change_tables(
+    first: Result,
+    second: Result,
+    protocol: str,
+    most: int = 10,
+    names: tuple[str, str] | None = None,
+) -> list[Table]:
     """Return what changes from the first run to the second.
 
     Parameters
@@ -33,6 +39,8 @@ def change_tables(first: Result, second: Result, protocol: str, most: int = 10) 
         Under which protocol.
     most : int
         How many pairs are listed of those that changed most.
+    names : tuple of str, optional
+        What the two are called; their methods' labels by default.
 
     Returns
     -------
@@ -49,13 +57,15 @@ def change_tables(first: Result, second: Result, protocol: str, most: int = 10) 
         raise ResultError(
             "no pair was scored in both runs", fix="complete them: `dfdbench run` goes on"
         )
-    tables = [difference_table(first, second, protocol)]
+    tables = [difference_table(first, second, protocol, names)]
     if most_changed(first, second, protocol, most):
         tables.append(pair_table(first, second, protocol, most))
     return tables
 
 
-def difference_table(first: Result, second: Result, protocol: str) -> Table:
+def difference_table(
+    first: Result, second: Result, protocol: str, names: tuple[str, str] | None = None
+) -> Table:
     """Return the mean paired difference of each metric, and wins and losses by lighting."""
     dataset = first.dataset
     rows, records = [], []
@@ -73,9 +83,9 @@ def difference_table(first: Result, second: Result, protocol: str) -> Table:
     compared = changes(first, second, protocol, ranked_by(protocol)[0])
     scenes = len({change.first.scene for change in compared})
     interval = f"B less A, {interval_name(scenes)}"
-    names = [method_label(result.method) for result in (first, second)]
+    a, b = names or (method_label(first.method), method_label(second.method))
     return Table(
-        f"A: {names[0]}, B: {names[1]}; {dataset.name}, split {dataset.split}, {protocol}",
+        f"A: {a}, B: {b}; {dataset.label}, split {dataset.split}, {protocol}",
         ("metric", "pairs", interval, "B better", "B worse", "same"),
         tuple(rows),
         "lllrrr",

@@ -67,7 +67,7 @@ def _gpu() -> str | None:
 
 
 def _commit() -> str | None:
-    checkout = Path(__file__).resolve().parent.parent
+    checkout = Path(__file__).resolve().parents[2]
     if not (checkout / ".git").exists():
         return None
     commit = _git(checkout, "describe", "--always", "--abbrev=12")

@@ -1,32 +1,35 @@
-"""Which protocol a table shows where none is named."""
+"""Which protocol a data set's tables show, and its board is headed by, where none is named."""
 
 from __future__ import annotations
 
-from dfdbench.blur.tracks import CLEAN
+from dfdbench.results.record import Result
 
-# The thesis's own captures: its printed tables are under its own protocol.
-_THESIS = "realworld"
+# The thesis's printed tables are held against these sets, under its own protocol. On any other it
+# flatters everyone: it counts pixels whose depth nobody knows as depth 0.
+_HEADED_BY_THESIS = ("demo", "middlebury", "realworld", "realworld-synthetic")
 
 
-def first_protocol(short: str, recipe: str, degradation: str) -> str:
-    """Return the protocol that a data set's tables show unless another is named.
-
-    ``thesis``, whose printed numbers are the reference, but ``valid`` of captured sets: what was
-    measured has pixels without depth, which ``thesis`` counts as depth 0.
+def first_protocol(short: str) -> str:
+    """Return the protocol that a data set is shown and ranked by first.
 
     Parameters
     ----------
     short : str
-        The data set's short name.
-    recipe : str
-        The name of its blur recipe; empty where the defocus images are captured.
-    degradation : str
-        ``clean``, or the track that it is on.
+        The data set's short name, with its track.
 
     Examples
     --------
-    >>> first_protocol("demo", "published", "clean"), first_protocol("dfd-indoor", "", "clean")
-    ('thesis', 'valid')
+    >>> first_protocol("demo"), first_protocol("demo@camera-2"), first_protocol("dfd-indoor")
+    ('thesis', 'valid', 'valid')
     """
-    captured = not recipe and degradation == CLEAN
-    return "valid" if captured and short != _THESIS else "thesis"
+    return "thesis" if short in _HEADED_BY_THESIS else "valid"
+
+
+def shown_protocol(result: Result) -> str:
+    """Return the protocol that a result is shown under first, among those that it was scored by.
+
+    A file of the leaderboard holds one alone.
+    """
+    first = first_protocol(result.dataset.short)
+    names = result.protocol_names
+    return first if first in names else next(iter(names), first)

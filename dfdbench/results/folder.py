@@ -19,11 +19,15 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
 from dfdbench.results.record import PairResult, Result
 from dfdbench.system.files import write_whole
+from dfdbench.system.json_text import parse_json
 from dfdbench.system.location import Place, as_location, is_local
+from dfdbench.tables.wording import listed
 
 _IDENTITY = "run.json"
 _JOURNAL = "pairs.jsonl"
 _STORE = "store.txt"
+#: How the name of a run ends that was set aside for a newer one.
+PREVIOUS = ".previous"
 PREDICTIONS = "predictions.zarr"
 
 
@@ -58,7 +62,7 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> P
                 fix="choose another with --out DIR",
             )
         if fresh or not is_of_run(folder, identity):
-            set_aside = folder.with_name(folder.name + ".previous")
+            set_aside = folder.with_name(folder.name + PREVIOUS)
             if set_aside.exists():
                 shutil.rmtree(set_aside)
             folder.rename(set_aside)
@@ -66,6 +70,11 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> P
     if not (folder / _IDENTITY).exists():
         write_whole(folder / _IDENTITY, json.dumps(identity, indent=1) + "\n")
     return set_aside
+
+
+def is_begun(folder: Path) -> bool:
+    """Return whether a run was begun in a folder, ended or not."""
+    return (folder / _IDENTITY).is_file()
 
 
 def is_of_run(folder: Path, identity: Mapping[str, Any]) -> bool:
@@ -76,8 +85,8 @@ def is_of_run(folder: Path, identity: Mapping[str, Any]) -> bool:
 
 def _read_identity(path: Path) -> Any:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError):
+        return parse_json(path.read_bytes())
+    except ValueError:
         # Damaged: of another run for all that can be known, and set aside like one.
         return None
 
@@ -90,7 +99,8 @@ def read_journal(folder: Path) -> dict[str, PairResult]:
     path = folder / _JOURNAL
     finished = {}
     if path.exists():
-        for line in path.read_text(encoding="utf-8").splitlines():
+        # What is no text is a line that cannot be read, like one cut short.
+        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
             try:
                 record = PairResult.model_validate_json(line)
             except ValueError:
@@ -205,6 +215,6 @@ def require_pairs_of(result: Result, store: Store, path: Path) -> None:
             what="pairs that the data set does not have",
             where=f"{path}: pairs",
             expected=f"pairs of {store.manifest.stem}",
-            got=strange[0] + (f" and {len(strange) - 1} more" if strange[1:] else ""),
+            got=listed(strange, most=1),
             fix="run the method again",
         )

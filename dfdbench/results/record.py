@@ -7,16 +7,19 @@ import math
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 from functools import cache
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, WithJsonSchema, create_model
 
-from dfdbench.datasets.manifest import Name, Pair
+from dfdbench.datasets.manifest import Name, Pair, simulated_label
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric, mean_of
 from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.metrics.protocol import label_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
 from dfdbench.system.record import Record
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 #: Bounds far above any run's keep sums of such numbers finite.
@@ -141,7 +144,10 @@ DataName = Annotated[
 
 
 class DatasetRecord(Record):
-    """Which data the run used; names are such as may become part of a path."""
+    """Which data the run used; names are such as may become part of a path.
+
+    `simulated` is set where a simulator made what stands for a camera's captures.
+    """
 
     name: DataName
     short: DataName
@@ -156,6 +162,12 @@ class DatasetRecord(Record):
     axes: Annotated[list[Name], Field(min_length=1)]
     blocks: Name
     rows: Name | None
+    simulated: bool = False
+
+    @property
+    def label(self) -> str:
+        """What tables and figures call it: captures that are none say so."""
+        return simulated_label(self.name, self.simulated)
 
 
 def _as_utf8(parameters: dict[str, Any]) -> dict[str, Any]:
@@ -170,7 +182,8 @@ class MethodRecord(Record):
     `files_sha256` is of what parameters name: files, and folders by their files' names and
     contents. `fitted_on` says which pairs the method's fit saw before the run, in the words of
     `trained_on`; `fit_seconds` how long that took, which no pair's time holds. `scored` is set
-    where nothing was run: depth maps made elsewhere were handed in, in that unit.
+    where nothing was run: depth maps made elsewhere were handed in, in that unit. `isolated` is set
+    where the method ran in a process of its own, by ``--isolate``.
     """
 
     name: Line
@@ -185,6 +198,7 @@ class MethodRecord(Record):
     fitted_on: str | None = None
     fit_seconds: Seconds | None = None
     scored: Unit | None = None
+    isolated: bool = False
 
     @property
     def title(self) -> str:
@@ -198,8 +212,8 @@ class Environment(Record):
     python: str
     platform: str
     cpu: str
-    cpu_count: int
-    threads: dict[str, int]
+    cpu_count: Annotated[int, Field(ge=1, lt=2**20)]
+    threads: dict[str, Count]
     gpu: str | None
     git: str | None
     versions: dict[str, str]
@@ -210,7 +224,11 @@ def _a_date(text: str) -> str:
     return text
 
 
-Time = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ$"), AfterValidator(_a_date)]
+Time = Annotated[
+    str,
+    Field(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}Z$"),
+    AfterValidator(_a_date),
+]
 
 
 class Submission(Record):
@@ -247,6 +265,17 @@ class Result(Record):
     def complete(self) -> bool:
         """True where every expected pair was evaluated; only then is there an average."""
         return all(pair.status == "ok" for pair in self.pairs)
+
+    def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
+        """Return the pairs' scores as a pandas table; see `dfdbench.results.frame.frame_of`."""
+        from dfdbench.results.frame import frame_of
+
+        return frame_of(self, protocol)
+
+    def _repr_html_(self) -> str:
+        from dfdbench.results.notebook import result_html
+
+        return result_html(self)
 
 
 def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str, float | None]]:

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.metrics.protocol import label_of
 from dfdbench.results.record import SCORED, PairResult, Result, average
-from dfdbench.system.files import write_whole
+from dfdbench.system.files import read_text, write_whole
+from dfdbench.system.json_text import parse_json
 from dfdbench.system.record import problems_of
 
 RESULT_SCHEMA_VERSION = 1
@@ -76,7 +77,8 @@ def examine_result(path: Path) -> tuple[Result, list[Problem]]:
     path = path / RESULT if path.is_dir() else path
     content = read_json(path)
     found = content.get("schema_version") if isinstance(content, dict) else None
-    if found != RESULT_SCHEMA_VERSION:
+    # True equals 1 too.
+    if type(found) is not int or found != RESULT_SCHEMA_VERSION:
         raise ResultError(
             "result of another version",
             where=str(path),
@@ -85,7 +87,7 @@ def examine_result(path: Path) -> tuple[Result, list[Problem]]:
             fix="run the method again with this version of dfdbench",
         )
     try:
-        result = Result.model_validate(content)
+        result = Result.model_validate(content, strict=True)
     except ValidationError as error:
         problems = problems_of(error, "wrong value in the result", file=path)
         raise ResultError.of(problems) from error
@@ -112,7 +114,7 @@ def read_json(path: Path) -> Any:
         Where it cannot be read.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = reason_of(error)
         raise ResultError(
@@ -123,8 +125,8 @@ def read_json(path: Path) -> Any:
             fix="name what `dfdbench run` wrote: results/DATASET-SPLIT/METHOD",
         ) from error
     try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
+        return parse_json(text)
+    except ValueError as error:
         raise ResultError(
             "the result is damaged",
             where=str(path),
@@ -255,12 +257,13 @@ def _impossible(evaluated: list[PairResult], path: str) -> Iterator[Problem]:
 
 def _not_run(result: Result, path: str) -> Iterator[Problem]:
     timed = [pair.id for pair in result.pairs if pair.seconds is not None]
-    if result.method.scored and (timed or result.method.source_sha256):
+    method = result.method
+    if method.scored and (timed or method.source_sha256 or method.isolated):
         yield Problem(
-            f"{SCORED}, and yet it has a source or times",
+            f"{SCORED}, and yet it has a source or times, or was isolated",
             where=f"{path}: method.scored",
-            expected="no source_sha256, no seconds",
-            got=", ".join(timed[:1]) or str(result.method.source_sha256),
+            expected="no source_sha256, no seconds, isolated false",
+            got=", ".join(timed[:1]) or str(method.source_sha256 or method.isolated),
         )
 
 
@@ -270,21 +273,27 @@ def _wrong_averages(result: Result, evaluated: list[PairResult], path: str) -> I
         state = "null: the run is incomplete" if expected is None else "averages"
         yield Problem("wrong averages", where=f"{path}: averages", expected=state)
         return
-    for protocol, means in (expected or {}).items():
+    recorded, expected = result.averages or {}, expected or {}
+    for protocol, means in recorded.items():
+        for name in means.keys() - expected.get(protocol, {}).keys():
+            yield Problem(
+                "an average of nothing that was scored", where=f"{path}: averages.{protocol}.{name}"
+            )
+    for protocol in recorded.keys() - expected.keys():
+        yield Problem(
+            "averages under a protocol that was not scored", where=f"{path}: averages.{protocol}"
+        )
+    for protocol, means in expected.items():
         for metric, value in means.items():
-            recorded = (result.averages or {}).get(protocol, {}).get(metric)
-            same = recorded is None and value is None
-            if value is not None and recorded is not None:
-                same = abs(recorded - value) <= _TOLERANCE
-            if not same:
+            got = recorded.get(protocol, {}).get(metric)
+            if value is None or got is None:
+                wrong = got is not value
+            else:
+                wrong = abs(got - value) > _TOLERANCE
+            if wrong:
                 yield Problem(
                     "average does not follow from the pairs",
                     where=f"{path}: averages.{protocol}.{metric}",
                     expected=str(value),
-                    got=str(recorded),
+                    got=str(got),
                 )
-
-
-def result_schema() -> str:
-    """Return the JSON schema of a result, as published in ``dfdbench/schemas``."""
-    return json.dumps(Result.model_json_schema(), indent=1, sort_keys=True) + "\n"

@@ -12,6 +12,7 @@ from dfdbench.results.record import PairResult, Result
 from dfdbench.results.summary import RunSummary, ScoreGroup
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
+from dfdbench.tables.wording import counted
 
 EXTREMES = 5
 
@@ -48,13 +49,19 @@ def run_score_table(summary: RunSummary) -> Table:
         columns.append("pairs")
     state = "" if result.complete else "PARTIAL, "
     title = (
-        f"{result.method.title} on {dataset.name}, split {dataset.split}, "
+        f"{result.method.title} on {dataset.label}, split {dataset.split}, "
         f"protocol {title_of(summary.protocol)} "
-        f"({state}{dataset.evaluated} of {dataset.expected} pairs)"
+        f"({state}{dataset.evaluated} of {counted(dataset.expected, 'pair')})"
     )
     align = "l" * len(labels) + "r" * (len(columns) - len(labels))
     return Table(
-        title, tuple(columns), tuple(rows), align, tuple(_notes(result, groups)), _rules(groups)
+        title,
+        tuple(columns),
+        tuple(rows),
+        align,
+        tuple(_notes(result, groups)),
+        _rules(groups),
+        label=f"{result.method.name} {dataset.name} {dataset.split} {summary.protocol}",
     )
 
 
@@ -85,7 +92,7 @@ def extremes_table(summary: RunSummary) -> Table:
 
 
 def time_table(summary: RunSummary) -> Table:
-    """Return the seconds a pair by lighting, as the thesis's Table 4.4."""
+    """Return the seconds per pair by lighting, as the thesis's Table 4.4."""
     result, groups = summary.result, summary.groups
     labels = _labels(result)
     rows = [
@@ -100,7 +107,7 @@ def time_table(summary: RunSummary) -> Table:
     alone = all(pair.timed_alone for pair in result.pairs)
     how = "one at a time" if alone else "several at once: not comparable"
     return Table(
-        f"seconds a pair, warm, {how}",
+        f"seconds per pair, warm, {how}",
         (*labels, "mean", "std"),
         tuple(rows),
         "l" * len(labels) + "rr",
@@ -114,7 +121,7 @@ def _failure_table(failures: list[PairResult]) -> Table:
     for pair in failures:
         by_error.setdefault(pair.error or "", []).append(pair.id)
     rows = tuple((error, ids[0], str(len(ids))) for error, ids in by_error.items())
-    title = f"{_count(len(failures), 'pair')} failed"
+    title = f"{counted(len(failures), 'pair')} failed"
     return Table(title, ("error", "first", "pairs"), rows, "llr")
 
 
@@ -135,7 +142,7 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
     if whole.undefined:
         notes.append(
             "without a defined score (flat ground truth), in no mean: "
-            + _count(whole.undefined, "pair")
+            + counted(whole.undefined, "pair")
         )
     numbers: dict[str, list[float]] = {}
     for pair in result.pairs:
@@ -144,8 +151,8 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
     if numbers:
         means = (f"{name} {mean_of(found):.6g}" for name, found in numbers.items())
         notes.append("the method's own numbers, mean a pair: " + "; ".join(means))
-    counted = {"missing": "not in the store", "not-run": "not run", "failed": "failed"}
-    for status, text in counted.items():
+    texts = {"missing": "not in the store", "not-run": "not run", "failed": "failed"}
+    for status, text in texts.items():
         count = sum(pair.status == status for pair in result.pairs)
         if count:
             notes.append(f"{count} of {len(result.pairs)} pairs {text}")
@@ -154,10 +161,6 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
             "an incomplete run has no overall score and no rank: means are of what was run"
         )
     return notes + [f"warning: {text}" for text in result.warnings]
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def _labels(result: Result) -> list[str]:

@@ -5,16 +5,28 @@ from __future__ import annotations
 import contextlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.datasets.store import PairImages, Store, open_store
-from dfdbench.errors import DfdbenchError, Problem, ResultError
-from dfdbench.results.folder import PREDICTIONS, read_prediction, read_store_place, require_pairs_of
+from dfdbench.datasets.pair_images import PairImages
+from dfdbench.datasets.store import Store, open_store
+from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
+from dfdbench.results.folder import (
+    PREDICTIONS,
+    is_begun,
+    read_prediction,
+    read_store_place,
+    require_pairs_of,
+)
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.record_file import RESULT, load_result
-from dfdbench.results.wording import method_label
+from dfdbench.results.wording import labelled, method_label
+from dfdbench.tables.wording import counted, listed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -31,26 +43,56 @@ class SavedRun:
         The data set; None where its images cannot be shown.
     without : str
         Why there are no images; empty where there are.
+    place : str
+        What its label says besides, where it stands beside another run of the same method: see
+        `dfdbench.results.run_names.told_apart`.
     """
 
     path: Path
     result: Result
     store: Store | None
     without: str
+    place: str = ""
+
+    def __repr__(self) -> str:
+        on = self.result.dataset
+        return (
+            f"<run of {self.label} on {on.name}, split {on.split}: "
+            f"{on.evaluated} of {counted(on.expected, 'pair')}>"
+        )
 
     @property
     def label(self) -> str:
-        """The method with its parameters."""
-        return method_label(self.result.method)
+        """The method with its parameters, and the place where that is needed."""
+        return labelled(method_label(self.result.method), self.place)
 
-    def images(self, pair: PairResult) -> tuple[PairImages, NDArray[np.float32]] | None:
+    def images(self, pair: PairResult | str) -> tuple[PairImages, NDArray[np.float32]] | None:
         """Return a pair's images and the depth predicted for it, shape (y, x); None without.
+
+        Parameters
+        ----------
+        pair : PairResult or str
+            The record of a pair, or its name.
 
         Raises
         ------
+        UnknownNameError
+            Where the run has no pair of that name.
+        TypeError
+            Where it is neither.
         ResultError
             Where what lies beside the result are no depth maps of its pairs.
         """
+        if isinstance(pair, str):
+            records = {record.id: record for record in self.result.pairs}
+            if pair not in records:
+                raise unknown_name("pair of the run", pair, records)
+            pair = records[pair]
+        if not isinstance(pair, PairResult):
+            raise TypeError(
+                "a pair of a run is named by its id or its record, as run.result.pairs[0]; "
+                f"got {pair!r}"
+            )
         if self.store is None:
             return None
         prediction = read_prediction(self.path.parent, pair.pair, self.store.shape_of(pair.scene))
@@ -58,13 +100,22 @@ class SavedRun:
             return None
         return self.store.read(pair.pair), prediction
 
+    def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
+        """Return the pairs' scores as a pandas table; see `dfdbench.results.frame.frame_of`."""
+        return self.result.to_frame(protocol)
 
-def open_run(path: Path, dataset: str | None = None) -> SavedRun:
+    def _repr_html_(self) -> str:
+        from dfdbench.results.notebook import run_html
+
+        return run_html(self)
+
+
+def open_run(path: Path | str, dataset: str | None = None) -> SavedRun:
     """Open a run by its result file or its folder.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         ``result.json``, or the folder that it lies in.
     dataset : str, optional
         The store's path; if not given, the place that the run noted in its folder, or else the
@@ -77,6 +128,7 @@ def open_run(path: Path, dataset: str | None = None) -> SavedRun:
     StoreError
         Where a store was named and is none, or holds other data.
     """
+    path = Path(path)
     if path.is_dir() and not (path / RESULT).exists():
         raise ResultError.of(_no_run(path))
     file = path / RESULT if path.is_dir() else path
@@ -122,11 +174,20 @@ def _find_store(folder: Path, result: Result) -> tuple[Store | None, str]:
 
 
 def _no_run(folder: Path) -> Problem:
+    if is_begun(folder):
+        return Problem(
+            "the run in this folder was stopped before its end",
+            where=str(folder),
+            expected=RESULT,
+            got="the pairs that it finished, which are kept",
+            fix="the same command that began it finishes it",
+        )
     below = [found.parent for depth in ("*", "*/*") for found in folder.glob(f"{depth}/{RESULT}")]
-    names = ", ".join(map(str, sorted(below)[:3])) + (", ..." if len(below) > 3 else "")
     return Problem(
         "no run in this folder",
         where=str(folder),
         expected=f"a folder with {RESULT}, or a result file",
-        fix=f"name the runs: {names}" if below else "`dfdbench run` makes one",
+        fix=f"name the runs: {listed(sorted(below), most=3)}"
+        if below
+        else "`dfdbench run` makes one",
     )

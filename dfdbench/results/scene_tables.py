@@ -80,7 +80,8 @@ def spread_table(summary: RunSummary, splits: Sequence[Split] = ()) -> Table:
         rules.append(len(rows) - 1)
     dataset = result.dataset
     title = (
-        f"{result.method.title} on {dataset.name}, spread over pairs, protocol {title_of(protocol)}"
+        f"{result.method.title} on {dataset.label}, spread over pairs, "
+        f"protocol {title_of(protocol)}"
     )
     columns = ("of", "pairs", "", *(metric.heading for metric in metrics.values()))
     notes = (f"not every pair was evaluated of {', '.join(lacking)}",) if lacking else ()
@@ -122,7 +123,7 @@ def _table(summary: RunSummary, what: str, label_of: Mapping[str, str]) -> Table
     heads = [head for metric in metrics.values() for head in (metric.heading, "std")]
     dataset = result.dataset
     title = (
-        f"{result.method.title} on {dataset.name}, split {dataset.split}, by {what}, "
+        f"{result.method.title} on {dataset.label}, split {dataset.split}, by {what}, "
         f"protocol {title_of(protocol)}"
     )
     columns = (what, "scenes", *heads, "pairs")

@@ -1,4 +1,7 @@
-"""What a method was told of a data set's blur before it was run."""
+"""What a result says its method was told of the blur: the column *told*.
+
+What it is told on a track is made in `dfdbench.blur.told`.
+"""
 
 from __future__ import annotations
 

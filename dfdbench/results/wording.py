@@ -14,6 +14,9 @@ NOT_TOLD = "not known"
 def method_label(method: MethodRecord) -> str:
     """Return a method's name with the parameters that were set.
 
+    Other names or other parameters make another label; text that looks like a number, say, has
+    quotes, as on the command line.
+
     Examples
     --------
     >>> record = MethodRecord(
@@ -22,8 +25,24 @@ def method_label(method: MethodRecord) -> str:
     >>> method_label(record)
     'local (window=9)'
     """
-    settings = ", ".join(f"{name}={plain(value)}" for name, value in method.parameters.items())
-    return f"{method.title} ({settings})" if settings else method.title
+    name = method.name
+    # What would read like the parameters that follow a name is told apart by quotes.
+    if " (" in name or ", told" in name or name.startswith('"') or name != name.strip():
+        name = json.dumps(name, ensure_ascii=False)
+    title = name + method.title.removeprefix(method.name)
+    settings = _settings(method)
+    return f"{title} ({settings})" if settings else title
+
+
+def labelled(label: str, place: str) -> str:
+    """Return a method's label with the place of its run, where one is to be said.
+
+    Examples
+    --------
+    >>> labelled("mine:predict", "v1"), labelled("mine:predict", "")
+    ('mine:predict (v1)', 'mine:predict')
+    """
+    return f"{label} ({place})" if place else label
 
 
 def training_of(method: MethodRecord) -> str:
@@ -72,13 +91,34 @@ def machine_of(result: Result) -> str:
 
 def parameters_of(result: Result) -> str:
     """Return the parameters that were set, as one would type them."""
-    settings = (f"{name}={plain(v)}" for name, v in result.method.parameters.items())
-    return ", ".join(settings) or "defaults"
+    return _settings(result.method) or "defaults"
+
+
+def _settings(method: MethodRecord) -> str:
+    return ", ".join(f"{plain(name)}={plain(value)}" for name, value in method.parameters.items())
 
 
 def plain(value: object) -> str:
-    """Return a parameter's value as one would type it."""
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    """Return a parameter's value as one would type it.
+
+    Examples
+    --------
+    >>> plain("rgb"), plain(9), plain("9"), plain("a, b=1")
+    ('rgb', '9', '"9"', '"a, b=1"')
+    """
+    if isinstance(value, str) and not _is_taken_for_other(value):
+        return value
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _is_taken_for_other(text: str) -> bool:
+    if not text.strip() or text != text.strip() or text[0] in "[{" or set(text) & set('",=()'):
+        return True
+    try:
+        json.loads(text)
+    except ValueError:
+        return False
+    return True
 
 
 def score_text(value: float | None, nothing: str = NOTHING) -> str:

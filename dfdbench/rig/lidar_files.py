@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.rig.lidar import Beams
+from dfdbench.system.array_files import UNREADABLE, load_array
+from dfdbench.system.files import LARGEST_ARRAY, read_text, read_whole
 
 _OS1 = "realworld-1/os1_beams.csv"
 _COLUMNS = ("beam", "altitude_deg", "azimuth_deg", "azimuth_index")
 _HEADER = 8
+#: More columns no LIDAR's scan has.
+_MOST_COLUMNS = 2**16
 
 
 def read_ranges(path: Path) -> NDArray[np.int32]:
@@ -40,7 +44,11 @@ def read_ranges(path: Path) -> NDArray[np.int32]:
         values are no ranges.
     """
     try:
-        ranges = _load_array(path) if path.suffix == ".npy" else _decode(path.read_bytes(), path)
+        ranges = (
+            _load_array(path)
+            if path.suffix == ".npy"
+            else _decode(read_whole(path, LARGEST_ARRAY), path)
+        )
     except OSError as error:
         raise SourceError(
             "cannot read the range file", where=str(path), got=reason_of(error)
@@ -95,7 +103,7 @@ def read_beams(path: Path | None = None) -> Beams:
     where = str(path or _OS1)
     try:
         shipped = resources.files("dfdbench.manifests").joinpath(_OS1)
-        text = path.read_text("utf-8") if path else shipped.read_text("utf-8")
+        text = read_text(path) if path else shipped.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise SourceError(
             "cannot read the beam calibration", where=where, got=str(error)
@@ -115,22 +123,27 @@ def read_beams(path: Path | None = None) -> Beams:
     problems: list[Problem] = []
     altitudes = _column(rows, "altitude_deg", 90, where, problems)
     azimuths = _column(rows, "azimuth_deg", 360, where, problems)
-    indices = _column(rows, "azimuth_index", None, where, problems)
+    indices = _column(rows, "azimuth_index", _MOST_COLUMNS, where, problems, whole=True)
     if problems:
         raise SourceError.of(problems)
     return Beams(np.array(altitudes), np.array(azimuths), np.array(indices, np.int64))
 
 
 def _column(
-    rows: list[dict[str, str]], name: str, limit: int | None, where: str, problems: list[Problem]
+    rows: list[dict[str, str]],
+    name: str,
+    limit: int,
+    where: str,
+    problems: list[Problem],
+    whole: bool = False,
 ) -> list[float]:
-    """Return a column's numbers: whole ones, or degrees within a limit; one problem tells all."""
+    """Return a column's numbers: whole ones, or degrees, within a limit; one problem tells all."""
     numbers: list[float] = []
     wrong: list[tuple[int, str | None]] = []
     for line, row in enumerate(rows, start=2):
         try:
-            number = int(row[name]) if limit is None else float(row[name])
-            if limit is not None and not abs(number) <= limit:
+            number = int(row[name]) if whole else float(row[name])
+            if not abs(number) <= limit:
                 raise ValueError
         except (TypeError, ValueError):
             wrong.append((line, row[name]))
@@ -139,7 +152,7 @@ def _column(
     if wrong:
         line, first = wrong[0]
         more = f", and {len(wrong) - 1} more lines" if len(wrong) > 1 else ""
-        expected = "whole numbers" if limit is None else f"degrees, {limit} at most"
+        expected = f"{'whole numbers' if whole else 'degrees'}, {limit} at most"
         got = "nothing" if first is None else first
         problems.append(
             Problem(
@@ -154,8 +167,10 @@ def _column(
 
 def _load_array(path: Path) -> NDArray[np.int32]:
     try:
-        array = np.load(path, allow_pickle=False)
-    except ValueError as error:
+        array = load_array(path)
+    except UNREADABLE as error:
+        if isinstance(error, OSError):
+            raise
         raise SourceError("not a NumPy array", where=str(path), got=str(error)) from error
     if array.ndim != 2 or not np.issubdtype(array.dtype, np.integer):
         raise SourceError(
@@ -164,7 +179,16 @@ def _load_array(path: Path) -> NDArray[np.int32]:
             expected="whole numbers, shape (beam, column)",
             got=f"{array.dtype}, shape {array.shape}",
         )
-    return np.asarray(array, np.int32)
+    most = np.iinfo(np.int32).max
+    if array.size and array.max() > most:
+        # As int32 they would turn into other ranges.
+        raise SourceError(
+            "not ranges",
+            where=str(path),
+            expected=f"{most} mm at most",
+            got=f"a range of {array.max()}",
+        )
+    return np.array(array, np.int32)
 
 
 def _decode(content: bytes, path: Path) -> NDArray[np.int32]:

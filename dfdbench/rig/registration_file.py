@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, SourceError, reason_of
-from dfdbench.system.files import write_whole
+from dfdbench.system.files import read_text, write_whole
+from dfdbench.system.toml_text import parse_toml
 
 Floats = NDArray[np.float64]
 
@@ -48,8 +48,8 @@ def read_registration(path: Path) -> Floats:
     """
     where = str(path)
     try:
-        content = tomllib.loads(path.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        content = parse_toml(read_text(path))
+    except (OSError, ValueError) as error:
         got = reason_of(error)
         raise SourceError("cannot read the registration", where=where, got=got) from error
     if "matrix" in content and "pairs" in content:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dfdbench.optics.lens_table import LensTable
 from dfdbench.rig.geometry import Pose, Rig, beam_directions
 from dfdbench.rig.lidar import Beams
-from dfdbench.simulation.photographs import normal_numbers, photograph
-from dfdbench.simulation.raycast import Board, Surface, Texture, View, cast
+from dfdbench.simulation.photographs import near_normal_numbers, photograph
+from dfdbench.simulation.raycast import Board, Surface, Texture, View, look
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +33,9 @@ _READ_NOISE = 1.0  # levels of 255
 _NOISE_AT_GREY = 3.1  # levels of 255, standard deviation at half signal
 _CONVERTER_STEPS = 1023  # 10 bit
 _RADIUS_STEP = 0.25  # pixels: blur radii are rounded to this
+# Light and discs are whole numbers of this part, so that float64 holds their sums exactly: they
+# are the same whatever order a processor adds them in.
+_PARTS = 2.0**20
 _RANGE_NOISE = 15.0  # mm, one scan
 _LOST = 0.02  # share of returns that one scan misses
 _TURN = 2048
@@ -58,6 +61,8 @@ _TEXTURES = (
     Texture("gravel", 450, (0.8, 1.0, 0.75)),
 )
 
+#: k00 to k63: each texture on four geometries.
+SCENES = 4 * len(_TEXTURES)
 _WIDTH, _HEIGHT = 672, 654  # pixels that a board covers: more than the crop, less than a frame
 _FLAT_NEAR, _FLAT_FAR = 1.5, 2.5  # metres
 _OBLIQUE_NEAR, _OBLIQUE_FAR = 1.5, 2.2
@@ -108,15 +113,7 @@ class SimulatedScene:
             self.board.texture.photograph: photograph(self.board.texture.photograph),
             "wall": np.full((2, 2, 3), _WALL_GREY),
         }
-        shape, focal = self.rig.frame_size, self.rig.focal_length
-        centre = cast(surfaces, photographs, 0.0, shape, focal)
-        corners = [
-            cast(surfaces, photographs, 0.0, shape, focal, (y, x)).reflectance
-            for y in (-0.25, 0.25)
-            for x in (-0.25, 0.25)
-        ]
-        mean = (corners[0] + corners[1] + corners[2] + corners[3]) / 4
-        return View(centre.distance, centre.normal, mean)
+        return look(surfaces, photographs, 0.0, self.rig.frame_size, self.rig.focal_length)
 
     def frame(self, light: Floats, exposure_ms: int, seed: tuple[int, ...]) -> NDArray[np.uint8]:
         """Return one captured frame: exposure, noise, saturation, 10-bit converter, 8-bit file.
@@ -133,7 +130,7 @@ class SimulatedScene:
         signal = light * (exposure_ms / _WHITE_AT)
         shot = (_NOISE_AT_GREY**2 - _READ_NOISE**2) / 0.5
         spread = np.sqrt(_READ_NOISE**2 + shot * np.clip(signal, 0, 1)) / 255
-        noisy = signal + spread * normal_numbers(light.shape, (_SEED, self.number, *seed))
+        noisy = signal + spread * near_normal_numbers(light.shape, (_SEED, self.number, *seed))
         steps = np.rint(np.clip(noisy, 0, 1) * _CONVERTER_STEPS)
         return (steps.astype(np.int64) >> 2).astype(np.uint8)
 
@@ -160,8 +157,8 @@ class SimulatedScene:
         mirror = np.isfinite(hits.distance) & (left < across) & (across < right)
         mirror &= (top < down) & (down < bottom)
         seed = (_SEED, self.number, 10_000 + number)
-        noisy = distance * 1000 + _RANGE_NOISE * normal_numbers(distance.shape, (*seed, 0))
-        lost = normal_numbers(distance.shape, (*seed, 1)) > _quantile(_LOST)
+        noisy = distance * 1000 + _RANGE_NOISE * near_normal_numbers(distance.shape, (*seed, 0))
+        lost = near_normal_numbers(distance.shape, (*seed, 1)) > _quantile(_LOST)
         return np.where(mirror | lost, 0, np.rint(noisy)).astype(np.int32)
 
     def truth(self, view: View) -> NDArray[np.uint16]:
@@ -193,23 +190,23 @@ def defocus(view: View, table: LensTable, step: int) -> Floats:
     """
     radius = np.round(table.radius_at(step, view.distance) / _RADIUS_STEP) * _RADIUS_STEP
     light = np.zeros_like(view.reflectance)
+    whole = np.rint(view.reflectance * _PARTS)
     for value in np.unique(radius):
-        blurred = cv2.filter2D(
-            view.reflectance.astype(np.float32),
-            -1,
-            _disc(float(value)),
-            borderType=cv2.BORDER_REPLICATE,
-        )
-        light[radius == value] = blurred[radius == value]
+        disc = _disc(float(value))
+        blurred = cv2.filter2D(whole, -1, disc, borderType=cv2.BORDER_REPLICATE)
+        # A large disc goes by way of Fourier's transform, which comes close to the whole number.
+        light[radius == value] = np.rint(blurred[radius == value]) / _PARTS**2
     return light
 
 
 @cache
-def _disc(radius: float) -> NDArray[np.float32]:
+def _disc(radius: float) -> Floats:
     reach = int(np.ceil(radius + 0.5))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = np.clip(radius + 0.5 - np.hypot(x, y), 0, 1)
-    return np.asarray(disc / disc.sum(), np.float32)
+    parts = np.rint(disc / disc.sum() * _PARTS)
+    parts[reach, reach] += _PARTS - parts.sum()
+    return np.asarray(parts)
 
 
 def _quantile(share: float) -> float:

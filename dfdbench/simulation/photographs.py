@@ -42,12 +42,15 @@ def photograph(name: str) -> Floats:
     return np.asarray(table[image[:, :, :3]])
 
 
-def normal_numbers(shape: tuple[int, ...], seed: tuple[int, ...]) -> Floats:
+def near_normal_numbers(shape: tuple[int, ...], seed: tuple[int, ...]) -> Floats:
     """Return numbers close to normal, the same ones for a seed in every version of NumPy.
+
+    Of made scenes alone. The noise of tracks is another stream, and normal to the last bit:
+    `dfdbench.blur.noise.normal_numbers`.
 
     Examples
     --------
-    >>> abs(normal_numbers((1000,), (1,)).std().round(1).item())
+    >>> abs(near_normal_numbers((1000,), (1,)).std().round(1).item())
     1.0
     """
     # The sum of four 16-bit numbers is close to normal, and unlike NumPy's own normal numbers

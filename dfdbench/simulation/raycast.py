@@ -177,23 +177,75 @@ def cast(
     subpixel : tuple of float
         Where in its pixel a ray passes, (y, x) from the centre, in pixels.
     """
+    trace = _traced(surfaces, offset, shape, focal_length, subpixel)
+    return View(trace.distance, trace.normal, _reflectance(surfaces, photographs, trace))
+
+
+def look(
+    surfaces: Sequence[Surface],
+    photographs: Mapping[str, Floats],
+    offset: float,
+    shape: tuple[int, int],
+    focal_length: float,
+) -> View:
+    """Return what `cast` does, with colour averaged over four rays a pixel.
+
+    Distance and normal are those of the pixel's centre. All arguments are as of `cast`.
+    """
+    centre = _traced(surfaces, offset, shape, focal_length)
+    corners = [
+        _reflectance(surfaces, photographs, _traced(surfaces, offset, shape, focal_length, (y, x)))
+        for y in (-0.25, 0.25)
+        for x in (-0.25, 0.25)
+    ]
+    mean = (corners[0] + corners[1] + corners[2] + corners[3]) / 4
+    return View(centre.distance, centre.normal, mean)
+
+
+@dataclass(frozen=True)
+class _Trace(Hits):
+    """Where rays meet the nearest surface, and its number among them; -1 where there is none."""
+
+    number: NDArray[np.int64]
+
+
+def _traced(
+    surfaces: Sequence[Surface],
+    offset: float,
+    shape: tuple[int, int],
+    focal_length: float,
+    subpixel: tuple[float, float] = (0.0, 0.0),
+) -> _Trace:
     height, width = shape
     y = (np.arange(height) - (height - 1) / 2 + subpixel[0]) / focal_length
     x = (np.arange(width) - (width - 1) / 2 + subpixel[1]) / focal_length
     directions = np.ones((height, width, 3))
     directions[..., 0], directions[..., 1] = x[np.newaxis, :], y[:, np.newaxis]
     origin = np.array([offset, 0.0, 0.0])
-    nearest = np.full(shape, np.inf)
-    normal, reflectance = np.zeros((*shape, 3)), np.zeros((*shape, 3))
-    for surface in surfaces:
+    trace = _Trace(
+        np.full(shape, np.inf), np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.full(shape, -1)
+    )
+    for number, surface in enumerate(surfaces):
         hits = surface.meet(origin, directions)
-        ahead = hits.distance < nearest
-        nearest[ahead] = hits.distance[ahead]
-        normal[ahead] = hits.normal[ahead]
-        photograph = photographs[surface.texture.photograph]
-        colours = _sample(photograph, hits.place[ahead] * surface.texture.texels)
-        reflectance[ahead] = colours * np.array(surface.texture.tint)
-    return View(nearest, normal, reflectance)
+        ahead = hits.distance < trace.distance
+        trace.distance[ahead] = hits.distance[ahead]
+        trace.normal[ahead] = hits.normal[ahead]
+        trace.place[ahead] = hits.place[ahead]
+        trace.number[ahead] = number
+    return trace
+
+
+def _reflectance(
+    surfaces: Sequence[Surface], photographs: Mapping[str, Floats], trace: _Trace
+) -> Floats:
+    # After the last surface has been met: what others hide need not be looked up.
+    reflectance = np.zeros(trace.normal.shape)
+    for number, surface in enumerate(surfaces):
+        here = trace.number == number
+        texture = surface.texture
+        colours = _sample(photographs[texture.photograph], trace.place[here] * texture.texels)
+        reflectance[here] = colours * np.array(texture.tint)
+    return reflectance
 
 
 def _dot(left: Floats, right: Floats) -> Floats:

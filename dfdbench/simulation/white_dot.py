@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dfdbench.optics.lens_table import LensTable, read_lens_table
 from dfdbench.simulation.captures import write_png
-from dfdbench.simulation.photographs import normal_numbers
+from dfdbench.simulation.photographs import near_normal_numbers
 
 _SEED = 20190807
 _SIZE = 96
@@ -59,5 +59,5 @@ def _dot(blur: float, noise: float, seed: tuple[int, ...]) -> NDArray[np.uint8]:
     share = np.clip((_DOT + blur - np.hypot(x, y)) / (2 * blur), 0, 1)
     share *= min(1.0, _DOT**2 / max(blur, 1e-9) ** 2)
     levels = _BLACK + (_WHITE - _BLACK) * share
-    noisy = levels + noise * normal_numbers(levels.shape, seed)
+    noisy = levels + noise * near_normal_numbers(levels.shape, seed)
     return np.asarray(np.clip(np.rint(noisy), 0, 255), np.uint8)

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 
 from dfdbench.errors import InputError, Problem
 
-_MODULES = {"nets": ("torch", "safetensors")}
+#: The modules that each extra brings.
+EXTRAS = {"nets": ("torch", "safetensors"), "cluster": ("distributed",), "s3": ("s3fs",)}
 
 
 def extra_of(module: str | None) -> str | None:
@@ -19,7 +20,7 @@ def extra_of(module: str | None) -> str | None:
     'nets'
     """
     package = (module or "").partition(".")[0]
-    return next((extra for extra, names in _MODULES.items() if package in names), None)
+    return next((extra for extra, names in EXTRAS.items() if package in names), None)
 
 
 def absent(module: str, extra: str) -> Problem:

@@ -1,14 +1,94 @@
-"""Write a file whole or not at all."""
+"""Write a file whole or not at all, and read one whole that somebody named."""
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import tempfile
 from pathlib import Path
+
+#: The largest file that is text: results, lists, configurations. Results have some 30 KB.
+LARGEST_TEXT = 64 * 2**20
+#: The largest file of numbers that is read at once: an image, the ranges of a laser scanner.
+LARGEST_ARRAY = 2**30
+
+
+def require_file(path: Path) -> None:
+    """Do nothing where a path names a file: opening a pipe may never end, nor reading a device.
+
+    Raises
+    ------
+    OSError
+        Where it names none; `strerror` says what it is.
+
+    Examples
+    --------
+    >>> require_file(Path("/dev/zero"))
+    Traceback (most recent call last):
+    OSError: [Errno 22] not a regular file: '/dev/zero'
+    """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
+
+
+def read_whole(path: Path, largest: int = LARGEST_TEXT) -> bytes:
+    """Return what a file holds, provided that it is one and holds no more than a bound.
+
+    Parameters
+    ----------
+    path : Path
+        The file; a link to one is followed.
+    largest : int
+        In bytes.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be read, is no regular file or is larger; `strerror` says which.
+
+    Examples
+    --------
+    >>> read_whole(Path("/dev/zero"))
+    Traceback (most recent call last):
+    OSError: [Errno 22] not a regular file: '/dev/zero'
+    """
+    require_file(path)
+    with path.open("rb") as file:
+        # Not read(largest + 1), which takes that much memory before the first byte is read.
+        if os.fstat(file.fileno()).st_size > largest:
+            raise OSError(errno.EFBIG, f"larger than {largest / 2**20:g} MB", str(path))
+        return file.read()
+
+
+def read_text(path: Path, largest: int = LARGEST_TEXT) -> str:
+    """Return what a file of text in UTF-8 says, with every line end as a newline.
+
+    Parameters
+    ----------
+    path, largest
+        As of `read_whole`.
+
+    Raises
+    ------
+    OSError
+        As of `read_whole`.
+    UnicodeDecodeError
+        Where it is no such text.
+    """
+    text = read_whole(path, largest).decode("utf-8")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
     """Write a file so that a reader sees the old one or the new one, never a part.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be written; `filename` is that of the file itself.
 
     Examples
     --------
@@ -19,6 +99,15 @@ def write_whole(path: Path, content: str | bytes) -> None:
     'whole'
     """
     path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        _replace(path, content)
+    except OSError as error:
+        # Nobody knows the name that it has until it is whole.
+        error.filename, error.filename2 = str(path), None
+        raise
+
+
+def _replace(path: Path, content: str | bytes) -> None:
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:

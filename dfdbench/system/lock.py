@@ -17,6 +17,7 @@ import filelock
 from upath import UPath
 
 from dfdbench.errors import DfdbenchError
+from dfdbench.system.json_text import parse_json
 from dfdbench.system.location import exists, is_local
 
 try:
@@ -187,7 +188,7 @@ def _lease(owner: str) -> bytes:
 def _content(location: UPath) -> dict[str, Any]:
     location.fs.invalidate_cache()
     try:
-        content = json.loads(location.fs.cat_file(location.path))
+        content = parse_json(location.fs.cat_file(location.path))
     except (FileNotFoundError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}

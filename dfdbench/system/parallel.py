@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import logging
+import os
+import re
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 from typing import Any, Generic, Protocol, TypeVar
-
-from dask.base import compute
-from dask.callbacks import Callback
-from dask.delayed import delayed
 
 from dfdbench.errors import InputError
 
@@ -23,6 +24,8 @@ OnOutcome = Callable[[Item, Outcome], None]
 OnDone = Callable[[int, int], None]
 
 _SECONDS_TO_ANSWER = 30
+#: How a scheduler is named: HOST:PORT, with a protocol before it or without.
+_ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx|ucxx)://)?(\[[^\]]+\]|[^\s/:]+):\d+|inproc://\S+")
 
 
 class Pool(Protocol):
@@ -101,7 +104,9 @@ class Processes:
     ) -> list[Outcome]:
         """Return what a function gives for each item; see `Pool`."""
         # Forking a process that has threads (numba's, zarr's) can hang: start afresh.
-        pool = ProcessPoolExecutor(self.workers, mp_context=get_context("spawn"))
+        pool = ProcessPoolExecutor(
+            self.workers, mp_context=get_context("spawn"), initializer=_end_with_parent
+        )
         return _compute(pool, function, items, _Listener(items, on_outcome, on_done))
 
 
@@ -129,7 +134,7 @@ class Cluster:
         Raises
         ------
         InputError
-            Where dask.distributed is not installed, or no scheduler answers.
+            Where dask.distributed is not installed, no scheduler answers, or it goes away.
         """
         with _client(self.address) as (client, as_completed):
             futures = client.map(function, items, pure=False, batch_size=1)
@@ -138,12 +143,30 @@ class Cluster:
             listener = _Listener(items, on_outcome, on_done)
             try:
                 for future, outcome in as_completed(futures, loop=client.loop, with_results=True):
+                    # Work that nobody will do any more comes as an outcome, too.
+                    if future.cancelled():
+                        raise _gone(self.address)
                     number = place[future.key]
                     outcomes[number] = outcome
                     listener.hear(number, outcome)
             finally:
-                client.cancel(futures)
+                if client.status == "running":
+                    client.cancel(futures)
         return [outcomes[number] for number in range(len(items))]
+
+
+def _end_with_parent() -> None:
+    # Where the parent is killed, nobody takes what a worker gives: it would write what the next
+    # call writes, too, and then wait for ever.
+    parent = parent_process()
+    assert parent is not None
+    sentinel = parent.sentinel
+
+    def end() -> None:
+        wait([sentinel])
+        os._exit(1)
+
+    threading.Thread(target=end, daemon=True).start()
 
 
 class _Listener(Generic[Item, Outcome]):
@@ -173,6 +196,11 @@ def _compute(
     items: Sequence[Item],
     listener: _Listener[Item, Outcome],
 ) -> list[Outcome]:
+    # Here: it takes a third of a second, and one worker does without.
+    from dask.base import compute
+    from dask.callbacks import Callback
+    from dask.delayed import delayed
+
     place = {f"item-{number}": number for number in range(len(items))}
 
     def posttask(key: Any, outcome: Any, *_: Any) -> None:
@@ -206,6 +234,14 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
             got=str(error),
             fix="pip install 'dfdbench[cluster]', here and on the cluster's workers",
         ) from error
+    if not _ADDRESS.fullmatch(address):
+        # Asked all the same, the client's threads would keep the command from ending.
+        raise InputError(
+            "not a scheduler's address",
+            where="--scheduler",
+            expected="such as tcp://node1:8786",
+            got=address,
+        )
     try:
         client = Client(address, timeout=_SECONDS_TO_ANSWER, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -216,5 +252,21 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
             got=f"{address} ({error})",
             fix="start one with: dask scheduler",
         ) from error
-    with client:
-        yield client, as_completed
+    # A scheduler that goes away is told once, in our words.
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        with client:
+            yield client, as_completed
+    finally:
+        log.setLevel(level)
+
+
+def _gone(address: str) -> InputError:
+    return InputError(
+        "the scheduler went away, or its work was cancelled",
+        where="--scheduler",
+        got=address,
+        fix="start it again: the same command goes on with what is left to do",
+    )

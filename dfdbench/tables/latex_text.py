@@ -46,6 +46,7 @@ _MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
 _LETTERS = "ßæœøłıÆŒØŁ"
 _LAST_ACCENTED = "\u017e"
 _OGONEK = "0328"
+_LONGEST_LABEL = 60
 
 
 def latex_text(text: str) -> str:
@@ -60,15 +61,17 @@ def latex_text(text: str) -> str:
 
 
 def latex_label(text: str) -> str:
-    """Return text as the name of a table, to be referred to.
+    """Return text as the name of a table, to be referred to; of a long one the first words.
 
     Examples
     --------
     >>> latex_label("demo-1, split test, protocol thesis")
     'tab:demo-1-split-test-protocol-thesis'
     """
-    words = re.findall(r"[a-z0-9]+", text.lower())
-    return "tab:" + "-".join(words)[:80].rstrip("-")
+    name = "-".join(re.findall(r"[a-z0-9]+", text.lower()))
+    if len(name) > _LONGEST_LABEL:
+        name = name[: _LONGEST_LABEL + 1].rpartition("-")[0] or name[:_LONGEST_LABEL]
+    return f"tab:{name}"
 
 
 def _letter(letter: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from urllib.parse import quote
 
@@ -14,7 +15,24 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from dfdbench.tables.latex_text import latex_label, latex_text
-from dfdbench.tables.table import Format, Link, Table
+from dfdbench.tables.shown_text import spelt_out, spelt_out_json
+from dfdbench.tables.table import Format, Link, Marked, Table
+
+# What a spreadsheet takes for the beginning of a formula.
+_FORMULA = tuple("=+-@")
+# GitHub takes dollars for formulas and tildes for struck-out text, escaped or not; the site takes
+# braces for attributes, escaped or not.
+_ENTITIES = {
+    "&": "&amp;",
+    "<": "&lt;",
+    ">": "&gt;",
+    "$": "&#36;",
+    "~": "&#126;",
+    "{": "&#123;",
+    "}": "&#125;",
+}
+# What begins a block where a line begins with it: a heading, a list, an admonition, a rule.
+_BLOCK = re.compile(r"[#+\-=!:]|\d+[.)]")
 
 
 def render(tables: Sequence[Table], format: Format, width: int | None = None) -> str:
@@ -40,7 +58,8 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
         console = Console(file=io.StringIO(), width=width or 400, color_system=None)
         with console.capture() as captured:
             for table in tables:
-                console.print(as_rich(table))
+                for part in as_rich(table):
+                    console.print(part)
         return "\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n"
     if format is Format.csv:
         records = [record for table in tables for record in _records(table)]
@@ -54,7 +73,8 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
             {"title": table.title, "rows": _records(table), "notes": table.notes}
             for table in tables
         ]
-        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+        return spelt_out_json(text) + "\n"
     write = as_latex if format is Format.latex else as_markdown
     return "\n".join(write(table) for table in tables)
 
@@ -65,24 +85,29 @@ def _records(table: Table) -> list[Mapping[str, object]]:
     return [dict(zip(table.columns, row, strict=True)) for row in table.rows]
 
 
-def as_rich(table: Table) -> RichTable:
-    """Return the table for a terminal; text in it is shown as it is, never as markup."""
-    caption = Text("\n".join(table.notes)) if table.notes else None
-    shown = RichTable(
-        title=Text(table.title, style="bold"),
-        caption=caption,
-        box=box.SIMPLE_HEAD,
-        title_justify="left",
-        caption_justify="left",
-    )
+def as_rich(table: Table) -> tuple[Text | RichTable, ...]:
+    """Return title, table and notes for a terminal; text is shown as it is, never as markup.
+
+    They stand apart, for Rich would break a title and a caption at the table's width.
+    """
+    notes = [Text(spelt_out(note), style="dim italic") for note in table.notes]
+    shown = RichTable(box=box.SIMPLE_HEAD)
     for column, side in zip(table.columns, table.align, strict=True):
         right = side == "r"
         shown.add_column(
-            Text(column), justify="right" if right else "left", no_wrap=right, overflow="fold"
+            Text(spelt_out(column)),
+            justify="right" if right else "left",
+            no_wrap=right,
+            overflow="fold",
         )
     for number, row in enumerate(table.rows):
-        shown.add_row(*(Text(cell) for cell in row), end_section=number in table.rules)
-    return shown
+        shown.add_row(*map(_rich_cell, row), end_section=number in table.rules)
+    return Text(spelt_out(table.title), style="bold italic"), shown, *notes
+
+
+def _rich_cell(text: str) -> Text:
+    styles = {"best": "bold", "second": "underline"}
+    return Text(spelt_out(text), styles[text.mark] if isinstance(text, Marked) else "")
 
 
 def as_markdown(table: Table) -> str:
@@ -104,23 +129,42 @@ def as_markdown(table: Table) -> str:
     lines.append("|" + "|".join(marks) + "|")
     lines += ["| " + " | ".join(map(_markdown_cell, row)) + " |" for row in table.rows]
     for note in table.notes:
-        lines += ["", escape_markdown(note)]
+        lines += ["", _markdown_line(note)]
     return "\n".join(lines) + "\n"
 
 
 def as_csv(columns: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
     r"""Return rows as comma-separated values; None is an empty field.
 
+    Text that a spreadsheet would take for a formula has an apostrophe before it, as OWASP advises
+    (CSV injection); numbers have none.
+
     Examples
     --------
-    >>> as_csv(("a", "b"), [(1, None), ("x,y", 2.5)])
-    'a,b\n1,\n"x,y",2.5\n'
+    >>> as_csv(("a", "b"), [(1, None), ("x,y", -2.5), ("=1+1", "-2.5")])
+    'a,b\n1,\n"x,y",-2.5\n\'=1+1,-2.5\n'
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(rows)
+    writer.writerow(map(_csv_cell, columns))
+    writer.writerows(map(_csv_cell, row) for row in rows)
     return text.getvalue()
+
+
+def _csv_cell(value: object) -> object:
+    if not isinstance(value, str):
+        return value
+    # Blanks before it do not keep a spreadsheet from it.
+    formula = value.lstrip().startswith(_FORMULA) and not _is_number(value)
+    return ("'" if formula else "") + spelt_out(value)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def as_latex(table: Table) -> str:
@@ -147,11 +191,12 @@ def as_latex(table: Table) -> str:
     \end{table}
     <BLANKLINE>
     """
+    label = latex_label(table.label or table.title)
     lines = [
         r"% \usepackage{booktabs,graphicx}",
         r"\begin{table}",
         r"  \centering\small\setlength{\tabcolsep}{4pt}",
-        rf"  \caption{{{latex_text(table.title)}}}\label{{{latex_label(table.title)}}}",
+        rf"  \caption{{{latex_text(table.title)}}}\label{{{label}}}",
     ]
     for number, part in enumerate(table.parts or (tuple(range(len(table.columns))),)):
         lines += [r"  \par\medskip"] * (number > 0) + _tabular(table, part)
@@ -163,7 +208,7 @@ def as_latex(table: Table) -> str:
 
 def _tabular(table: Table, part: Sequence[int]) -> list[str]:
     def line(cells: Sequence[str]) -> str:
-        return "    " + " & ".join(latex_text(cells[column]) for column in part) + r" \\"
+        return "    " + " & ".join(_latex_cell(cells[column]) for column in part) + r" \\"
 
     align = "".join(table.align[column] for column in part)
     lines = [r"  \resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"]
@@ -176,6 +221,12 @@ def _tabular(table: Table, part: Sequence[int]) -> list[str]:
     return [*lines, r"    \bottomrule", r"  \end{tabular}}"]
 
 
+def _latex_cell(text: str) -> str:
+    commands = {"best": r"\textbf", "second": r"\underline"}
+    shown = latex_text(text)
+    return f"{commands[text.mark]}{{{shown}}}" if isinstance(text, Marked) else shown
+
+
 def _sentence(note: str) -> str:
     return note if note.endswith((".", ";")) else f"{note}."
 
@@ -183,20 +234,32 @@ def _sentence(note: str) -> str:
 def _markdown_cell(text: str) -> str:
     if isinstance(text, Link):
         return f"[{escape_markdown(text)}]({quote(text.target, safe='/#:.-_=')})"
+    if isinstance(text, Marked):
+        tag = {"best": "b", "second": "u"}[text.mark]
+        return f"<{tag}>{escape_markdown(text)}</{tag}>"
     return escape_markdown(text)
+
+
+def _markdown_line(text: str) -> str:
+    line = escape_markdown(text).lstrip()
+    return f"&#{ord(line[0])};{line[1:]}" if _BLOCK.match(line) else line
 
 
 def escape_markdown(text: str) -> str:
     r"""Return text on one line, with what Markdown or HTML would take for markup escaped.
 
+    Markdown is GitHub's and the documentation site's, whose braces give attributes to what stands
+    before them. A plain address stays one, which both may show as the link that it is.
+
     Examples
     --------
     >>> escape_markdown("<b>a|b</b>")
     '&lt;b&gt;a\\|b&lt;/b&gt;'
+    >>> escape_markdown("a {: onclick=f }")
+    'a &#123;: onclick=f &#125;'
     """
-    text = " ".join(text.splitlines())
-    # GitHub takes dollars for formulas and tildes for struck-out text, escaped or not.
-    for mark, instead in zip("&<>$~", ("&amp;", "&lt;", "&gt;", "&#36;", "&#126;"), strict=True):
+    text = spelt_out(" ".join(text.splitlines()))
+    for mark, instead in _ENTITIES.items():
         text = text.replace(mark, instead)
     for mark in "\\|*_`[]":
         text = text.replace(mark, "\\" + mark)

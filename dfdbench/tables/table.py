@@ -29,6 +29,18 @@ class Link(str):
         return link
 
 
+class Marked(str):
+    """A cell's text that stands out where the form can show it: best bold, second underlined."""
+
+    mark: str
+
+    def __new__(cls, text: str, mark: str) -> Marked:
+        """Return the text, bearing ``best`` or ``second``."""
+        marked = super().__new__(cls, text)
+        marked.mark = mark
+        return marked
+
+
 @dataclass(frozen=True)
 class Table:
     """Rows of text under headings.
@@ -36,7 +48,7 @@ class Table:
     `align` has a letter a column, ``l`` or ``r``; `rules` are the rows after which a line is
     drawn. `records` are the same rows as data, numbers in full, for CSV and JSON; where there
     are none, those show the text. `parts` are the columns that stand together where a page is too
-    narrow for all of them.
+    narrow for all of them. `label` is what it is referred to by in LaTeX, its title by default.
     """
 
     title: str
@@ -47,6 +59,7 @@ class Table:
     rules: frozenset[int] = field(default_factory=frozenset)
     records: tuple[Mapping[str, object], ...] = ()
     parts: tuple[tuple[int, ...], ...] = ()
+    label: str = ""
 
 
 def least_width(table: Table) -> int:

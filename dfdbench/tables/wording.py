@@ -21,6 +21,17 @@ def percent(share: float) -> str:
     return f"{float(digits):f}".rstrip("0").rstrip(".") + " %" if share >= 1e-8 else "< 0.000001 %"
 
 
+def counted(number: int, what: str) -> str:
+    """Return how many of something there are.
+
+    Examples
+    --------
+    >>> counted(1, "pair"), counted(0, "pair"), counted(1234, "scene")
+    ('1 pair', '0 pairs', '1234 scenes')
+    """
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
 def listed(things: Iterable[object], most: int | None = None) -> str:
     """Return things as one text, with commas; of more than `most` the first, and how many more.
 

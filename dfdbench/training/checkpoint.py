@@ -14,7 +14,8 @@ from typing import Any
 import torch
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.system.files import write_whole
+from dfdbench.system.files import require_file, write_whole
+from dfdbench.system.json_text import differences
 
 #: Of the checkpoint's layout.
 VERSION = 1
@@ -40,7 +41,7 @@ _OWN = (
     PATCHES_FIGURE,
 )
 #: What reading a damaged checkpoint comes to, by where it is damaged.
-_DAMAGED = (
+DAMAGED = (
     pickle.UnpicklingError,
     RuntimeError,
     EOFError,
@@ -50,7 +51,11 @@ _DAMAGED = (
     AttributeError,
     OSError,
 )
+#: Of a step, at most: Python reads no number of thousands.
+_DIGITS = 18
 _LEAST = {"identity", "step"}
+#: The columns of a log that have a number in every row.
+_NEEDED = {_LOSSES: ("step", "learning_rate", "loss"), _SCORES: ("step",)}
 
 Row = dict[str, Any]
 
@@ -118,16 +123,12 @@ class TrainingFolder:
         """
         path = self.path / _CHECKPOINT
         try:
+            require_file(path)
             state = dict(torch.load(path, weights_only=True))
             if state["version"] == VERSION and not state.keys() >= _LEAST:
                 raise KeyError("it lacks what a checkpoint holds")
-        except _DAMAGED as error:
-            raise InputError(
-                "the checkpoint cannot be read",
-                where=str(path),
-                got=str(error).partition("\n")[0][:100] or "no content",
-                fix="--fresh starts anew",
-            ) from error
+        except DAMAGED as error:
+            raise self.unreadable(error) from error
         if state.get("version") != VERSION:
             raise InputError(
                 "a checkpoint of another version",
@@ -138,12 +139,32 @@ class TrainingFolder:
             )
         before = json.loads(state["identity"])
         now = json.loads(json.dumps(identity))
-        problems = list(_differences(before, now, str(path)))
+        problems = [
+            Problem(
+                "the checkpoint is of another training",
+                where=f"{path}: {name}",
+                expected=str(one),
+                got=str(other),
+                fix="ask for the same again, choose another folder with --out, or --fresh",
+            )
+            for name, one, other in differences(before, now)
+        ]
         if problems:
             raise InputError.of(problems)
-        for name in (_LOSSES, _SCORES):
-            _write(self.path / name, _up_to(state["step"], _read(self.path / name)))
+        for name, needed in _NEEDED.items():
+            file = self.path / name
+            rows = _up_to(state["step"], _read(file), needed, str(file))
+            _write(file, rows)
         return state
+
+    def unreadable(self, error: Exception) -> InputError:
+        """Return the error for a checkpoint that is damaged, or holds another network's state."""
+        return InputError(
+            "the checkpoint cannot be read",
+            where=str(self.path / _CHECKPOINT),
+            got=str(error).partition("\n")[0][:100] or "no content",
+            fix="--fresh starts anew",
+        )
 
     def log(self) -> Log:
         """Return all that the log holds."""
@@ -166,32 +187,32 @@ class TrainingFolder:
         _write(self.path / PATCHES, rows)
 
 
-def _up_to(step: int, rows: list[Row]) -> list[Row]:
+def _up_to(step: int, rows: list[Row], needed: tuple[str, ...], where: str) -> list[Row]:
     # A row cut short by a kill may read as an earlier step: steps only grow.
     kept: list[Row] = []
+    if rows and not rows[0].keys() >= set(needed):
+        raise _damaged_log(where, f"a heading {','.join(map(str, rows[0]))}"[:100])
     for row in rows:
         last = int(kept[-1]["step"]) if kept else -1
-        whole = None not in row.values() and row["step"].isdigit()
-        if whole and last < int(row["step"]) <= step:
+        whole = None not in row.values() and None not in row and row["step"].isdigit()
+        if whole and last < int(row["step"][:_DIGITS]) <= step:
             kept.append(row)
+    for row in kept:
+        for name, value in row.items():
+            try:
+                float(value if name in needed else value or 0)
+            except ValueError as error:
+                raise _damaged_log(where, f"{name} {value}"[:100]) from error
     return kept
 
 
-def _differences(
-    before: dict[str, Any], now: dict[str, Any], where: str, name: str = ""
-) -> Iterable[Problem]:
-    for key in sorted(before.keys() | now.keys()):
-        one, other = before.get(key), now.get(key)
-        if isinstance(one, dict) and isinstance(other, dict):
-            yield from _differences(one, other, where, f"{name}{key}.")
-        elif one != other:
-            yield Problem(
-                "the checkpoint is of another training",
-                where=f"{where}: {name}{key}",
-                expected=str(one),
-                got=str(other),
-                fix="ask for the same again, choose another folder with --out, or --fresh",
-            )
+def _damaged_log(where: str, got: str) -> InputError:
+    return InputError(
+        "the log of the training cannot be read",
+        where=where,
+        got=got,
+        fix="put it back as it was, or --fresh starts anew",
+    )
 
 
 def _as_csv(rows: list[Row], header: bool) -> str:
@@ -219,5 +240,8 @@ def _write(path: Path, rows: list[Row]) -> None:
 def _read(path: Path) -> list[Row]:
     if not path.exists():
         return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            return list(csv.DictReader(file))
+    except (ValueError, csv.Error) as error:
+        raise _damaged_log(str(path), str(error)[:100]) from error

@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
-from importlib.resources import files
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.architectures import UNET_FILTERS
+from dfdbench.methods.networks.choices import SITES, SIZED, plain_choices
 from dfdbench.methods.networks.inference import Readout
 from dfdbench.methods.networks.widths import FILTERS, narrowed
-from dfdbench.system.record import Record, problems_of
+from dfdbench.system.record import Record
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
+Expansion = Literal["eight", "basic", "one"]
 #: Wider than this no configuration can mean.
 _NARROWEST = 128
+#: Rows and columns of a filter, or one number for both.
+_Size = int | tuple[int, int]
+_Activation = Literal["relu", "prelu", "sigmoid", "tanh", "elu", "srelu"]
 
 
 class TrainingConfiguration(Record):
     """All choices of a training but the data and the seed.
 
-    Defaults are the thesis's (5.2), apart from what its text leaves open: `crops_per_step`.
+    Defaults are the thesis's (5.2). Its text does not say how many patches make a step: 28 is what
+    its author's sources and its Fig. 5.8 come to.
 
     Parameters
     ----------
@@ -38,12 +40,16 @@ class TrainingConfiguration(Record):
         Filters that halve and double the resolution (5.4.5); DfD-Net only.
     first_activation : {"prelu", "sigmoid"}
         ``sigmoid`` as the particle swarm chose (6.1); DfD-Net only.
+    kernels, activations, normalized : list, optional
+        What else a particle describes, as of `DfDNet`: 14 filter sizes, 9 activations in place of
+        `first_activation` and PReLU, at which of 9 sites there is batch normalization.
     crop : int
         Rows and columns of the image patches.
     crops_per_step : int
         Patches drawn for each step, before expansion.
-    expansion : {"eight", "one"}
-        Every patch in four rotations and mirrored, or in one of those eight drawn at random.
+    expansion : {"eight", "basic", "one"}
+        Every patch in four rotations and mirrored; ``basic``: mirrored left-right, then up-down,
+        each with probability 1/2 (5.2.1); ``one``: in one of all eight, drawn at random.
     noise : float
         Standard deviation of Gaussian noise on all six channels, in grey levels (5.4.4).
     redraw_depth : bool
@@ -68,10 +74,14 @@ class TrainingConfiguration(Record):
         about it, in levels, so that near misses count as such.
     learning_rate, weight_decay, betas
         Of Adam.
-    schedule : {"progress", "cosine"}
-        Lower the learning rate where the loss makes no progress, or along a cosine to 0.
+    decay_prelu : bool
+        Weight decay for the slopes of the PReLUs too, as in dlib; else for filters alone. A choice
+        of its own, whatever the schedule. U-Net has no PReLU.
+    schedule : {"dlib", "progress", "cosine"}
+        Lower the learning rate where the loss makes no progress, as dlib's trainer judges it or by
+        an earlier rule of our own; or along a cosine to 0.
     patience, shrink, minimum_learning_rate
-        Of ``progress``: steps without progress, factor, and where training ends.
+        Of ``dlib`` and ``progress``: steps without progress, factor, and where training ends.
     steps : int, optional
         Where training ends at the latest; ``cosine`` needs it.
     warm_up : int
@@ -90,9 +100,18 @@ class TrainingConfiguration(Record):
     narrow: Annotated[int, Field(ge=1, le=_NARROWEST)] = 1
     sampling_size: Annotated[int, Field(ge=1, le=8)] = 2
     first_activation: Literal["prelu", "sigmoid"] = "prelu"
-    crop: Annotated[int, Field(ge=16)] = 32
-    crops_per_step: Count = 4
-    expansion: Literal["eight", "one"] = "eight"
+    kernels: Annotated[list[_Size], Field(min_length=len(SIZED), max_length=len(SIZED))] | None = (
+        None
+    )
+    activations: (
+        Annotated[list[_Activation], Field(min_length=len(SITES), max_length=len(SITES))] | None
+    ) = None
+    normalized: (
+        Annotated[list[bool], Field(min_length=len(SITES), max_length=len(SITES))] | None
+    ) = None
+    crop: Annotated[int, Field(ge=12)] = 32
+    crops_per_step: Count = 28
+    expansion: Expansion = "eight"
     noise: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = 0.0
     redraw_depth: bool = False
     tilt: Annotated[float, Field(ge=0, le=8, allow_inf_nan=False)] = 1.0
@@ -107,7 +126,8 @@ class TrainingConfiguration(Record):
         0.5,
         0.99,
     )
-    schedule: Literal["progress", "cosine"] = "progress"
+    decay_prelu: bool = True
+    schedule: Literal["dlib", "progress", "cosine"] = "dlib"
     patience: Annotated[int, Field(ge=10)] = 2500
     shrink: Annotated[float, Field(gt=0, lt=1)] = 0.1
     minimum_learning_rate: Positive = 1e-10
@@ -127,7 +147,22 @@ class TrainingConfiguration(Record):
                 raise ValueError(f"tracks: any of {', '.join(TRACKS)}, got {name}")
         if isinstance(self.filters, str) and self.filters not in FILTERS:
             raise ValueError(f"filters: one of {', '.join(FILTERS)}, got {self.filters}")
+        if self.activations and self.first_activation != "prelu":
+            raise ValueError("activations and first_activation both say what comes first")
         return self
+
+    def with_examples_of_eight(self) -> TrainingConfiguration:
+        """Return it with as many examples a step as its patches give in eight orientations.
+
+        5.2.1 compares schemes of expansion so.
+
+        Examples
+        --------
+        >>> TrainingConfiguration(expansion="basic").with_examples_of_eight().crops_per_step
+        224
+        """
+        patches = self.crops_per_step * (1 if self.expansion == "eight" else 8)
+        return self.model_copy(update={"crops_per_step": patches})
 
     def architecture(self, method: str) -> dict[str, Any]:
         """Return the constructor arguments of the network of a method.
@@ -152,13 +187,21 @@ class TrainingConfiguration(Record):
             "filters": list(narrowed(filters, self.narrow)),
             "sampling_size": self.sampling_size,
             "first_activation": self.first_activation,
+            **plain_choices(self.kernels, self.activations, self.normalized),
         }
 
     def _refuse_choices_of_dfd_net(self) -> None:
         defaults = type(self).model_fields
         problems = [
             Problem("U-Net has no such choice", where=name, got=str(getattr(self, name)))
-            for name in ("sampling_size", "first_activation", "normalization")
+            for name in (
+                "sampling_size",
+                "first_activation",
+                "kernels",
+                "activations",
+                "normalized",
+                "normalization",
+            )
             if getattr(self, name) != defaults[name].default
         ]
         if isinstance(self.filters, str):
@@ -172,78 +215,3 @@ class TrainingConfiguration(Record):
             )
         if problems:
             raise InputError.of(problems)
-
-
-def shipped_configurations() -> dict[str, str]:
-    """Return the texts of the configurations that come with the package, by name."""
-    folder = files("dfdbench.training.configurations")
-    return {
-        item.name.removesuffix(".toml"): item.read_text(encoding="utf-8")
-        for item in sorted(folder.iterdir(), key=lambda item: item.name)
-        if item.name.endswith(".toml")
-    }
-
-
-def read_configuration(
-    name: str, changes: Mapping[str, Any] | None = None
-) -> TrainingConfiguration:
-    """Return a configuration: a shipped one by name, or that of a TOML file.
-
-    Parameters
-    ----------
-    name : str
-        A name, or a file's path.
-    changes : mapping, optional
-        Values to put in place of the file's.
-
-    Raises
-    ------
-    InputError
-        Where there is no such file, or it holds something else; every problem is named.
-
-    Examples
-    --------
-    >>> read_configuration("published", {"noise": 2}).noise
-    2.0
-    """
-    shipped = shipped_configurations()
-    if name in shipped:
-        text = shipped[name]
-    elif Path(name).is_file():
-        text = Path(name).read_text(encoding="utf-8", errors="replace")
-    else:
-        raise InputError(
-            "no such configuration",
-            where="--config",
-            expected=f"a file, or one of: {', '.join(shipped)}",
-            got=name,
-        )
-    try:
-        choices = {**tomllib.loads(text), **(changes or {})}
-    except tomllib.TOMLDecodeError as error:
-        raise InputError("not a TOML file", where=name, got=str(error)) from error
-    return _checked(choices, name)
-
-
-def _checked(choices: Mapping[str, Any], name: str) -> TrainingConfiguration:
-    known = TrainingConfiguration.model_fields
-    problems = [
-        Problem(
-            "unknown choice",
-            where=f"{name}: {choice}",
-            expected=f"one of: {', '.join(known)}",
-            got=choice,
-        )
-        for choice in choices
-        if choice not in known
-    ]
-    try:
-        configuration = TrainingConfiguration.model_validate(
-            {choice: value for choice, value in choices.items() if choice in known}
-        )
-    except ValidationError as error:
-        what = "the configuration cannot be used"
-        raise InputError.of([*problems, *problems_of(error, what, file=name)]) from error
-    if problems:
-        raise InputError.of(problems)
-    return configuration

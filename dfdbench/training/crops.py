@@ -16,6 +16,7 @@ from dfdbench.blur.tracks import Degradation
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
+from dfdbench.training.configuration import Expansion
 from dfdbench.training.random_tracks import RandomTracks
 
 #: What cross-entropy leaves out.
@@ -114,8 +115,7 @@ class Redraw:
     ) -> None:
         self._recipe = recipe
         self._range = lowest, highest
-        self._tilt = tilt
-        self._unknown = unknown
+        self._tilt, self._unknown = tilt, unknown
         #: Pixels around a patch that its blur depends on.
         self.margin = margin_of(recipe)
 
@@ -159,8 +159,8 @@ class Cropper:
         Rows and columns of a patch.
     count : int
         Patches a step, before expansion.
-    expand : bool
-        Give each in its eight orientations (5.2.1); else in one of them.
+    expansion : {"eight", "basic", "one"}
+        Each in its eight orientations, in one of the four by mirroring alone, or in one of all.
     noise : float
         Standard deviation in grey levels.
     seed : int
@@ -181,7 +181,7 @@ class Cropper:
         images: TrainingImages,
         size: int,
         count: int,
-        expand: bool,
+        expansion: Expansion,
         noise: float,
         seed: int,
         redraw: Redraw | None = None,
@@ -195,7 +195,8 @@ class Cropper:
         self._images = images
         self.size = size
         self.count = count
-        self._expand = expand
+        self._expand = expansion == "eight"
+        self._to_draw = (0, 4, 6, 2) if expansion == "basic" else tuple(range(8))
         self._noise = noise
         self._seed = seed
         self._redraw = redraw
@@ -230,10 +231,10 @@ class Cropper:
                 for extent in self.shapes[index]
             )
             depth = self._redraw.choose(random) if self._redraw else None
-            orientation = 0 if self._expand else int(random.integers(8))
+            drawn = 0 if self._expand else int(random.integers(len(self._to_draw)))
             track = self._tracks.choose(random) if self._tracks else None
             name = f"{self._seed}/{step}/{number}"
-            places.append(Place(index, top, left, orientation, depth, track, name))
+            places.append(Place(index, top, left, self._to_draw[drawn], depth, track, name))
         return places
 
     def _patch(self, place: Place) -> tuple[Tensor, Tensor]:

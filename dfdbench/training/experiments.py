@@ -1,4 +1,4 @@
-"""The experiments of chapters 5 and 7: a training for each value and seed, a table of scores."""
+"""The experiments of chapters 5 to 7: a training for each value and seed, a table of scores."""
 
 from __future__ import annotations
 
@@ -19,9 +19,11 @@ from dfdbench.metrics.metric import METRICS
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
 from dfdbench.training.checkpoint import WEIGHTS
-from dfdbench.training.configuration import TrainingConfiguration, read_configuration
+from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.configuration_file import read_configuration
 from dfdbench.training.ending import EndedBy
 from dfdbench.training.precision import settled
+from dfdbench.training.scoring import PROTOCOL
 from dfdbench.training.task import Task, require_trainable, task_of
 from dfdbench.training.trainer import train
 
@@ -126,7 +128,7 @@ def trials(
     experiment: Experiment,
     method: str,
     store: Store | Mapping[str, Store],
-    config: str,
+    config: str | Mapping[str, str],
     changes: Mapping[str, Any],
     folder: Path,
     values: Sequence[Any] | None = None,
@@ -143,8 +145,9 @@ def trials(
         What is trained.
     store : Store or mapping of str to Store
         On what; the set of each pair of voltage steps by its value where those vary.
-    config : str
-        The configuration to start from: a file or a shipped name.
+    config : str or mapping of str to str
+        The configuration to start from, a file or a shipped name; or that of each value, whose
+        whole difference it is.
     changes : mapping
         Values in place of the file's.
     folder : Path
@@ -159,7 +162,7 @@ def trials(
     InputError
         Where a value is none that the configuration takes, or the network cannot be trained.
     """
-    chosen = tuple(values or experiment.values)
+    chosen = tuple(values or (experiment.values if isinstance(config, str) else config))
     if not isinstance(store, Store):
         chosen = tuple(store)
     elif experiment.varies == FOLD:
@@ -178,9 +181,12 @@ def trials(
     # A value given twice is one value: its trainings would be counted twice.
     for value in dict.fromkeys(chosen):
         fold = str(value) if experiment.varies == FOLD else None
-        choice = experiment.varies not in ("", FOLD, PAIR)
+        choice = experiment.varies not in ("", FOLD, PAIR) and isinstance(config, str)
         varied = {experiment.varies: value} if choice else {}
-        configuration = read_configuration(config, {**changes, **varied})
+        named = config if isinstance(config, str) else config[str(value)]
+        configuration = read_configuration(named, {**changes, **varied})
+        if experiment.varies == "expansion":
+            configuration = configuration.with_examples_of_eight()
         for seed in range(repeats or experiment.repeats):
             data = store if isinstance(store, Store) else store[str(value)]
             task = task_of(method, data, configuration, experiment.split, fold, seed, start)
@@ -231,7 +237,9 @@ def _is_of(card: Card, task: Task, device: str) -> bool:
     )
 
 
-def experiment_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) -> Table:
+def experiment_table(
+    experiment: Experiment, cards: Sequence[tuple[str, Card]], protocol: str = PROTOCOL
+) -> Table:
     """Return minimum, mean, maximum and deviation of the scores, as Tables 5.6 and 5.7.
 
     Parameters
@@ -240,6 +248,8 @@ def experiment_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) 
         What was done.
     cards : sequence of (str, Card)
         Value and card of each training that has ended.
+    protocol : str
+        The label of one of `dfdbench.training.scoring.LOGGED`.
     """
     by_value: dict[str, list[Card]] = {}
     for value, card in cards:
@@ -249,10 +259,11 @@ def experiment_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) 
         for statistic, of in _STATISTICS.items():
             if len(group) == 1 and statistic != "mean":
                 continue
+            of_each = [card.scores_under(protocol) for card in group]
             scores = {
-                metric: of([card.scores[metric] for card in group])
+                metric: of([scores[metric] for scores in of_each])
                 for metric in METRICS
-                if all(metric in card.scores for card in group)
+                if all(metric in scores for scores in of_each)
             }
             rows.append(
                 (
@@ -263,9 +274,10 @@ def experiment_table(experiment: Experiment, cards: Sequence[tuple[str, Card]]) 
                 )
             )
             record: dict[str, object] = {"value": value, "trainings": len(group)}
-            records.append({**record, "statistic": rows[-1][2], **scores})
+            record["statistic"] = rows[-1][2]
+            records.append({**record, **scores, "protocol": protocol})
     some = cards[0][1] if cards else None
-    notes = [f"{some.method} on {some.dataset}, protocol thesis"] if some else []
+    notes = [f"{some.method} on {some.dataset}, protocol {protocol}"] if some else []
     notes += sorted({f"steps {card.steps:,}, ended by {card.ended_by}" for _, card in cards})
     heading = experiment.varies.replace("_", " ") or "value"
     return Table(

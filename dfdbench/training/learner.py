@@ -18,6 +18,10 @@ from dfdbench.training.schedule import schedule_of
 from dfdbench.training.task import Task, require_trainable, tracks_of
 
 
+class DivergedError(InputError):
+    """A training whose loss is no number any more."""
+
+
 class Learner:
     """A network, what draws its patches, and what changes its weights.
 
@@ -60,7 +64,7 @@ class Learner:
         network, self.started_from = _beginning(task, self.architecture)
         self.network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._optimizer = torch.optim.Adam(
-            _parameter_groups(self.network, choices.weight_decay),
+            _parameter_groups(self.network, choices.weight_decay, choices.decay_prelu),
             choices.learning_rate,
             betas=choices.betas,
             fused=True,
@@ -80,7 +84,7 @@ class Learner:
 
         Raises
         ------
-        InputError
+        DivergedError
             Where the loss is no number any more.
         """
         pixels, levels = self.cropper.draw(self.step)
@@ -98,7 +102,7 @@ class Learner:
         self._optimizer.step()
         value = float(loss.detach())
         if not np.isfinite(value):
-            raise InputError(
+            raise DivergedError(
                 "the loss is no number any more",
                 where=f"step {self.step + 1}",
                 got=str(value),
@@ -139,11 +143,12 @@ def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str
         Problem(
             "the weights are of another network",
             where=f"{task.start}: {name}",
-            expected=str(value),
+            expected=str(architecture.get(name)),
             got=str(card.architecture.get(name)),
         )
-        for name, value in architecture.items()
-        if name != "channel_means" and card.architecture.get(name) != value
+        # What is usual is left out: a choice may stand on either side alone.
+        for name in dict.fromkeys([*architecture, *card.architecture])
+        if name != "channel_means" and card.architecture.get(name) != architecture.get(name)
     ]
     if problems:
         raise InputError.of(problems)
@@ -161,7 +166,7 @@ def _cropper(task: Task, images: TrainingImages) -> Cropper:
         images,
         choices.crop,
         choices.crops_per_step,
-        choices.expansion == "eight",
+        choices.expansion,
         choices.noise,
         task.seed,
         _redraw(task, images),
@@ -180,11 +185,15 @@ def _redraw(task: Task, images: TrainingImages) -> Redraw | None:
     return Redraw(recipe, int(known.min()), int(known.max()), task.configuration.tilt, unknown)
 
 
-def _parameter_groups(network: nn.Module, weight_decay: float) -> list[dict[str, Any]]:
-    # As in dlib, decay is for the filters: not for biases, batch normalization, activations.
-    filters = [parameter for parameter in network.parameters() if parameter.dim() > 1]
-    others = [parameter for parameter in network.parameters() if parameter.dim() <= 1]
+def _parameter_groups(
+    network: nn.Module, weight_decay: float, decay_prelu: bool
+) -> list[dict[str, Any]]:
+    # As in dlib: filters decay and, where asked for, PReLUs; biases and batch normalization never.
+    slopes = [module.weight for module in network.modules() if isinstance(module, nn.PReLU)]
+    decayed = {id(parameter) for parameter in network.parameters() if parameter.dim() > 1}
+    decayed |= {id(slope) for slope in slopes if decay_prelu}
+    parameters = list(network.parameters())
     return [
-        {"params": filters, "weight_decay": weight_decay},
-        {"params": others, "weight_decay": 0.0},
+        {"params": [p for p in parameters if id(p) in decayed], "weight_decay": weight_decay},
+        {"params": [p for p in parameters if id(p) not in decayed], "weight_decay": 0.0},
     ]

@@ -7,10 +7,17 @@ from typing import Any, Protocol
 
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.ending import EndedBy
-from dfdbench.training.slope_test import steps_without_progress
+from dfdbench.training.slope_test import (
+    SURE,
+    probability_of_fall,
+    steps_without_progress,
+    without_largest,
+)
 
 #: The slope test looks at all losses since the last change: not at each step.
 _TEST_EVERY = 50
+#: Of dlib's trainer: what a step adds to the budget of checks, and the losses it drops at least.
+_BUDGET_A_STEP, _DROPPED = 200, 400
 
 
 class Schedule(Protocol):
@@ -35,7 +42,10 @@ class Schedule(Protocol):
 
 
 class ProgressSchedule:
-    """The learning rate falls where the loss has made no progress for long (5.2.2).
+    """The learning rate falls where the loss has made no progress for long: a rule of our own.
+
+    Of all losses since the last change, the largest number of last ones that do not fall is sought,
+    every 50 steps; then all are forgotten.
 
     Parameters
     ----------
@@ -88,6 +98,47 @@ class ProgressSchedule:
         """Go on from a checkpoint."""
         self._step, self.rate = state["step"], state["rate"]
         self._losses = list(state["losses"])
+
+
+class DlibSchedule(ProgressSchedule):
+    """The learning rate falls where dlib's trainer would lower it (5.2.2).
+
+    Only the last `patience` losses are kept. Every ``patience // 200 + 1`` steps, 13 for 2,500, a
+    line is fitted to them, once there are so many; where it is not falling with a probability of
+    0.51, neither over all of them nor without the largest 10 %, the rate is lowered and the
+    oldest ``400 + patience // 10`` are dropped. After dlib's ``dnn_trainer`` and
+    ``running_gradient``; that it goes back to its last file where the loss rises is left out.
+
+    Parameters
+    ----------
+    configuration : TrainingConfiguration
+        Its `learning_rate`, `patience`, `shrink`, `minimum_learning_rate` and `steps`.
+
+    Examples
+    --------
+    >>> choices = TrainingConfiguration(patience=600, learning_rate=0.1)
+    >>> schedule = DlibSchedule(choices)
+    >>> lowered = []
+    >>> for step in range(1, 1201):
+    ...     before = schedule.rate
+    ...     schedule.after(step, 1.0)
+    ...     if schedule.rate < before:
+    ...         lowered.append(step)
+    >>> lowered  # 460 are dropped, and 460 more have to come
+    [600, 1060]
+    """
+
+    def after(self, step: int, loss: float) -> None:
+        """Take note of a loss; lower the rate where dlib would."""
+        self._step = step
+        self._losses = [*self._losses[-self._patience + 1 :], loss]
+        due = step % (self._patience // _BUDGET_A_STEP + 1) == 0
+        if not due or len(self._losses) < self._patience:
+            return
+        kept = without_largest(self._losses)
+        if max(probability_of_fall(self._losses), probability_of_fall(kept)) < SURE:
+            self.rate *= self._shrink
+            del self._losses[: _DROPPED + self._patience // 10]
 
 
 class CosineSchedule:
@@ -143,4 +194,4 @@ def schedule_of(configuration: TrainingConfiguration) -> Schedule:
     """Return the schedule that a configuration asks for."""
     if configuration.schedule == "cosine":
         return CosineSchedule(configuration)
-    return ProgressSchedule(configuration)
+    return (DlibSchedule if configuration.schedule == "dlib" else ProgressSchedule)(configuration)

@@ -6,6 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from statistics import fmean
 
 import numpy as np
 import torch
@@ -14,11 +15,13 @@ from torch import nn
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.methods.networks.inference import Predictor, Readout
-from dfdbench.metrics.metric import METRICS, mean_of
-from dfdbench.metrics.protocol import PROTOCOLS, score
+from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.protocol import PROTOCOLS, find_protocol, score
 
-#: Under which training scores are taken.
+#: Under which training scores are taken first, and drawn.
 PROTOCOL = "thesis"
+#: All under which they are taken: Tables 5.6 and 5.7 are of the second kind.
+LOGGED = (PROTOCOL, find_protocol("thesis-networks").label)
 
 
 def evenly_spaced(pairs: Sequence[Pair], count: int) -> tuple[Pair, ...]:
@@ -54,8 +57,10 @@ def mean_scores(
     device: torch.device,
     on_pair: Callable[[int, int], None] | None = None,
     readout: Readout = "mode",
-) -> dict[str, float]:
-    """Return the mean of each metric over pairs; a metric is absent where no pair defines it.
+) -> dict[str, dict[str, float]]:
+    """Return the mean of each metric over pairs, under each protocol of `LOGGED`, by its label.
+
+    A metric is absent where no pair defines it.
 
     Parameters
     ----------
@@ -73,18 +78,21 @@ def mean_scores(
         Which level of a pixel's distribution is the answer.
     """
     predict = Predictor(copy.deepcopy(network).eval(), device, readout=readout)
-    values: dict[str, list[float]] = {metric: [] for metric in METRICS}
+    values: dict[str, dict[str, list[float]]] = {
+        protocol: {metric: [] for metric in METRICS} for protocol in LOGGED
+    }
     for done, pair in enumerate(pairs, 1):
         images = store.read(pair)
         levels = predict(images.infocus, images.defocus).astype(np.float32)
-        scores = score(
-            PROTOCOLS[PROTOCOL], images.depth, images.valid, levels, store.manifest.network_crop
-        )
-        for metric in METRICS:
-            value = scores[metric]
-            if not math.isnan(value):
-                values[metric].append(value)
+        crop = store.manifest.network_crop
+        for protocol, found in values.items():
+            scores = score(PROTOCOLS[protocol], images.depth, images.valid, levels, crop)
+            for metric in METRICS:
+                if not math.isnan(scores[metric]):
+                    found[metric].append(scores[metric])
         if on_pair:
             on_pair(done, len(pairs))
-    means = {metric: mean_of(found) for metric, found in values.items()}
-    return {metric: mean for metric, mean in means.items() if mean is not None}
+    return {
+        protocol: {metric: fmean(scores) for metric, scores in found.items() if scores}
+        for protocol, found in values.items()
+    }

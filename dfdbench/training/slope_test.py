@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 _FEWEST = 3
+#: A loss has fallen where this is sure, in dlib and here.
+SURE = 0.51
 
 
 def steps_without_progress(
-    losses: Sequence[float] | NDArray[np.float64], probability: float = 0.51
+    losses: Sequence[float] | NDArray[np.float64], probability: float = SURE
 ) -> int:
     """Return the largest number of last steps over which the loss is not known to have fallen.
 
@@ -58,6 +60,49 @@ def steps_without_progress(
         falling = np.where(error > least, ndtr(rise / error), exact)
     stuck = falling[_FEWEST - 1 :] < probability
     return int(np.flatnonzero(stuck)[-1]) + _FEWEST if stuck.any() else 0
+
+
+def probability_of_fall(losses: Sequence[float] | NDArray[np.float64]) -> float:
+    """Return how sure it is that the loss has fallen over all of its steps.
+
+    That of the line through all losses, as `steps_without_progress` has it for its largest number.
+
+    Parameters
+    ----------
+    losses : array_like of float, shape (n,)
+        One a step, oldest first; at least 3.
+
+    Examples
+    --------
+    >>> probability_of_fall([5.0, 4.0, 3.0]), probability_of_fall([1.0, 1.0, 1.0])
+    (1.0, 0.5)
+    >>> round(probability_of_fall([2.0, 1.0, 3.0, 2.0]), 3)
+    0.319
+    """
+    values = np.asarray(losses, np.float64)
+    steps = np.arange(values.size) - (values.size - 1) / 2
+    centred = values - values.mean()
+    slope = float(steps @ centred / (steps @ steps))
+    residual = centred - slope * steps
+    error = float(np.sqrt(residual @ residual / (values.size - 2) / (steps @ steps)))
+    least = _rounding(values)
+    if error > least:
+        return float(ndtr(-slope / error))
+    return 0.5 if abs(slope) <= least else float(slope < 0)
+
+
+def without_largest(losses: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the losses but the largest tenth of them, in their order, as dlib leaves them out.
+
+    Examples
+    --------
+    >>> without_largest([3, 9, 1, 2, 5, 4, 6, 7, 8, 2, 1]).tolist()
+    [3.0, 1.0, 2.0, 5.0, 4.0, 6.0, 7.0, 8.0, 2.0, 1.0]
+    """
+    values = np.asarray(losses, np.float64)
+    highest = int((values.size - 1) * 0.9 + 0.5)
+    kept: NDArray[np.float64] = values[values <= np.partition(values, highest)[highest]]
+    return kept
 
 
 def _rounding(values: NDArray[np.float64]) -> float:

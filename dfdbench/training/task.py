@@ -8,13 +8,13 @@ from typing import Any
 
 import torch
 
-import dfdbench
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.datasets.folds import require_fold, training_of
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.weights import build_network, weights_sha256
+from dfdbench.system.version import PACKAGE_VERSION
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.crops import margin_of, require_fit
 from dfdbench.training.random_tracks import RandomTracks
@@ -58,7 +58,7 @@ class Task:
     def identity(self) -> dict[str, Any]:
         """What must be the same for a checkpoint to be gone on with."""
         return {
-            "dfdbench": dfdbench.__version__,
+            "dfdbench": PACKAGE_VERSION,
             "method": self.method,
             "fingerprint": self.store.fingerprint,
             "trained_on": self.trained_on,

@@ -10,18 +10,18 @@ from typing import Any
 
 import torch
 
-import dfdbench
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import ResultError, reason_of, room_or
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
 from dfdbench.results.environment import describe_environment
-from dfdbench.training.checkpoint import WEIGHTS, Log, TrainingFolder
+from dfdbench.system.version import PACKAGE_VERSION
+from dfdbench.training.checkpoint import DAMAGED, WEIGHTS, Log, TrainingFolder
 from dfdbench.training.crops import Cropper
 from dfdbench.training.ending import EndedBy
 from dfdbench.training.learner import Learner
 from dfdbench.training.precision import settled
-from dfdbench.training.scoring import evenly_spaced, mean_scores, same_threads
+from dfdbench.training.scoring import PROTOCOL, evenly_spaced, mean_scores, same_threads
 from dfdbench.training.task import Task
 
 _SAVE_SECONDS = 60.0
@@ -118,8 +118,11 @@ class _Session:
         self._new = Log()
         if folder.started and not fresh:
             state = folder.load(task.identity)
-            self._seconds = state["seconds"]
-            self._learner.restore(state)
+            try:
+                self._seconds = float(state["seconds"])
+                self._learner.restore(state)
+            except DAMAGED as error:
+                raise folder.unreadable(error) from error
 
     def run(
         self, max_seconds: float | None, on_step: Callable[[int, int | None, float], None] | None
@@ -167,11 +170,12 @@ class _Session:
         row: dict[str, Any] = {"step": self._learner.step}
         for name, pairs in (("train", self._task.train), ("test", self._task.test)):
             chosen = evenly_spaced(pairs, self._task.configuration.evaluate_pairs)
-            scores = self._mean_scores(chosen)
-            row |= {f"{name}_{metric}": value for metric, value in scores.items()}
+            for protocol, scores in self._mean_scores(chosen).items():
+                kind = name if protocol == PROTOCOL else f"{name}_{protocol}"
+                row |= {f"{kind}_{metric}": value for metric, value in scores.items()}
         self._new.scores.append(row)
 
-    def _mean_scores(self, pairs: Sequence[Pair]) -> dict[str, float]:
+    def _mean_scores(self, pairs: Sequence[Pair]) -> dict[str, dict[str, float]]:
         readout = self._task.configuration.readout
         store, device = self._task.store, self._device
         return mean_scores(self._learner.network, store, pairs, device, readout=readout)
@@ -202,12 +206,13 @@ class _Session:
             seconds=round(self._seconds, 1),
             ended_by=ended,
             scored_on=f"{task.tested_on}, {len(task.test)} pairs" if task.test else "nothing",
-            scores=scores,
+            scores=scores.pop(PROTOCOL),
+            further_scores=scores,
             environment={
                 "processor": environment.gpu or environment.cpu,
                 "threads": str(torch.get_num_threads()),
                 "torch": str(torch.__version__),
-                "dfdbench": dfdbench.__version__,
+                "dfdbench": PACKAGE_VERSION,
             },
         )
         path = self._folder.path / WEIGHTS

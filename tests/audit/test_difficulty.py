@@ -87,6 +87,7 @@ def test_only_known_pixels_count() -> None:
         smallest_step(image, depth, valid, RECIPE, noise=math.inf)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_the_errors_of_local_follow_it(demo_store: Store) -> None:
     # Both views of one test scene under every light: the shares rank the errors, and pixels
     # whose blur shows only larger steps err more.

@@ -82,6 +82,7 @@ def test_the_demo_set_leaks_nothing(demo_store: Store) -> None:
     assert [(leak.kind, leak.test) for leak in both] == [(LeakKind.scene, "Barn")]
 
 
+@pytest.mark.slow
 def test_a_copied_image_under_another_name_is_found_and_keeps_scenes_together(
     tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
 ) -> None:

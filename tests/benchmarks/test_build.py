@@ -1,4 +1,4 @@
-"""All 27 scenes at default lighting: seconds a pair for reading, blur and writing.
+"""All 27 scenes at default lighting: seconds per pair for reading, blur and writing.
 
 The shared Middlebury images are used where they are found; scenes that are not there, and all
 of them where none is, are random images of the same size. The peer is the thesis's way to blur,

@@ -40,6 +40,7 @@ def test_the_fingerprint_does_not_depend_on_the_workers(
     assert report.fingerprint == tiny_store.fingerprint
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "where",
     [
@@ -238,6 +239,7 @@ def test_an_unknown_recipe_is_told(
         build_store(tiny_manifest, source, tmp_path / "s.zarr", recipe="txt")
 
 
+@pytest.mark.slow
 def test_the_shared_middlebury_scenes(shared_data: Path, tmp_path: Path) -> None:
     manifest, folder = find_manifest("middlebury-default"), shared_data / "middlebury"
     assert len(open_source(find_manifest("middlebury"), folder).available_pairs()) == 4
@@ -259,6 +261,6 @@ def test_the_leaderboard_holds_to_the_same_fingerprints() -> None:
         for number in range(len(track.severities))
     ]
     on_tracks = {f"{name}@{label}" for name in sets for label in labels}
-    assert set(known) == {"dfd-indoor-1", *sets} | on_tracks
+    assert set(known) == {"dfd-indoor-1", "realworld-sim-1", *sets} | on_tracks
     # Every severity of every track is data of its own.
     assert len({value for values in known.values() for value in values}) == len(known)

@@ -88,6 +88,7 @@ def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -
     assert np.array_equal(image[..., ::-1], store.read(store.pairs("k03")[1]).defocus)
 
 
+@pytest.mark.slow
 def test_the_published_images_come_out_again(
     shared_data: Path, tmp_path: Path, read_image: Callable[[Path], NDArray[np.uint8]]
 ) -> None:

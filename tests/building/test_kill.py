@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import random
 import time
 from pathlib import Path
@@ -22,6 +23,8 @@ from tests.conftest import TINY_TOML, write_png
 from tests.site import served
 
 BELOW = "data/scenes/ThirdSize"
+#: `make kills` asks for more.
+MANY = int(os.environ.get("DFDBENCH_KILLS", "24"))
 
 
 def make_site(folder: Path) -> None:
@@ -49,7 +52,10 @@ def reference(manifest: Manifest, folder: Path, store: Path) -> str:
     return build_store(manifest, open_source(manifest, folder), store).fingerprint
 
 
-@pytest.mark.parametrize(("kills", "hits"), [(6, 2), pytest.param(24, 12, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kills", "hits"), [(6, 2), pytest.param(MANY, MANY // 2, marks=pytest.mark.slow)]
+)
 def test_killed_at_random_moments_the_next_build_ends_the_same(
     tmp_path: Path, kills: int, hits: int
 ) -> None:

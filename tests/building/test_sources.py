@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from dfdbench.building import SceneImages, build_store
-from dfdbench.building.sources import ENTRY_POINT_GROUP, Source, open_source
+from dfdbench.building.sources import ENTRY_POINT_GROUP, Source, is_made, open_source
 from dfdbench.building.sources.demo import DemoScenes
 from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.building.sources.realworld import RealworldFolder
-from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import SourceError
 
@@ -32,6 +32,11 @@ def check_interface(source: Source, manifest: Manifest) -> None:
     assert images.infocus.shape[len(on_axes) : -1] == images.depth.shape[-2:]
     assert (images.defocus is not None) == source.captures_defocus
     assert isinstance(source.missing_help(pairs[:1]), str)
+
+
+def test_what_is_made_needs_no_files() -> None:
+    made = [manifest.short for manifest in released_manifests() if is_made(manifest)]
+    assert made == ["demo", "realworld-sim"]
 
 
 def test_each_reader_has_its_source(
@@ -108,4 +113,7 @@ def test_packages_offer_sources(
         open_source(tiny_manifest.model_copy(update={"reader": "torn"}))
     with pytest.raises(SourceError, match="has no reader") as caught:
         open_source(tiny_manifest.model_copy(update={"reader": "tapes"}))
-    assert "folder, middlebury, noise, realworld, torn" in caught.value.problems[0].expected
+    assert (
+        "folder, middlebury, noise, realworld, realworld-sim, torn"
+        in caught.value.problems[0].expected
+    )

@@ -31,6 +31,7 @@ def built(
     return Store(place), report.fingerprint
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["camera-2", "shift-1", "occlusion-3"])
 def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
     tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store, tmp_path: Path, label: str

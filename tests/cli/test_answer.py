@@ -82,6 +82,7 @@ sys.exit(7)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format", ["table", "markdown"])
 def test_a_reader_that_has_enough_changes_neither_files_nor_status(
     tmp_path: Path, format: str

@@ -21,7 +21,7 @@ from tests.site import Site
         (["build", "middlebury", "--offline"], "--source DIR"),
         (["build", "realworld"], "dfdbench build realworld --source DIR"),
         (["build", "demo", "--recipe", "text"], "--store PATH"),
-        (["run", "--method", "mymodule:predict"], "the small one, demo"),
+        (["run", "--method", "mymodule:predict"], "dfdbench build demo"),
         (["run", "--method", "local", "--protocol", "thesys"], "did you mean thesis"),
         (["check-method", "nosuch:thing"], "no module named nosuch"),
         (["check-method", "lokal"], "did you mean local"),
@@ -64,7 +64,7 @@ def test_a_full_disk_is_told() -> None:
         (["verify", "nothing.zarr"], "no such store"),
         (["export", "nothing.zarr", "--png", "x"], "no such store"),
         (["info", "nothing.zarr"], "no such store"),
-        (["build", "demo", "--scheduler", "nonsense://x"], "no scheduler answers"),
+        (["build", "demo", "--scheduler", "nonsense://x"], "not a scheduler's address"),
         (["build", "demo", "--store", "memory://x/y.zarr"], "in memory"),
         (["build", "demo", "--recipe", "txt"], "did you mean text"),
         (["build", "tiny-1.toml", "--mirror", "/tmp"], "not an address"),
@@ -79,4 +79,25 @@ def test_more_mistakes(dfdbench: Command, site: Site, arguments: list[str], told
     outcome = dfdbench(*arguments)
     assert outcome.status == 2
     assert told in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["list", "--cache"],
+        ["info"],
+        ["verify"],
+        ["register", "all", "--source"],
+        ["report"],
+        ["leaderboard", "--folder"],
+        ["optics", "pairs", "--lens"],
+    ],
+)
+def test_a_name_too_long_for_the_file_system_is_told(
+    dfdbench: Command, arguments: list[str]
+) -> None:
+    outcome = dfdbench(*arguments, "x" * 300 + ".toml")
+    assert outcome.status == 2
+    assert "too long" in outcome.err.lower()
     assert "Traceback" not in outcome.err

@@ -69,6 +69,7 @@ def test_what_training_lacks_is_named_kept_and_ends_with_status_1(
     assert json.loads(printed.out) == record
 
 
+@pytest.mark.slow
 def test_a_covered_test_ends_with_status_0(dfdbench: Command, uneven: str) -> None:
     fine = dfdbench("coverage", uneven, "--train", "Two", "--test", "One")
     assert (fine.status, fine.out.splitlines()[-1][:8]) == (0, "covered:")
@@ -96,6 +97,7 @@ def test_leaks_are_an_error(dfdbench: Command, uneven: str) -> None:
     assert "LEAK: training holds 1 scene of the test" in outcome.out
 
 
+@pytest.mark.slow
 def test_another_data_set_is_turned_round_where_it_grows_the_other_way(
     dfdbench: Command, uneven: str, tiny_folder: Path, tmp_path: Path
 ) -> None:
@@ -120,6 +122,7 @@ def test_another_data_set_is_turned_round_where_it_grows_the_other_way(
     assert "Eq. 7.1" in outcome.out
 
 
+@pytest.mark.slow
 def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: str) -> None:
     ran = dfdbench("run", "--method", "learned:Elsewhere", "--dataset", uneven, "--split", "K2")
     assert ran.status == 0
@@ -143,6 +146,7 @@ def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: s
     assert other.status == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "options"),
     [("local", ["--train", "all"]), ("local", ["--fold", "Three"]), ("learned:Elsewhere", [])],
@@ -163,6 +167,7 @@ def test_a_run_on_what_trained_its_method_is_a_leak(
     assert any("leak:" in warning for warning in warnings) == (method != "local")
 
 
+@pytest.mark.slow
 def test_training_is_what_the_user_or_the_method_names(dfdbench: Command, uneven: str) -> None:
     def conclusion(method: str, *options: str) -> str:
         dfdbench("run", "--method", method, "--dataset", uneven, "--split", "K2", "--out", method)
@@ -188,6 +193,7 @@ def test_only_a_method_that_names_its_training_is_warned_of(dfdbench: Command, u
     assert "trained_on is not" in warnings("learned:Silent")[0]
 
 
+@pytest.mark.slow
 def test_predictions_that_are_gone_or_not_the_runs_are_refused(
     dfdbench: Command, uneven: str, tiny_folder: Path, tmp_path: Path
 ) -> None:
@@ -273,6 +279,7 @@ def middlebury(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_middlebury_shows_what_the_thesis_found(dfdbench: Command, middlebury: str) -> None:
     """The thesis says that K03 lacks levels 35 to 38: Midd2's; Midd1's wall at 56 comes next."""
     fold = dfdbench("coverage", middlebury, "--fold", "K03", "--format", "json")

@@ -1,5 +1,7 @@
 from pathlib import Path
 
+import pytest
+
 from tests.cli.command import Command
 
 
@@ -17,3 +19,30 @@ def test_depths_are_counted_and_drawn(dfdbench: Command, uneven: str) -> None:
     wrong = dfdbench("depths", uneven, "--split", "Ome")
     assert wrong.status == 2
     assert "did you mean One" in wrong.err
+
+
+@pytest.mark.slow
+def test_errors_by_depth_stand_beside_a_constants(dfdbench: Command, uneven: str) -> None:
+    for level in ("90", "40"):
+        ran = dfdbench(
+            *("run", "--dataset", uneven, "--split", "all", "--method", "constant"),
+            *("--param", f"training_mean={level}", "--out", f"runs/{level}"),
+        )
+        assert ran.status == 0, ran.err
+    one = dfdbench("depths", uneven, "--result", "runs/90", "--figure", "errors.png")
+    assert one.status == 0, one.err
+    assert "mean absolute error by depth" in one.out
+    assert "constant (training_mean=90)" in one.out
+    assert Path("errors.png").stat().st_size > 10_000
+    both = dfdbench(
+        *("depths", uneven, "--result", "runs/90", "--result", "runs/40/result.json"),
+        *("--format", "csv"),
+    )
+    heading, *rows = both.out.splitlines()
+    assert heading.startswith("levels,of all,constant (training_mean=90),")
+    # 11 columns of 36, 11 of 37 and 10 of 38 are answered with 90, and with 40.
+    (near,) = [row.split(",") for row in rows if row.startswith("36-38,")]
+    assert near[2:4] == ["53.03", "3.03"]
+    wrong = dfdbench("depths", uneven, "--split", "all", "--result", "runs/90")
+    assert wrong.status == 2
+    assert "a run says itself which split" in wrong.err

@@ -1,9 +1,12 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from tests.cli.command import Command
 
 
+@pytest.mark.slow
 def test_difficulty_has_a_row_a_scene_and_lighting(dfdbench: Command, uneven: str) -> None:
     outcome = dfdbench("difficulty", uneven, "--split", "all")
     assert outcome.status == 0

@@ -11,6 +11,7 @@ from tests.cli.command import QUICK, Command
 from tests.conftest import write_png
 
 
+@pytest.mark.slow
 def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_store: Store) -> None:
     command = ["experiment", "cross-validation", "--dataset", str(tiny_store.path), *QUICK]
     done = dfdbench(*command)
@@ -37,6 +38,7 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) 
     assert "did you mean noise" in wrong.err
 
 
+@pytest.mark.slow
 def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -> None:
     random = np.random.default_rng(4)
     for scene in ("k33", "k37"):

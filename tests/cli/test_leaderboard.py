@@ -6,8 +6,11 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import zarr
 
+from dfdbench.datasets.store import Store
 from tests.cli.command import Command
 
 
@@ -64,6 +67,7 @@ def predict(infocus, defocus):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("built")
 def test_a_run_with_failed_pairs_is_submitted_without_rank(dfdbench: Command) -> None:
     Path("leaderboard/results").mkdir(parents=True)
@@ -85,6 +89,19 @@ def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -
         outcome = dfdbench(*arguments)
         assert (outcome.status, told in outcome.err) == (2, True), outcome.err
     assert not Path("leaderboard").exists()
+    assert not Path("results").exists()
+
+
+def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store: Store) -> None:
+    Path("leaderboard/results").mkdir(parents=True)
+    depth = zarr.open_group(str(tiny_store.path), mode="r+")["Two/depth"]
+    assert isinstance(depth, zarr.Array)
+    depth[...] = np.asarray(depth[...]) ^ 1
+    run = ("run", "--dataset", str(tiny_store.path), "--method", "constant", "--split", "One")
+    refused = dfdbench(*run, "--submit")
+    assert refused.status == 2
+    assert "does not hold what was built" in refused.err
+    assert "Two/depth" in refused.err
     assert not Path("results").exists()
 
 

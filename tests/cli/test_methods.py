@@ -1,4 +1,6 @@
 import json
+import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,7 @@ from tests.cli.command import Command
 def test_running_without_the_set_offers_the_two_commands_that_help(dfdbench: Command) -> None:
     told = dfdbench("run", "--method", "mymodule:predict").err
     assert "dfdbench build middlebury" in told
-    assert "the small one, demo" in told
+    assert "`dfdbench build demo`, then `--dataset demo`" in told
 
 
 def test_the_whole_way(
@@ -38,30 +40,37 @@ def test_the_whole_way(
             form,
             "--protocol",
             "valid",
+            "--no-figures",
         )
         assert shown.status == 0
+        assert "figures " not in shown.err
         assert "7 pairs taken over" in shown.err
         if form == "json":
             assert json.loads(shown.out)["protocol"] == "valid"
+    plain = dfdbench(
+        "run", "--method", "constant", "--dataset", store, "--limit", "1", "--no-figures"
+    )
+    assert plain.status == 0
+    assert sorted(path.name for path in Path("results/tiny-test/constant").iterdir()) == [
+        "pairs.jsonl",
+        "predictions.zarr",
+        "result.json",
+        "run.json",
+        "store.txt",
+    ]
     failed = dfdbench("run", "--method", "mymodule:nan", "--dataset", store)
     assert failed.status == 1
     assert "NaN" in failed.out
     assert "7 pairs failed" in failed.err
-
-
-def test_check_method_passes_and_fails(dfdbench: Command) -> None:
-    told = ("--param", "window=3", "--param", "recipe=published")
-    good = dfdbench("check-method", "local", *told)
-    assert (good.status, "fit for a run" in good.out) == (0, True)
-    bad = dfdbench("check-method", "mymodule:nan")
-    assert (bad.status, "NaN" in bad.out) == (1, True)
-
-
-@pytest.mark.slow
-def test_check_method_calibrates_a_method_that_is_not_told_the_blur(dfdbench: Command) -> None:
-    good = dfdbench("check-method", "local", "--param", "window=3")
-    assert (good.status, "fit for a run" in good.out) == (0, True)
-    assert "fit, on two made pairs" in good.out
+    scores = r"NRMSE 0\.\d{4}  NMAE 0\.\d{4}  SSIM 0\.\d{4}"
+    last = rf"overall      {scores}  \(protocol valid, split test, 7 pairs\)"
+    assert re.fullmatch(last, ran.err.splitlines()[-1])
+    assert "overall      no score: 1 of 7 pairs were evaluated" in plain.err
+    one = ("--dataset", store, "--limit", "1", "--out", "one")
+    assert (
+        "\n1 pair failed; the same command tries it again\n"
+        in dfdbench("run", "--method", "mymodule:nan", *one).err
+    )
 
 
 def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
@@ -73,3 +82,23 @@ def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
     assert told.status == 2
     assert "not scored in metres" in told.err
     assert not (tmp_path / "work/run").exists()
+
+
+@pytest.mark.usefixtures("built")
+def test_an_isolated_method_is_not_imported_here(
+    dfdbench: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "mymodule", raising=False)
+    words = ("run", "--dataset", "demo", "--method", "mymodule:predict", "--limit", "1")
+    apart = dfdbench(*words, "--isolate", "--no-predictions")
+    assert apart.status == 0, apart.err
+    assert "mymodule" not in sys.modules
+    path = Path("results/demo-1-test/mymodule-predict/result.json")
+    first = load_result(path)
+    assert first.method.isolated
+    assert "printed to standard output on 1 pair" in str(first.warnings)
+    here = dfdbench(*words, "--no-predictions")
+    assert "with other settings was moved" in here.err
+    assert load_result(path).pairs[0].prediction_sha256 == first.pairs[0].prediction_sha256
+    refused = dfdbench(*words, "--isolate", "--param", "size=3")
+    assert (refused.status, "unknown parameter" in refused.err) == (2, True)

@@ -4,11 +4,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from tests.cli.command import Command
 from tests.made_folder import make_folder
 
 
+@pytest.mark.slow
 def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     folder = make_folder(tmp_path / "mine")
     written = dfdbench("new-dataset", str(folder))

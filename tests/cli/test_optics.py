@@ -47,7 +47,7 @@ def test_a_figure_replaces_no_other_file(dfdbench: Command) -> None:
     Path("README.md").write_text("precious")
     lens = ["--f-number", "3.7", "--focal-length", "9.6mm", "--focus", "0.5m", "--pixel", "4.8um"]
     done = dfdbench("optics", "blur", *lens, "--out", "README.md")
-    assert (done.status, "figures are PNG files" in done.err) == (2, True)
+    assert (done.status, "not a picture's name" in done.err) == (2, True)
     assert Path("README.md").read_text() == "precious"
 
 
@@ -67,7 +67,7 @@ def test_a_lens_table_without_numbers_is_told(dfdbench: Command, cell: str) -> N
         (["--f-number", "-1"], "--f-number"),
         (["--focus", "1mm"], "--focus"),
         (["--range", "5mm", "8mm"], "beyond the focal length"),
-        (["--out", "blur.jpg"], "figures are PNG files"),
+        (["--out", "blur.jpg"], "not a picture's name"),
     ],
 )
 def test_a_lens_that_cannot_be_is_told_by_its_options(

@@ -10,6 +10,7 @@ from tests.cli.command import Command
 SIMULATE = ("simulate", "realworld", "--out", "raw", "--steps", "129,141", "--exposures", "40")
 
 
+@pytest.mark.slow
 def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     made = dfdbench(*SIMULATE, "--scenes", "k34")
     assert made.status == 0, made.err
@@ -33,7 +34,7 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     assert "estimated" in dfdbench("register", "k34", "--source", "raw", "--fresh").out
 
     built = dfdbench("build", "realworld", "--source", "raw", "--allow-missing")
-    assert (built.status, "1 pairs of 1 scenes" in built.out) == (0, True), built.err
+    assert (built.status, "1 pair of 1 scene" in built.out) == (0, True), built.err
     other = dfdbench("build", "realworld", "--source", "raw", "--pair", "129,141")
     assert (other.status, "--store PATH" in other.err) == (2, True)
 

@@ -3,6 +3,8 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import pytest
+
 from tests.cli.command import Command
 
 SIMULATE = ["simulate", "realworld", "--steps", "129,141", "--exposures", "40"]
@@ -12,6 +14,7 @@ def pairs_of(*points: tuple[float, float]) -> str:
     return "".join(f"[[pairs]]\nlidar = [{x}, {y}]\nimage = [{x}, {y}]\n" for x, y in points)
 
 
+@pytest.mark.slow
 def test_depth_maps_without_a_known_pixel_are_not_built(dfdbench: Command) -> None:
     assert dfdbench(*SIMULATE, "--out", "raw", "--scenes", "k03").status == 0
     assert dfdbench("register", "k03", "--source", "raw").status == 0

@@ -2,9 +2,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.cli.command import Command
 
 
+@pytest.mark.slow
 def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
     few = ["simulate", "realworld", "--steps", "135", "--exposures", "40"]
     assert dfdbench(*few, "--out", "raw", "--scenes", "k01,k03").status == 0

@@ -8,6 +8,7 @@ from dfdbench.results.record_file import load_result
 from tests.cli.command import Command
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("built")
 def test_a_folder_named_by_info_is_scored_and_submitted(
     dfdbench: Command, demo_store: Store, tmp_path: Path

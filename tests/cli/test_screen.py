@@ -6,9 +6,12 @@ from pathlib import Path
 import pytest
 
 from dfdbench.cli import screen
+from dfdbench.cli.screen import print_table
+from dfdbench.tables.table import Table
 from tests.cli.test_optics import BLUR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "encoding",
     [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}],
@@ -29,6 +32,7 @@ def test_a_terminal_that_is_not_utf_8_is_shown_all_in_line(
     assert len({len(line) for line in done.stdout.splitlines() if line.startswith("|")}) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -102,3 +106,12 @@ def test_a_download_says_its_bytes_and_work_of_unknown_length_what_is_done(
         "fetching demo: 1 of 4 files, 2.0 MB, 1 min so far, about 3 min left",
         "training u-net: 1,200, 2 h 00 min so far",
     ]
+
+
+def test_a_table_of_somebody_elses_text_steers_no_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    print_table(Table("title\x1b]0;x\x07", ("method",), (("mine\x1b[2J\r",),), "l", ("n\x9b",)))
+    out = capsys.readouterr().out
+    assert "mine\\x1b[2J\\x0d" in out
+    assert not {"\x1b", "\x07", "\r", "\x9b"} & set(out)

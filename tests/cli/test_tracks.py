@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.results.record_file import load_result
 from tests.cli.command import Command
 
 
@@ -16,6 +17,7 @@ from tests.cli.command import Command
         (("--track", "nois"), "did you mean noise"),
         (("--split", "tset"), "did you mean test"),
         (("--submit",), "no leaderboard here"),
+        (("--method", "constnt"), "did you mean constant"),
         (("--dataset", "middlebury-default"), "dfdbench build"),
     ],
 )
@@ -48,9 +50,17 @@ def test_a_method_is_run_on_clean_images_and_on_each_severity(
     assert (folder / "tracks.png").stat().st_size > 10_000
     labels = ["clean", "gain-1", "gain-2", "gain-3"]
     assert sorted(path.parent.name for path in folder.glob("*/result.json")) == labels
+    told = [line.split() for line in first.err.splitlines()]
+    assert [words[0] for words in told if words[1:2] == ["NRMSE"]] == labels
     written = {label: (folder / label / "pairs.jsonl").read_bytes() for label in labels}
     assert dfdbench(*words).status == 0
     assert {label: (folder / label / "pairs.jsonl").read_bytes() for label in labels} == written
+    before = {label: load_result(folder / label) for label in labels}
+    assert dfdbench(*words, "--isolate").status == 0
+    for label in labels:
+        apart = load_result(folder / label)
+        assert apart.method.isolated
+        assert [pair.scores for pair in apart.pairs] == [p.scores for p in before[label].pairs]
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from dfdbench.datasets.store import Store
 from tests.cli.command import QUICK, Command
 
 
+@pytest.mark.slow
 def test_train_then_run(dfdbench: Command, tiny_store: Store) -> None:
     store = ["--dataset", str(tiny_store.path)]
     done = dfdbench("train", "dfd-net", *store, *QUICK)
@@ -37,6 +38,7 @@ def test_train_then_run(dfdbench: Command, tiny_store: Store) -> None:
     assert run.status == 0, run.err
 
 
+@pytest.mark.slow
 def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Store) -> None:
     train = ["train", "dfd-net", "--dataset", str(tiny_store.path), *QUICK]
     early = dfdbench(*train, "--resume")

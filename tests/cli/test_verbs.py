@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from dfdbench.cli.verbs import VERBS
+from dfdbench.cli.verbs import VERBS, LazyGroup, Verb
 
 HEAVY = ("numba", "matplotlib", "xarray", "zarr", "dask", "torch", "skimage")
 
@@ -57,3 +57,44 @@ def test_an_unknown_verb_is_told(capsys: pytest.CaptureFixture[str]) -> None:
         app(["no-such-verb"], prog_name="dfdbench")
     assert ended.value.code == 2
     assert "No such command 'no-such-verb'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("verb", "told"),
+    [("run", "stopped; the same command goes on from here\n"), ("report", "stopped\n")],
+)
+def test_ctrl_c_anywhere_in_a_verb_is_told(
+    verb: str, told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from dfdbench.cli import app
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Verb, "load", stopped)
+    with pytest.raises(SystemExit) as ended:
+        app([verb], prog_name="dfdbench")
+    assert (ended.value.code, capsys.readouterr().err) == (130, told)
+
+
+def test_ctrl_c_before_the_verb_is_known_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from dfdbench.cli import app
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(LazyGroup, "parse_args", stopped)
+    with pytest.raises(SystemExit) as ended:
+        app(["run"], prog_name="dfdbench")
+    assert (ended.value.code, capsys.readouterr().err) == (130, "stopped\n")
+
+
+def test_a_verb_misspelt_is_told_the_near_one(capsys: pytest.CaptureFixture[str]) -> None:
+    from dfdbench.cli import app
+
+    with pytest.raises(SystemExit) as ended:
+        app(["bild", "demo"], prog_name="dfdbench")
+    assert ended.value.code == 2
+    assert "No such command 'bild'. Did you mean build?" in capsys.readouterr().err

@@ -9,8 +9,9 @@ import zarr
 from zarr.codecs import BloscCodec, GzipCodec
 
 from dfdbench.datasets.fingerprint import combine, scene_digests
-from dfdbench.datasets.integrity import StoreDifference, verify_store
+from dfdbench.datasets.integrity import StoreDifference, require_sound, verify_store
 from dfdbench.datasets.store import Store
+from dfdbench.errors import StoreError
 
 
 def local(store: Store) -> Path:
@@ -106,3 +107,17 @@ def test_digests_changed_together_with_the_arrays_are_noticed(tiny_store: Store)
     found = verify_store(Store(tiny_store.path))
     assert not found.differences
     assert not found.sound
+
+
+def test_a_store_that_is_not_as_built_is_refused_with_all_that_differs(tiny_store: Store) -> None:
+    require_sound(tiny_store)
+    for name in ("depth", "infocus"):
+        array = zarr.open_group(local(tiny_store), mode="r+")[f"Two/{name}"]
+        assert isinstance(array, zarr.Array)
+        array[...] = np.asarray(array[...]) ^ 1
+    with pytest.raises(StoreError, match="does not hold what was built") as caught:
+        require_sound(Store(tiny_store.path))
+    assert [problem.where.rpartition(", ")[2] for problem in caught.value.problems] == [
+        "Two/depth",
+        "Two/infocus",
+    ]

@@ -20,6 +20,7 @@ RELEASED = {
     "middlebury-third-1": "5efa8c101606001b3df58039f67e2311cf41cb67ace5abb14fbc90c0b51db3cc",
     "realworld-1": "741267aff01aa194c306d188a55192cbbfb28fa0b27d3917916e00171c81b656",
     "realworld-2": "88ab8a431c59102a33abc0f093d01d3b3bce06cb437be057dfca7c19664dd77e",
+    "realworld-sim-1": "e50e6dfee415f85c6c9b9c7444624a426ba4e900e98f01271e87b8366a1bc517",
     "realworld-synthetic-1": "7ead23e57f88e9500ef1a5604051a8cbcc91d2ce117d81ba4493c50cb48e1cfe",
     "realworld-synthetic-2": "21da5d7708784076e666132d0f4dfb887451c2ec1786522e178909908b367c26",
 }
@@ -103,6 +104,13 @@ def test_realworld_is_that_of_the_thesis() -> None:
     assert manifest.scenes_of("test-pruned") == ("k33", "k34", "k35", "k45", "k46", "k47")
     assert manifest.capture is not None
     assert manifest.capture.voltage_step == list(range(127, 144))
+
+
+def test_only_simulated_captures_are_marked_so() -> None:
+    marked = {manifest.stem for manifest in released_manifests() if manifest.simulated}
+    assert marked == {"realworld-sim-1"}
+    assert find_manifest("realworld-sim").label == "realworld-sim-1 (SIMULATED)"
+    assert find_manifest("demo").label == "demo-1"
 
 
 @pytest.mark.parametrize("name", ["middlebury", "middlebury-default"])

@@ -40,3 +40,9 @@ def test_a_file_is_known_by_its_bytes(tmp_path: Path, tiny_manifest: Manifest) -
     assert read_manifest(file).sha256 == tiny_manifest.sha256
     file.write_text(TINY_TOML + "# looked at\n")
     assert read_manifest(file).sha256 != tiny_manifest.sha256
+
+
+@pytest.mark.parametrize("value", ["[" * 3000, "1" * 5000])
+def test_toml_that_python_cannot_take_is_told(value: str) -> None:
+    with pytest.raises(ManifestError, match="not a TOML file"):
+        parse_manifest(f"version = {value}".encode(), "deep.toml")

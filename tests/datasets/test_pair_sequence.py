@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,9 @@ def test_pairs_are_read_when_they_are_asked_for(tiny_store: Store) -> None:
     for read in (data.__getitem__, data.crop):
         with pytest.raises(IndexError, match=r"no pair 7: <7 pairs of .*> has 0 to 6"):
             read(7)
+    wrong: Any = "One/1"
+    with pytest.raises(TypeError, match=r"found by its place, as data\[0\]; got 'One/1'"):
+        data[wrong]
     assert "7 pairs of" in repr(data)
 
 

@@ -71,7 +71,7 @@ def test_a_data_set_that_is_not_built_says_how(tmp_path: Path) -> None:
     with pytest.raises(StoreError) as caught:
         open_store("middlebury")
     assert "dfdbench build middlebury" in str(caught.value)
-    assert "the small one, demo" in str(caught.value)
+    assert "dfdbench build demo" in str(caught.value)
 
 
 def test_two_builds_do_not_mix(tiny_manifest: Manifest, tmp_path: Path) -> None:

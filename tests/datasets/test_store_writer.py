@@ -121,3 +121,16 @@ def test_a_build_that_lacks_pairs_of_the_store_is_refused(
         build_store(tiny_manifest, source, place("s.zarr"))
     assert Store(place("s.zarr")).fingerprint == tiny_store.fingerprint
     build_store(tiny_manifest, source, place("less.zarr"))
+
+
+@pytest.mark.parametrize("content", [None, "", '{"zarr_format": 3, "node_type": "group"}'])
+def test_a_build_stopped_before_it_said_what_it_is_goes_on(
+    content: str | None, tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    partial = tmp_path / "s.zarr.partial"
+    partial.mkdir()
+    if content is not None:
+        (partial / "zarr.json").write_text(content)
+    source = open_source(tiny_manifest, tiny_folder)
+    assert build_store(tiny_manifest, source, tmp_path / "s.zarr").scenes_built
+    assert not partial.exists()

@@ -11,7 +11,8 @@ from dfdbench.cli.screen import progress
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import WHOLE, PairImages, Region, Store
+from dfdbench.datasets.pair_images import PairImages
+from dfdbench.datasets.store import WHOLE, Region, Store
 from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.evaluation.fitting import FIT, Fit, fit_method, keep_fit, read_fit, training_pairs
 from dfdbench.evaluation.loading import load_for
@@ -152,6 +153,7 @@ def test_a_fit_that_keeps_it_in_itself_is_called_again_and_stays_in_its_process(
     assert not (tmp_path / "two").exists()
 
 
+@pytest.mark.slow
 def test_workers_are_given_what_was_learned(tiny_store: Store, mean: str, tmp_path: Path) -> None:
     alone, together = (
         run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / name, pool=pool)

@@ -91,6 +91,7 @@ def test_a_user_may_withhold_the_recipe(tiny_store: Store) -> None:
     assert found.parameters == {"recipe": None}
 
 
+@pytest.mark.slow
 def test_told_a_method_gets_the_true_law_of_a_track_and_the_record_says_so(
     tiny_folder: Path, tmp_path: Path
 ) -> None:

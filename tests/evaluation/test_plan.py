@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -85,9 +86,23 @@ def test_a_stopped_run_is_the_same_run(tiny_store: Store) -> None:
 
 def test_the_first_pairs_that_the_store_holds_are_chosen(tiny_store: Store) -> None:
     tiny_store.scenes = ("Three",)
+    lacking = [p.id for p in tiny_store.manifest.pairs() if p.scene != "Three"]
+    tiny_store.attributes["missing_pairs"] = lacking
     plan = plan_run(tiny_store, method(Counting()), "test", RunOptions(limit=2))
     assert [len(plan.expected), len(plan.available)] == [7, 3]
     assert plan.chosen == plan.available[:2]
     with pytest.raises(StoreError, match="no pair of split train") as caught:
         plan_run(tiny_store, method(Counting()), "train", RunOptions())
     assert "with the scenes of that split" in caught.value.problems[0].fix
+
+
+@pytest.mark.parametrize(("lost", "split"), [("Two", "test"), ("One", "test")])
+def test_a_scene_lost_since_the_build_is_refused(tiny_store: Store, lost: str, split: str) -> None:
+    shutil.rmtree(Path(str(tiny_store.path)) / lost)
+    store = Store(tiny_store.path)
+    with pytest.raises(StoreError, match="no longer in the store") as told:
+        plan_run(store, method(Counting()), split, RunOptions())
+    (problem,) = told.value.problems
+    assert problem.got == f"lost: {lost}"
+    assert problem.fix.startswith("dfdbench build tiny")
+    assert str(store.path) in problem.fix

@@ -38,3 +38,9 @@ def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Store, tmp_path: Path
     assert told == (
         "depth falls where the truth rises on 7 of 7 pairs: tiny-1 wants brighter for nearer"
     )
+
+    def small(infocus: Any, defocus: Any) -> Any:
+        return right(infocus, defocus) / 255
+
+    (told,) = run_method(tiny_store, method(small), "test", tmp_path / "small").result.warnings
+    assert told.startswith("all levels between 0 and 1; levels go from 0 (far) to 255 (near)")

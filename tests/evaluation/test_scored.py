@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dfdbench.datasets.store import Store
-from dfdbench.errors import InputError, ResultError
+from dfdbench.errors import InputError, ResultError, StoreError
 from dfdbench.evaluation.run import run_method
 from dfdbench.evaluation.scored import score_predictions
 from dfdbench.results.folder import read_prediction
@@ -80,6 +80,11 @@ def test_pairs_that_the_store_lacks_are_asked_of_nobody(tiny_store: Store, tmp_p
     write_all(tiny_store, "test", tmp_path / "made", lambda stem, d: np.save(f"{stem}.npy", d))
     shutil.rmtree(Path(str(tiny_store.path)) / "Three")
     partial = Store(tiny_store.path)
+    with pytest.raises(StoreError, match="no longer in the store"):
+        score_predictions(tmp_path / "made", partial, "test", tmp_path / "out", "m")
+    # As of a build that was lacking the scene's files.
+    lacking = partial.manifest.pairs_of_scene("Three")
+    partial.attributes["missing_pairs"] = [pair.id for pair in lacking]
     result = score_predictions(tmp_path / "made", partial, "test", tmp_path / "out", "m").result
     assert [pair.status for pair in result.pairs].count("missing") == 3
     assert result.averages is None

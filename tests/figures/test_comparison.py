@@ -3,7 +3,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dfdbench.figures.comparison import change_figure, lighting_figures, time_figure
+from dfdbench.figures.comparison import (
+    accuracy_figure,
+    change_figure,
+    lighting_figures,
+    time_figure,
+)
 from dfdbench.figures.style import plain_text
 from dfdbench.results.saved_run import SavedRun
 from tests.made_results import limited, make_result
@@ -29,7 +34,7 @@ def test_a_figure_an_illumination_with_each_metric_by_scene_and_exposure() -> No
 
 def test_one_exposure_alone_shows_every_method_in_a_legend_that_is_whole() -> None:
     one = {("a", 1, 1, 2): 0.1, ("b", 1, 1, 2): 0.2}
-    names = ["constant", "graph-cuts (published_offset=true, recipe=text)", "x" * 150, r"\$" * 90]
+    names = ["constant", "graph-cuts, the recipe of the text and its offset", "x" * 150, r"\$" * 90]
     runs = [SavedRun(Path("r.json"), make_result(one, name), None, "") for name in names]
     figure = lighting_figures(runs, "thesis")["illumination 1"]
     figure.draw_without_rendering()
@@ -63,3 +68,16 @@ def test_times_are_boxes_and_nothing_run_is_no_figure() -> None:
 
 def test_without_depth_maps_there_are_no_panels() -> None:
     assert change_figure(run("one"), run("two"), (), "nrmse") is None
+
+
+def test_accuracy_and_seconds_are_a_mark_a_method() -> None:
+    figure = accuracy_figure([run("one"), run("two")], "thesis")
+    assert figure is not None
+    (axis,) = figure.axes
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "two"]
+    averages = run("one").result.averages
+    assert averages is not None
+    assert np.asarray(axis.lines[0].get_xydata()).tolist() == [[0.25, averages["thesis"]["nrmse"]]]
+    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
+    nothing = SavedRun(Path("r.json"), limited(make_result(VALUES), 0), None, "")
+    assert accuracy_figure([nothing], "thesis") is None

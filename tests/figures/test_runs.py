@@ -2,22 +2,27 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from dfdbench.datasets.store import Store
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
-from dfdbench.figures.runs import draw_run, pixel_time_figure, score_figure
+from dfdbench.figures.runs import draw_run, panel_figure, pixel_time_figure, score_figure
 from dfdbench.results.summary import summarise
 from tests.made_results import make_result
 
 
+@pytest.mark.slow
 def test_a_run_is_drawn(demo_store: Store, tmp_path: Path) -> None:
     method = load_for(demo_store, "constant", {})
     run = run_method(demo_store, method, "test", tmp_path, RunOptions(limit=4))
     paths = draw_run(demo_store, summarise(run.result, "thesis"), tmp_path)
     # All images of the demo set are of one size: there are no times to draw by pixels.
     assert [path.name for path in paths] == ["scores.png", "best.png", "worst.png", "depths.png"]
+    also = draw_run(demo_store, summarise(run.result, "thesis"), tmp_path, also=("pdf",))
+    assert {path.suffix for path in also} == {".png", ".pdf"}
+    assert also[1].read_bytes().startswith(b"%PDF")
     for path in paths:
         image = cv2.imread(str(path))
         assert image is not None
@@ -59,3 +64,20 @@ def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Store) -> None
     assert np.allclose(np.asarray(line.get_ydata()), [720 * rate, 744 * rate, 768 * rate])
     alone = result.model_copy(update={"pairs": pairs[:2]})
     assert pixel_time_figure(tiny_store, alone) is None
+
+
+def test_dark_pairs_are_drawn_brighter_and_say_so(demo_store: Store, tmp_path: Path) -> None:
+    # Exposure 0 is a sixteenth of exposure 2's light.
+    method = load_for(demo_store, "constant", {})
+    run = run_method(demo_store, method, "test", tmp_path, RunOptions(limit=3))
+    dark, bright = (
+        next(pair for pair in run.result.pairs if pair.coordinates["exposure"] == exposure)
+        for exposure in (0, 2)
+    )
+    for pair, told in ((dark, "times brighter"), (bright, "")):
+        figure = panel_figure(demo_store, run.result, tmp_path, (pair,), "thesis", "best")
+        assert figure is not None
+        assert told in figure.axes[0].get_xlabel()
+        shown = figure.axes[0].get_images()[0].get_array()
+        assert shown is not None
+        assert np.percentile(np.asarray(shown), 99) > 120

@@ -5,13 +5,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from dfdbench.figures.style import (
     COLOURS,
     MARKERS,
+    brightening,
     depth_span,
     legend_below,
+    legend_beside,
     plain_text,
     without_ticks,
     wrapped,
@@ -84,3 +88,35 @@ def test_bare_axes_show_their_background() -> None:
 
 def test_colours_and_markers_tell_as_many_apart() -> None:
     assert len(set(COLOURS)) == len(set(MARKERS)) == len(COLOURS) == len(MARKERS)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
+def test_a_figure_has_the_same_bytes_each_time(tmp_path: Path, suffix: str) -> None:
+    written = []
+    for folder in ("a", "b"):
+        figure = Figure()
+        figure.subplots().plot([1, 2], [3, 1], label="line")
+        (tmp_path / folder).mkdir()
+        write_figure(figure, tmp_path / folder / f"x{suffix}")
+        written.append((tmp_path / folder / f"x{suffix}").read_bytes())
+    assert written[0] == written[1]
+
+
+def test_a_legend_beside_axes_lies_on_none_of_their_data() -> None:
+    figure = Figure(layout="constrained")
+    axis = figure.subplots()
+    axis.plot([1, 2], [3, 1], label="a line whose name is long")
+    legend_beside(axis)
+    figure.draw_without_rendering()
+    legend = axis.get_legend()
+    assert legend is not None
+    assert legend.get_window_extent().x0 >= axis.get_window_extent().x1
+    assert legend.get_window_extent().x1 <= figure.bbox.x1
+
+
+@given(arrays(np.uint8, (3, 4), elements=st.integers(0, 255)))
+def test_brightening_leaves_the_brightest_below_white(image: NDArray[np.uint8]) -> None:
+    times = brightening(image)
+    assert times >= 1
+    if times > 1:
+        assert np.percentile(image, 99) * times <= 235 or np.percentile(image, 99) < 1

@@ -27,3 +27,18 @@ def test_seven_tracks_stand_in_two_rows() -> None:
     figure = tracks_figure(scores, "nrmse", "on demo")
     assert sum(axis.axison for axis in figure.axes) == 7
     assert not figure.legends
+
+
+def test_no_two_of_fifteen_methods_look_alike() -> None:
+    scores = {f"method {number}": {"gain": [0.1, 0.2]} for number in range(15)}
+    lines = tracks_figure(scores, "nrmse", "on demo").axes[0].lines
+    looks = {(line.get_color(), line.get_marker(), line.get_linestyle()) for line in lines}
+    assert len(looks) == 15
+
+
+def test_no_score_lies_outside_its_panel() -> None:
+    scores = {"mine": {"gain": [0.1, 0.2], "camera": [0.1, 0.9]}}
+    figure = tracks_figure(scores, "nrmse", "on demo")
+    for axis in figure.axes[:2]:
+        low, high = axis.get_ylim()
+        assert (low, high > 0.9) == (0, True)

@@ -59,6 +59,7 @@ def test_rows_of_a_superseded_protocol_stay_and_say_so(tmp_path: Path) -> None:
     assert newer == [None, None, "thesis-networks-2"]
 
 
+@pytest.mark.slow
 def test_a_hundred_results(tmp_path: Path) -> None:
     result = make_demo_result(lambda pair: 0.1)
     for number in range(100):
@@ -95,3 +96,20 @@ def test_notes_say_the_floor_of_ssim_and_what_other_data_sets_trained(tmp_path: 
     assert [row[2] for row in table.rows] == ["trained on middlebury-default-1", "nothing"]
     (alone,) = boards([Entry(net, tmp_path / "r.json", None)])
     assert not any("floor" in note for note in standings_table(alone, tmp_path).notes)
+
+
+def test_an_incomplete_run_shows_the_means_of_its_pairs_in_brackets(tmp_path: Path) -> None:
+    whole = make_result({("a", 1, 1, 0): 0.1, ("a", 1, 1, 1): 0.3})
+    failed = whole.pairs[1].model_copy(update={"status": "failed", "scores": {}})
+    update = {
+        "pairs": [whole.pairs[0], failed],
+        "dataset": whole.dataset.model_copy(update={"evaluated": 1}),
+        "averages": None,
+    }
+    part = whole.model_copy(update=update)
+    (tmp_path / "r.json").touch()
+    (board,) = boards([Entry(part, tmp_path / "r.json", None)])
+    table = standings_table(board, tmp_path)
+    assert (table.rows[0][0], table.rows[0][3]) == ("–", "(0.1000)")
+    assert table.records[0]["nrmse"] is None
+    assert any("1 of 2 pairs evaluated, whose means stand in brackets" in n for n in table.notes)

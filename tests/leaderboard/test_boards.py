@@ -1,6 +1,8 @@
+import json
 import re
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -9,6 +11,7 @@ from dfdbench.leaderboard.board_tables import lighting_table, standings_table
 from dfdbench.leaderboard.boards import Entry, boards, collect
 from dfdbench.leaderboard.folder import file_stems
 from dfdbench.leaderboard.submission import submit
+from dfdbench.results.record_file import seal_of
 from tests.leaderboard.made_boards import WHEN, add, only_board
 from tests.made_results import limited, make_demo_result
 
@@ -61,7 +64,7 @@ def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
     board = only_board(tmp_path)
     assert [(s.rank, s.entry.label) for s in board.standings] == [(1, "whole"), (None, "stopped")]
     table = standings_table(board, tmp_path)
-    assert table.rows[1][:4] == ("–", "stopped", "nothing", "–")
+    assert table.rows[1][:4] == ("–", "stopped", "nothing", "(0.0010)")
     assert "7 of 54 pairs evaluated" in " ".join(table.notes)
     lighting_table(board)
 
@@ -128,3 +131,34 @@ def test_the_headline_comes_first() -> None:
     dataset = result.dataset.model_copy(update={"short": "middlebury-default"})
     entry = Entry(result.model_copy(update={"dataset": dataset}), Path(__file__), None)
     assert [board.protocol for board in boards([entry])] == ["valid", "thesis"]
+
+
+def test_no_row_takes_anothers_place_by_reading_alike(tmp_path: Path) -> None:
+    given: list[tuple[str, dict[str, Any]]] = [
+        ("mine", {"w": 9}),
+        ("mine", {"w": "9"}),
+        ("mine", {"w": 9.0}),
+        ("mine (w=9)", {}),
+    ]
+    for name, parameters in given:
+        add(tmp_path, name, 0.1, parameters=parameters)
+    board = only_board(tmp_path)
+    assert not board.superseded
+    assert len({standing.entry.label for standing in board.standings}) == len(given)
+
+
+def test_the_order_of_parameters_makes_no_other_method(tmp_path: Path) -> None:
+    add(tmp_path, "mine", 0.1, parameters={"a": 1, "b": 2})
+    add(tmp_path, "mine", 0.2, parameters={"b": 2, "a": 1})
+    board = only_board(tmp_path)
+    assert (len(board.standings), len(board.superseded)) == (1, 1)
+
+
+def test_ranks_are_by_the_pairs_scores_whatever_a_file_says_of_their_mean(tmp_path: Path) -> None:
+    add(tmp_path, "a", 0.1)
+    path = add(tmp_path, "b", 0.1)
+    content = json.loads(path.read_text())
+    content["averages"]["thesis"]["nrmse"] -= 9e-10
+    content["submission"]["seal"] = seal_of(content)
+    path.write_text(json.dumps(content))
+    assert [standing.rank for standing in only_board(tmp_path).standings] == [1, 1]

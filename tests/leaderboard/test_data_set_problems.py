@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from dfdbench.blur.recipe import RECIPES
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard.data_set_problems import data_set_problems
@@ -45,7 +46,13 @@ def test_a_row_leaves_out_no_score_that_the_data_define(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("short", "middlebury"), ("axes", ["view"]), ("blocks", "view"), ("degradation", "noise")],
+    [
+        ("short", "middlebury"),
+        ("axes", ["view"]),
+        ("blocks", "view"),
+        ("degradation", "noise"),
+        ("simulated", True),
+    ],
 )
 def test_a_row_says_of_its_data_what_the_manifest_says(
     tmp_path: Path, field: str, value: Any
@@ -127,3 +134,40 @@ def test_a_name_on_a_track_is_safe_in_a_path(name: str) -> None:
     assert DatasetRecord.model_validate(content).name == "demo-1@camera-2"
     with pytest.raises(ValidationError, match="name"):
         DatasetRecord.model_validate({**content, "name": name})
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"seconds": None}, "what was measured is lacking"),
+        ({"prediction_sha256": None}, "what was measured is lacking"),
+        ({"status": "failed", "error": "no"}, "nothing can have been measured"),
+        ({"status": "not-run", "scores": {}, "prediction_sha256": None}, "nothing can have been"),
+    ],
+)
+def test_a_row_leaves_out_no_time_and_no_hash(
+    tmp_path: Path, changes: dict[str, Any], told: str
+) -> None:
+    result = make_demo_result(lambda pair: 0.1)
+    pairs = [result.pairs[0].model_copy(update=changes), *result.pairs[1:]]
+    (problem,) = data_set_problems(result.model_copy(update={"pairs": pairs}), tmp_path, "here")
+    assert told in problem.what
+    assert result.pairs[0].id in problem.where
+    # Of depth maps made elsewhere nobody took the time.
+    method = result.method.model_copy(update={"scored": "levels"})
+    none = [pair.model_copy(update={"seconds": None}) for pair in result.pairs]
+    scored = result.model_copy(update={"pairs": none, "method": method})
+    assert not data_set_problems(scored, tmp_path, "here")
+
+
+def test_known_data_are_of_the_recipe_that_made_them(tmp_path: Path) -> None:
+    (tmp_path / FINGERPRINTS).write_text(json.dumps({"demo-1": ["2" * 64]}))
+    result = make_demo_result(lambda pair: 0.1)
+    assert not data_set_problems(result, tmp_path, "here")
+    recipe = {"name": "text", "parameters": RECIPES["text"].as_dict()}
+    dataset = result.dataset.model_copy(update={"recipe": recipe})
+    (problem,) = data_set_problems(result.model_copy(update={"dataset": dataset}), tmp_path, "here")
+    assert problem.what.startswith("another blur recipe")
+    # Made with it, they are other data, which stand in a table of their own.
+    other = dataset.model_copy(update={"fingerprint": "3" * 64})
+    assert not data_set_problems(result.model_copy(update={"dataset": other}), tmp_path, "here")

@@ -1,7 +1,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from dfdbench.errors import ResultError
@@ -10,6 +10,7 @@ from dfdbench.leaderboard.folder import (
     MARKER,
     PUBLISHED,
     README,
+    REPRODUCED,
     RESULTS,
     UNDEFINED,
     file_stems,
@@ -39,6 +40,7 @@ def test_results_lie_by_data_set_split_and_protocol(tmp_path: Path) -> None:
     assert place_of(dataset, "valid", tmp_path) == tmp_path / "results/tiny-1-test/valid"
 
 
+@example(label="m (x=.reproduced)", fingerprint="")
 @given(label=st.text(max_size=120), fingerprint=st.text("0123456789abcdef", max_size=64))
 @settings(max_examples=50)
 def test_a_file_name_holds_what_every_file_system_does(label: str, fingerprint: str) -> None:
@@ -47,6 +49,7 @@ def test_a_file_name_holds_what_every_file_system_does(label: str, fingerprint: 
         assert stem.isascii()
         assert stem == Path(stem).name
         assert not stem.startswith(".")
+        assert not stem.endswith(REPRODUCED)
 
 
 def test_names_that_make_one_file_name_are_told_apart() -> None:

@@ -124,6 +124,21 @@ def test_the_printed_gains_follow_from_d_3() -> None:
     assert "must read Desktop 1" in TABLES["D.3"].note
 
 
+def test_what_chapter_6_claims_is_put_beside_the_seeds_spread() -> None:
+    spread = {row.at["statistic"]: row.scores["nrmse"] for row in TABLES["5.6"].rows}
+    deviation = spread["standard deviation"]
+    gain = mean_over(TABLES["5.5"].rows, "dfd-net", "nrmse") - mean_over(  # type: ignore[operator]
+        TABLES["6.1"].rows, "dfd-net-pso", "nrmse"
+    )
+    assert 0 < gain < deviation
+    assert "lies within the seeds' spread (0.0039" in TABLES["6.1"].note
+    (best,) = (table for table in PUBLISHED if table.name == "Figure 6.5")
+    assert spread["minimum"] < best.rows[0].scores["nrmse"] < spread["mean"]
+    assert "best of 15 against mean of 30" in best.note
+    assert "best of its 15 trainings against the mean of the baseline's 30" in TABLES["D.2"].note
+    assert "no zero point" in TABLES["D.1"].note
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -141,6 +156,7 @@ def test_a_wrong_table_is_refused(tmp_path: Path, change: dict[str, object], tol
     (tmp_path / "published").mkdir()
     (tmp_path / "published/x.json").write_text(json.dumps(content))
     (tmp_path / "published/y.json").write_text("{")
+    (tmp_path / "published/z.json").write_text("[" * 100_000)
     with pytest.raises(ResultError, match=told) as raised:
         load_published(tmp_path)
-    assert len(raised.value.problems) == 2
+    assert len(raised.value.problems) == 3

@@ -1,15 +1,17 @@
 """The README of the leaderboard, and the one that this repository holds."""
 
 import json
+import os
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard.boards import collect
-from dfdbench.leaderboard.folder import README, RESULTS
+from dfdbench.leaderboard.folder import MARKER, README, RESULTS
 from dfdbench.leaderboard.readme import check_readme, write_readme
 from dfdbench.leaderboard.submission import submit
 from dfdbench.metrics.protocol import RELEASED
@@ -64,6 +66,18 @@ def test_what_only_some_rows_need_is_explained_where_there_are_such_rows(tmp_pat
     assert check_readme(tmp_path) == 3
 
 
+def test_a_row_that_ran_apart_says_so_and_what_that_means(tmp_path: Path) -> None:
+    result = make_demo_result(lambda pair: 0.1)
+    submit(result, tmp_path)
+    before = write_readme(tmp_path).read_text("utf-8")
+    assert "isolated" not in before
+    method = result.method.model_copy(update={"isolated": True})
+    submit(result.model_copy(update={"method": method}), tmp_path)
+    text = write_readme(tmp_path).read_text("utf-8")
+    assert "| rerun, isolated |" in text
+    assert "| isolated | `--isolate`: the method ran in a process of its own" in text
+
+
 def test_somebody_elses_readme_is_left_as_it_is(tmp_path: Path) -> None:
     submit(make_demo_result(lambda pair: 0.1), tmp_path)
     readme = tmp_path / README
@@ -85,15 +99,19 @@ def test_without_results_it_says_so(tmp_path: Path) -> None:
     assert "No results yet" in write_readme(tmp_path).read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_the_committed_leaderboard_holds() -> None:
     assert check_readme(HERE / "leaderboard") >= 18
 
 
-def test_the_committed_leaderboard_says_what_the_mismatch_does() -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["demo-1", "middlebury-default-1"])
+def test_the_committed_leaderboard_says_what_the_mismatch_does(name: str) -> None:
     scores = {
         entry.label: entry.score("thesis", "nrmse")
         for entry in collect(HERE / "leaderboard")
         if entry.result.protocol_names == ("thesis",)
+        and (entry.result.dataset.name, entry.result.dataset.split) == (name, "test")
     }
     matched, text = scores["graph-cuts"], scores["graph-cuts (recipe=text)"]
     assert matched is not None
@@ -102,6 +120,7 @@ def test_the_committed_leaderboard_says_what_the_mismatch_does() -> None:
     assert "What the blur mismatch does" in (HERE / "leaderboard" / README).read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_a_score_edited_in_the_committed_results_is_refused(tmp_path: Path) -> None:
     folder = tmp_path / "leaderboard"
     shutil.copytree(HERE / "leaderboard", folder)
@@ -117,3 +136,35 @@ def test_the_workflow_runs_the_check() -> None:
     text = (HERE / ".github/workflows/leaderboard.yml").read_text("utf-8")
     assert "pull_request" in text
     assert "run: dfdbench leaderboard --check" in text
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "README.md",
+        "note.md",
+        "fingerprints.json",
+        "undefined.json",
+        "published/a.json",
+        "results/demo-1-test/thesis/z.json",
+        "results/demo-1-test/thesis/mine.reproduced.json",
+    ],
+)
+def test_what_is_no_text_file_in_the_folder_is_told(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "board"
+    submit(make_demo_result(lambda pair: 0.1), folder)
+    path = folder / name
+    path.parent.mkdir(exist_ok=True)
+    (tmp_path / "elsewhere.txt").write_text(MARKER)
+    makes: dict[str, Callable[[], object]] = {
+        "Is a directory": path.mkdir,
+        "not a regular file": lambda: os.mkfifo(path),
+        "a link": lambda: path.symlink_to("../elsewhere.txt"),
+        "utf-8": lambda: path.write_bytes(MARKER.encode() + b"\xff\xfe"),
+    }
+    for told, make in makes.items():
+        make()
+        with pytest.raises(ResultError, match=told if name.endswith("md") else None) as caught:
+            check_readme(folder)
+        assert str(path) in caught.value.problems[0].where
+        path.rmdir() if path.is_dir() else path.unlink()

@@ -1,6 +1,6 @@
 import json
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +8,8 @@ import pytest
 
 from dfdbench.errors import ResultError
 from dfdbench.leaderboard.folder import FINGERPRINTS, file_stems
-from dfdbench.leaderboard.submission import load_submission, submit
+from dfdbench.leaderboard.submission import future_problems, load_submission, submit
+from dfdbench.results.record import Submission
 from dfdbench.results.record_file import seal_of
 from tests.made_results import limited, make_demo_result, make_result
 
@@ -208,3 +209,108 @@ def test_a_run_on_a_set_of_ones_own_is_not_submitted(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="unknown data set"):
         submit(make_result({("a", 1, 1, 0): 0.1}), tmp_path)
     assert not list(tmp_path.rglob("*.json"))
+
+
+def edited(folder: Path, edit: Callable[[dict[str, Any]], object]) -> Path:
+    """A submission that was edited and sealed anew."""
+    path = write(folder)
+    content = json.loads(path.read_text())
+    edit(content)
+    content["submission"]["seal"] = seal_of(content)
+    path.write_text(json.dumps(content))
+    return path
+
+
+def set_field(place: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    def edit(content: dict[str, Any]) -> None:
+        *above, last = place.split(".")
+        for name in above:
+            content = content[name]
+        content[last] = value
+
+    return edit
+
+
+def scores_as(change: Callable[[float], object]) -> Callable[[dict[str, Any]], None]:
+    def edit(content: dict[str, Any]) -> None:
+        for pair in content["pairs"]:
+            pair["scores"]["thesis"]["ssim"] = change(pair["scores"]["thesis"]["ssim"])
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "told"),
+    [
+        (scores_as(str), "valid number"),
+        (scores_as(lambda _: True), "valid number"),
+        (set_field("averages.thesis.nrmse", "0.1"), "valid number"),
+        (set_field("method.isolated", "yes"), "valid boolean"),
+        (set_field("seed", True), "valid integer"),
+        (set_field("schema_version", True), "another version"),
+        (set_field("schema_version", 1.0), "another version"),
+        (set_field("averages.other", {"nrmse": -5.0}), "not scored"),
+        (set_field("averages.thesis.foo", 1.0), "nothing that was scored"),
+        (set_field("dataset.recipe.parameters", {"sigma_min": 5.0}), "not the blur recipe"),
+        (set_field("dataset.recipe.more", 1), "not the blur recipe"),
+        (set_field("environment.cpu_count", -5), "cpu_count"),
+        (set_field("environment.cpu_count", 10**4000), "cpu_count"),
+        (set_field("method.parameters", {"x" * 1001: 1}), "too long to be shown"),
+        (set_field("method.parameters", {"x": 10**4000}), "too long to be shown"),
+        (set_field("method.parameters", {"x": [0.125] * 9999}), "too long to be shown"),
+        (set_field("method.paper", "x" * 1001), "too long to be shown"),
+        (set_field("method.paper", "\ud800"), "lone surrogate"),
+        (set_field("method.parameters", {"\udfff": 1}), "lone surrogate"),
+        (set_field("method.paper", "a\x1b[31m"), "cannot be seen"),
+        (set_field("method.trained_on", "a\u202eb"), "cannot be seen"),
+        (set_field("method.name", "local\u200b:Local"), "cannot be seen"),
+        (set_field("method.parameters", {"a\u2028": 1}), "cannot be seen"),
+        (set_field("environment.gpu", "\x9b31m"), "cannot be seen"),
+        (set_field("dataset.options", {"x": ["\x07"]}), "cannot be seen"),
+        (set_field("submission.submitted", "9999-12-31T23:59:59Z"), "in the future"),
+        (set_field("submission.submitted", "２０２６-01-01T00:00:00Z"), "submitted"),
+    ],
+)
+def test_what_no_run_would_write_is_refused_though_it_is_sealed(
+    tmp_path: Path, edit: Callable[[dict[str, Any]], None], told: str
+) -> None:
+    path = edited(tmp_path, edit)
+    with pytest.raises(ResultError, match=told):
+        load_submission(path, tmp_path)
+
+
+def test_whole_numbers_are_scores_too(tmp_path: Path) -> None:
+    def edit(content: dict[str, Any]) -> None:
+        scores_as(lambda _: 1)(content)
+        content["averages"]["thesis"]["ssim"] = 1
+
+    load_submission(edited(tmp_path, edit), tmp_path)
+
+
+def test_a_clock_may_be_a_day_ahead_and_no_more() -> None:
+    submission = Submission(submitted="2026-01-02T03:04:05Z", seal="0" * 64)
+    for days, problems in ((0, 0), (1, 0), (2, 1)):
+        found = list(future_problems(submission, "a.json", WHEN - timedelta(days=days)))
+        assert len(found) == problems
+
+
+def test_text_that_cannot_be_shown_is_not_submitted(tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match="cannot be seen"):
+        submit(make_demo_result(lambda pair: 0.1, "mine\u200b"), tmp_path, WHEN)
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_methods_that_read_alike_have_files_of_their_own(tmp_path: Path) -> None:
+    given: list[tuple[str, dict[str, Any]]] = [
+        ("mine", {"w": 9}),
+        ("mine", {"w": "9"}),
+        ("mine (w=9)", {}),
+        ("mine", {"w": "9, v=1"}),
+        ("mine", {"w": 9, "v": 1}),
+        ("mine", {"x": ".reproduced"}),
+    ]
+    paths = {write(tmp_path, name=name, parameters=parameters) for name, parameters in given}
+    assert len(paths) == len(given)
+    assert not any(path.name.endswith(".reproduced.json") for path in paths)
+    for path in paths:
+        load_submission(path, tmp_path)

@@ -34,6 +34,7 @@ def test_a_track_is_the_mean_over_its_severities(tmp_path: Path) -> None:
     assert entry.mean("nrmse") == pytest.approx((6 * 0.1 + 0.2) / 7)
 
 
+@pytest.mark.slow
 def test_who_was_told_or_lacks_a_track_has_no_rank(tmp_path: Path) -> None:
     submit_tracks(make_tracks("told", 0.01, uses=["recipe"]), tmp_path)
     submit_tracks(make_tracks("given", 0.02, parameters={"recipe": "text"}), tmp_path)

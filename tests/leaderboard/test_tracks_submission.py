@@ -43,6 +43,10 @@ def test_runs_of_several_methods_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="not of one method") as refused:
         submit_tracks(results, tmp_path)
     assert refused.value.problems[0].where == "this run on gain-1: method"
+    apart = make_tracks(labels=["gain-1"], isolated=True)
+    results = apart | {"gain-1": make_tracks(labels=["gain-1"])["gain-1"]}
+    with pytest.raises(ResultError, match="gain-1: isolated"):
+        submit_tracks(results, tmp_path)
     assert not list(tmp_path.rglob("*.json"))
 
 
@@ -83,6 +87,11 @@ def other_protocol(content: dict[str, Any]) -> None:
     content["submission"]["seal"] = seal_of(content)
 
 
+def untimed(content: dict[str, Any]) -> None:
+    content["runs"]["gain-1"]["seconds"][0] = None
+    content["submission"]["seal"] = seal_of(content)
+
+
 def unsealed(content: dict[str, Any]) -> None:
     content["submission"] = None
 
@@ -95,6 +104,7 @@ def unsealed(content: dict[str, Any]) -> None:
         (worse_than_itself, "NMAE is larger than NRMSE"),
         (told_recipe, "a track tells no blur recipe"),
         (other_protocol, "not a released protocol"),
+        (untimed, "what was measured is lacking"),
         (unsealed, "not a submission"),
     ],
 )

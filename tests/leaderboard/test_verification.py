@@ -133,7 +133,9 @@ def test_other_data_are_refused(run: Path, tiny_store: Store) -> None:
 
 
 def claiming(result: Result, name: str, entry: str, **parameters: Any) -> Result:
-    update = {"name": name, "entry": entry, "parameters": parameters}
+    """The result as if that method had made it, which is told nothing unless it is one of ours."""
+    uses = result.method.uses if entry.startswith("dfdbench.") else []
+    update = {"name": name, "entry": entry, "parameters": parameters, "uses": uses}
     return result.model_copy(update={"method": result.method.model_copy(update=update)})
 
 
@@ -280,6 +282,7 @@ def test_runs_on_tracks_are_run_again_as_they_were(
         load_tracks_verification({"gain-3": results["gain-3"]}, path)
 
 
+@pytest.mark.slow
 def test_who_was_told_and_does_not_say_so_is_found_out(
     tracked: dict[str, Store], tmp_path: Path
 ) -> None:
@@ -295,3 +298,49 @@ def test_runs_on_other_data_are_not_verified(tracked: dict[str, Store], tmp_path
     results = runs_on(tracked, tmp_path, told=True)
     with pytest.raises(ResultError, match="made with other data"):
         verify_tracks(results, tmp_path / "x.json", lambda _: tracked["tiny-1"], count=14)
+
+
+@pytest.mark.parametrize(
+    "claim",
+    [
+        {"uses": []},
+        {"uses": ["recipe", "training_mean"]},
+        {"trained_on": "demo-1, split train"},
+        {"weights_sha256": "0" * 64},
+        {"fitted_on": "tiny-1, split train"},
+    ],
+)
+def test_what_a_method_was_told_is_as_the_result_says(
+    run: Path, tiny_store: Store, claim: dict[str, Any]
+) -> None:
+    result = load_result(run)
+    assert result.method.uses == ["recipe"]
+    forged = result.model_copy(update={"method": result.method.model_copy(update=claim)})
+    with pytest.raises(ResultError, match="other than the result says") as raised:
+        verify_result(forged, run, tiny_store, count=1)
+    assert f"method.{next(iter(claim))}" in str(raised.value)
+
+
+def test_what_ran_apart_is_run_apart_again(
+    run: Path, tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code = (
+        "import os, sys\nfrom dfdbench.methods.baselines import Local\n"
+        "def predict(infocus, defocus, window=3):\n"
+        "    assert 'pytest' not in sys.modules, 'not in a process of its own'\n"
+        "    assert 'DFDBENCH_CACHE' not in os.environ\n"
+        "    return Local(window=window)(infocus, defocus)\n"
+    )
+    Path("apart.py").write_text(code)
+    claimed = claiming(load_result(run), "apart.py:predict", "apart.py:predict", window=3)
+    here, there = (
+        claimed.model_copy(
+            update={"method": claimed.method.model_copy(update={"uses": [], "isolated": isolated})}
+        )
+        for isolated in (False, True)
+    )
+    with pytest.raises(ResultError, match="in a process of its own"):
+        verify_result(here, run, tiny_store, count=1, trusted=["apart.py:predict"])
+    found = verify_result(there, run, tiny_store, count=2, trusted=["apart.py:predict"])
+    assert found.identical == 2

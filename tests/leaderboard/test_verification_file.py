@@ -30,6 +30,7 @@ def test_a_verification_counts_for_its_file_only(run: Path, tiny_store: Store) -
         load_verification(result, run)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "told"),
     [

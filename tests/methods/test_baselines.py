@@ -34,6 +34,7 @@ def test_local_uses_the_recipe_it_is_given(recipe: BlurRecipe) -> None:
     assert np.abs(found - 37).max() <= 3
 
 
+@pytest.mark.slow
 def test_local_on_a_real_pair(shared_data: Path, read_image: Callable[[Path], Image]) -> None:
     scene = shared_data / "middlebury/ThirdSize/Books"
     infocus, depth = read_image(scene / "view1.png"), read_image(scene / "disp1.png")[..., 0]

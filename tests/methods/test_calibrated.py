@@ -27,6 +27,7 @@ def test_who_is_neither_told_nor_fitted_says_so() -> None:
         _ = method.blur
 
 
+@pytest.mark.slow
 def test_what_a_fit_returned_is_taken_back_by_another() -> None:
     first, second = Calibrated(None), Calibrated(None)
     first.restore(dict(learned_law()))

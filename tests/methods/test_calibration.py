@@ -1,4 +1,5 @@
 from collections.abc import Sequence
+from functools import cache
 
 import cv2
 import numpy as np
@@ -49,11 +50,24 @@ def pairs(law: BlurLaw, count: int = 6, shift: float = 0, noise: float = 0) -> l
     return made
 
 
-@pytest.mark.parametrize("curve", [RISING, FOCUSED], ids=["rising", "focused inside"])
-@pytest.mark.parametrize("exponent", [2.0, 8.0])
+@cache
+def found_of(law: BlurLaw) -> Calibration:
+    """What is found of a law, for all tests that ask: it takes seconds."""
+    return calibrate(pairs(law))
+
+
+@pytest.mark.parametrize(
+    ("curve", "exponent"),
+    [
+        pytest.param(RISING, 2.0, id="rising"),
+        pytest.param(FOCUSED, 8.0, id="focused inside", marks=pytest.mark.slow),
+        pytest.param(RISING, 8.0, id="rising, nearly a disk", marks=pytest.mark.slow),
+        pytest.param(FOCUSED, 2.0, id="focused inside, Gaussian", marks=pytest.mark.slow),
+    ],
+)
 def test_the_widths_and_the_shape_are_found(curve: NDArray[np.float64], exponent: float) -> None:
     law = BlurLaw(tuple(curve.tolist()), exponent)
-    found = calibrate(pairs(law))
+    found = found_of(law)
     assert found.law.exponent == exponent
     assert (found.law.linear, found.law.registered, found.law.even) == (False, True, True)
     seen = found.pixels > 0
@@ -65,6 +79,7 @@ def test_the_widths_and_the_shape_are_found(curve: NDArray[np.float64], exponent
     assert max(found.law.noise) < 1
 
 
+@pytest.mark.slow
 def test_gain_and_offset_are_found() -> None:
     law = BlurLaw(tuple(RISING.tolist()), gain=0.9, offset=12.0)
     found = calibrate(pairs(law)).law
@@ -73,6 +88,7 @@ def test_gain_and_offset_are_found() -> None:
     assert np.abs(np.array(found.sigmas) - RISING)[10:246].max() < 0.1
 
 
+@pytest.mark.slow
 def test_pairs_that_are_moved_or_brightened_each_its_own_way_are_told() -> None:
     moved = calibrate(pairs(BlurLaw(tuple(RISING.tolist())), shift=0.6)).law
     assert (moved.registered, moved.even) == (False, True)
@@ -82,6 +98,7 @@ def test_pairs_that_are_moved_or_brightened_each_its_own_way_are_told() -> None:
         assert np.abs(np.array(law.sigmas) - RISING)[10:246].max() < 0.15
 
 
+@pytest.mark.slow
 def test_light_and_noise_are_told_from_grey_levels_without() -> None:
     law = BlurLaw(tuple(RISING.tolist()), exponent=32.0, linear=True)
     assert calibrate(pairs(law)).law.linear
@@ -92,14 +109,16 @@ def test_light_and_noise_are_told_from_grey_levels_without() -> None:
     assert noisy.registered
 
 
+@pytest.mark.slow
 def test_it_is_kept_and_taken_back_whole() -> None:
-    found = calibrate(pairs(BlurLaw(tuple(RISING.tolist())), 2))
+    found = found_of(BlurLaw(tuple(RISING.tolist()), 2.0))
     again = Calibration.of(found.as_learned())
     assert again.law == found.law
     for name in ("measured", "pixels", "residual"):
         assert np.array_equal(getattr(again, name), getattr(found, name), equal_nan=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "made",
     [
@@ -119,6 +138,7 @@ def test_pairs_that_show_nothing_are_refused(made: Sequence[MadePair]) -> None:
         calibrate(made)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["local", "graph-cuts", "graph-cuts-rounded"])
 def test_a_method_that_is_fitted_finds_depth_where_no_line_would(name: str) -> None:
     law = BlurLaw(tuple(FOCUSED.tolist()), exponent=8.0)
@@ -127,7 +147,7 @@ def test_a_method_that_is_fitted_finds_depth_where_no_line_would(name: str) -> N
     with pytest.raises(MethodError, match="not told the blur, and was not fitted"):
         method.predict(*scene(9)[:1] * 2)
     assert method.fit is not None
-    method.predict.restore(dict(calibrate(pairs(law)).as_learned()))
+    method.predict.restore(dict(found_of(law).as_learned()))
     infocus, defocus, depth, _ = pairs(law, 1)[0]
     # The same blur on both sides of the focus: either level is right.
     found = FOCUSED[np.asarray(method.predict(infocus, defocus)).astype(int)]

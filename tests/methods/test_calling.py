@@ -1,3 +1,4 @@
+import sys
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ def raising(*_: object) -> None:
         (np.zeros((4, 6, 3)), "returned shape (4, 6, 3)"),
         (np.zeros((6, 4)), "returned shape (6, 4)"),
         (5, "returned shape ()"),
-        (None, "returned object values"),
+        (None, "returned None; expected depth levels: is a `return` missing?"),
         ("depth", "expected real numbers"),
         (np.full((4, 6), np.nan), "NaN or infinity in 24 of 24"),
         (np.full((4, 6), np.inf), "NaN or infinity"),
@@ -70,8 +71,21 @@ def leaving(*_: object) -> None:
 
 
 def test_a_method_that_raises_or_leaves_is_caught() -> None:
-    assert call(raising, IMAGE, IMAGE).error == "raised RuntimeError: boom"
-    assert call(leaving, IMAGE, IMAGE).error == "raised SystemExit: 0"
+    line = raising.__code__.co_firstlineno + 1
+    place = f"test_calling.py:{line} in raising"
+    assert call(raising, IMAGE, IMAGE).error == f"raised RuntimeError: boom ({place})"
+    assert call(leaving, IMAGE, IMAGE).error.startswith("raised SystemExit: 0 (")
+
+
+def test_a_library_that_raises_is_told_by_the_line_that_called_it() -> None:
+    def inner(image: Any) -> Any:
+        return np.linalg.inv(image[..., 0])
+
+    def predict(infocus: Any, defocus: Any) -> Any:
+        return inner(infocus)
+
+    line = inner.__code__.co_firstlineno + 1
+    assert call(predict, IMAGE, IMAGE).error.endswith(f"(test_calling.py:{line} in inner)")
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.int64, np.float16, np.float32, np.float64])
@@ -97,6 +111,18 @@ def test_what_a_method_prints_is_kept_apart(capsys: pytest.CaptureFixture[str]) 
     assert capsys.readouterr().out == ""
 
 
+def test_a_method_that_closes_its_standard_output_costs_nothing() -> None:
+    def predict(infocus: Any, defocus: Any) -> Any:
+        print("before")
+        sys.stdout.close()
+        return np.zeros(infocus.shape[:2])
+
+    image = np.zeros((4, 5, 3), np.uint8)
+    found = call(predict, image, image)
+    assert (found.error, found.printed) == ("", "before\n")
+    print("standard output is open")
+
+
 def test_a_method_cannot_spoil_the_images() -> None:
     def writing(infocus: Any, defocus: Any) -> Any:
         infocus[:] = 9
@@ -113,5 +139,48 @@ def test_what_a_method_says_can_be_written_to_a_file() -> None:
         raise ValueError("depth \ud800")
 
     prediction = call(odd, IMAGE, IMAGE)
-    assert prediction.error == "raised ValueError: depth \\ud800"
+    assert prediction.error.startswith("raised ValueError: depth \\ud800 (")
     assert prediction.printed == "level \\udc80\n"
+
+
+class UntoldError(Exception):
+    def __str__(self) -> str:
+        raise RuntimeError("no text")
+
+
+class Unlike:
+    @property  # type: ignore[misc]
+    def __class__(self) -> type:
+        raise RuntimeError("no class")
+
+
+class Strange(BaseException):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("raised", "told"),
+    [
+        (UntoldError(), "raised UntoldError: its text cannot be told"),
+        (Strange("out of band"), "raised Strange: out of band"),
+        (GeneratorExit(), "raised GeneratorExit"),
+    ],
+)
+def test_whatever_is_raised_costs_the_pair_alone(raised: BaseException, told: str) -> None:
+    def predict(infocus: Any, defocus: Any) -> Any:
+        raise raised
+
+    assert call(predict, IMAGE, IMAGE).error.startswith(told)
+
+
+def test_ctrl_c_in_a_method_stops_the_run() -> None:
+    def predict(infocus: Any, defocus: Any) -> Any:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        call(predict, IMAGE, IMAGE)
+
+
+def test_an_answer_that_breaks_when_looked_at_costs_the_pair_alone() -> None:
+    found = call(lambda infocus, defocus: (Unlike(),), IMAGE, IMAGE)
+    assert found.error == "returned a tuple that breaks: RuntimeError: no class"

@@ -15,6 +15,7 @@ def problems(predict: Any) -> dict[str, str]:
     }
 
 
+@pytest.mark.slow
 def test_a_baseline_passes() -> None:
     method = load_method("local", {"window": 3}, {})
     assert problems(method.predict) == {}
@@ -51,11 +52,18 @@ def test_chance_writing_and_printing_are_found_out() -> None:
     assert "printed" in found["a black pair"]
 
 
+def test_depth_from_0_to_1_is_found_out() -> None:
+    found = problems(lambda infocus, _: infocus.mean(2) / 255)
+    assert "all levels between 0 and 1" in found["levels from 0 to 255"]
+    assert "levels from 0 to 255" not in problems(lambda infocus, _: infocus.mean(2))
+
+
 @pytest.mark.parametrize("answer", [None, 3])
 def test_nonsense_is_found_out_everywhere(answer: Any) -> None:
     assert len(problems(lambda *_: answer)) >= 9
 
 
+@pytest.mark.slow
 def test_depth_that_grows_with_distance_is_found_out() -> None:
     local = load_method("local", {"window": 3}, {})
     found = problems(lambda *images: 255 - np.asarray(local.predict(*images)))

@@ -128,7 +128,7 @@ def test_a_fit_is_seeded_prints_to_standard_error_and_leaves_the_process_alone(
 
 
 def test_a_fit_that_raises_says_in_which_line() -> None:
-    with pytest.raises(MethodError, match=r"KeyError: 'gone' \(test_fit.py, line \d+\)"):
+    with pytest.raises(MethodError, match=r"KeyError: 'gone' \(test_fit.py:\d+ in \w+\)"):
         teach(Method("mine", "m:Learning", Learning(KeyError("gone"))), [])
 
 

@@ -120,6 +120,7 @@ def test_a_grey_image_is_one_channel(pair: tuple[Image, Image, Image]) -> None:
     assert np.array_equal(found, again)
 
 
+@pytest.mark.slow
 def test_awkward_images_are_no_trouble() -> None:
     trials = check_method(Method("graph-cuts", "m:m", GraphCuts(labels=64)))
     assert [trial.error or trial.warning for trial in trials] == [""] * len(trials)
@@ -183,6 +184,7 @@ PROGRAM = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("recipe", "exposure"), PROGRAM)
 def test_the_published_program_is_reproduced(
     shared_data: Path, read_image: Callable[[Path], Image], recipe: str, exposure: int

@@ -51,6 +51,7 @@ def test_where_all_windows_count_as_flat_it_averages_twice() -> None:
     assert np.median(np.abs(flat(pair.infocus, pair.defocus) - expected)) <= 1
 
 
+@pytest.mark.slow
 def test_fitted_it_does_about_as_well_as_told() -> None:
     told, fitted = Guided(PUBLISHED), Guided()
     assert fitted.fit is not None

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dfdbench.errors import MethodError
+from dfdbench.errors import MethodError, UnknownNameError
 from dfdbench.methods.registry import load_method
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
@@ -23,7 +23,7 @@ def test_a_file_and_a_module_give_the_same_method(module: Path) -> None:
         ("nosuch.py:thing", "no such file"),
         ("mine.py:predikt", "did you mean predict"),
         ("mine.py:number", "not a method"),
-        ("mine.py:", "module:attribute"),
+        ("mine.py:", "module:function"),
         ("broken.py:predict", "SyntaxError"),
         ("needs.py:predict", "No module named 'nosuchpackage'"),
     ],
@@ -32,5 +32,23 @@ def test_what_cannot_be_imported_says_why(module: Path, name: str, told: str) ->
     module.with_name("broken.py").write_text("def predict(:\n")
     module.with_name("needs.py").write_text("import nosuchpackage\n")
     with pytest.raises(MethodError) as caught:
+        load_method(name, {}, {})
+    assert told in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("mine.predict", "did you mean mine:predict?"),
+        ("mine.Named", "did you mean mine:Named?"),
+        ("mine", "did you mean mine:predict?"),
+        ("mine.py", "did you mean mine.py:predict?"),
+        ("mine.nosuch", "file.py:function or module:function"),
+        ("broken.predict", "file.py:function or module:function"),
+    ],
+)
+def test_a_dot_for_a_colon_is_told_with_what_was_meant(module: Path, name: str, told: str) -> None:
+    module.with_name("broken.py").write_text("def predict(:\n")
+    with pytest.raises(UnknownNameError) as caught:
         load_method(name, {}, {})
     assert told in str(caught.value)

@@ -1,12 +1,17 @@
 import os
+import random
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numba
 import numpy as np
 import pytest
 
 from dfdbench.methods.calling import call
+from dfdbench.methods.isolation import seeded
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 
@@ -35,3 +40,43 @@ def test_a_method_cannot_spoil_the_process(tmp_path: Path, monkeypatch: pytest.M
     for image in (IMAGE, IMAGE + np.uint8(1)):
         call(spoiling, image, image)
         assert state() == before
+
+
+class Torch:
+    """Stands for PyTorch, which takes seconds to load."""
+
+    threads = 4
+
+    def get_num_threads(self) -> int:
+        return self.threads
+
+    def set_num_threads(self, number: int) -> None:
+        self.threads = number
+
+
+def test_a_method_cannot_change_the_numbers_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    torch = Torch()
+    monkeypatch.setitem(sys.modules, "torch", torch)
+
+    def state() -> tuple[int, ...]:
+        return cv2.getNumThreads(), numba.get_num_threads(), torch.threads
+
+    def hurrying(infocus: Any, defocus: Any) -> Any:
+        cv2.setNumThreads(cv2.getNumThreads() + 1)
+        numba.set_num_threads(1)
+        torch.set_num_threads(1)
+        return infocus[..., 0]
+
+    before = state()
+    call(hurrying, IMAGE, IMAGE)
+    assert state() == before
+
+
+def test_random_numbers_drawn_in_a_call_reach_nobody_else() -> None:
+    def state() -> str:
+        return f"{random.getstate()}{np.random.get_state()}"
+
+    before = state()
+    with seeded(3):
+        call(lambda *_: random.random() + np.random.random(), IMAGE, IMAGE)
+    assert state() == before

@@ -20,6 +20,7 @@ from tests.methods.made_weights import card
 from tests.methods.networks.test_architectures import SMALL
 
 
+@pytest.mark.slow
 def test_a_run_keeps_the_weights_hash_and_warns_of_another_recipe(
     weights: Path, tiny_store: Store, tmp_path: Path
 ) -> None:
@@ -88,6 +89,7 @@ def test_falling_back_to_tiles_is_said(
     assert "out of memory: went on in tiles of" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_without_torch_the_error_says_what_to_install(tmp_path: Path) -> None:
     # A module of that name that cannot be imported, as where it is not installed.
     code = (

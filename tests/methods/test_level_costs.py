@@ -1,3 +1,5 @@
+import pytest
+
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.methods.calibration import Calibration
@@ -29,6 +31,7 @@ def test_a_law_counts_by_depth_and_weighs_by_its_noise() -> None:
     assert noisy.sum() < quiet.sum() / 4
 
 
+@pytest.mark.slow
 def test_a_fitted_law_finds_what_a_told_recipe_finds() -> None:
     law = Calibration.of(learned_law()).law
     pair = plane(120, seed=8)

@@ -1,6 +1,9 @@
 import hashlib
 from pathlib import Path
 
+import pytest
+
+from dfdbench.errors import MethodError
 from dfdbench.methods.method import Method
 
 
@@ -26,3 +29,18 @@ def test_files_that_parameters_name_are_hashed(module: Path) -> None:
     (folder / "in" / "b.txt").write_text("b")
     assert len({first["prior"], renamed["prior"], hashes()["prior"]}) == 3
     assert hashes()["more.0"] == digest
+
+
+class Says:
+    paper = "\ud800 2021"
+    trained_on = "clear\x1b[2J"
+    warnings = ("\ud800", 3)
+    weights_sha256 = "nonsense"
+
+
+def test_what_a_method_says_of_itself_can_be_kept_and_shown() -> None:
+    method = Method("m", "m:m", Says())  # type: ignore[arg-type]
+    assert (method.paper, method.trained_on) == ("\\ud800 2021", "clear\\x1b[2J")
+    assert method.warnings == ("\\ud800", "3")
+    with pytest.raises(MethodError, match="not the SHA-256 of weights"):
+        _ = method.weights_sha256

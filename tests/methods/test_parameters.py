@@ -7,6 +7,7 @@ import pytest
 
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
+from dfdbench.methods.parameters import read_parameters
 from dfdbench.methods.registry import load, load_method
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
@@ -64,3 +65,9 @@ def test_the_blur_is_withheld_only_from_who_can_find_it_out(tmp_path: Path) -> N
     )
     with pytest.raises(MethodError, match="not a blur recipe"):
         load(f"{tmp_path / 'solver.py'}:Solver", recipe=None)
+
+
+def test_a_recipe_nested_too_deep_is_told(tmp_path: Path) -> None:
+    (tmp_path / "deep.toml").write_text("sigmas = " + "[" * 3000)
+    with pytest.raises(MethodError, match="nested too deep"):
+        read_parameters({"recipe": str(tmp_path / "deep.toml")})

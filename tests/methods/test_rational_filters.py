@@ -53,6 +53,7 @@ def test_it_follows_a_law_that_turns() -> None:
     assert abs(float(np.median(found)) - 200) < 10
 
 
+@pytest.mark.slow
 def test_fitted_it_does_about_as_well_as_told() -> None:
     told, fitted = RationalFilters(PUBLISHED), RationalFilters()
     assert fitted.fit is not None

@@ -38,6 +38,7 @@ def test_other_errors_than_rounding_soften_it() -> None:
     assert np.abs(found - depth).mean() < 15
 
 
+@pytest.mark.slow
 def test_awkward_images_are_no_trouble() -> None:
     trials = check_method(Method("rounded", "m:m", RoundedGraphCuts()))
     assert [trial.error or trial.warning for trial in trials] == [""] * len(trials)
@@ -60,6 +61,7 @@ def test_wrong_input_is_named() -> None:
         RoundedGraphCuts()(image.astype(float), image)
 
 
+@pytest.mark.slow
 def test_it_beats_the_thesis_energy_on_real_scenes(
     shared_data: Path, read_image: Callable[[Path], Image]
 ) -> None:

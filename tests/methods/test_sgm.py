@@ -58,6 +58,7 @@ def test_it_fills_what_has_no_texture_from_around() -> None:
     assert np.abs(found[24:36, 34:46] - 90).max() < 5
 
 
+@pytest.mark.slow
 def test_fitted_it_does_about_as_well_as_told() -> None:
     told, fitted = SemiGlobal(PUBLISHED), SemiGlobal()
     assert fitted.fit is not None

@@ -49,6 +49,15 @@ def test_a_smooth_curve_keeps_a_line_and_passes_by_what_weighs_little() -> None:
     assert smooth_curve(bent, weights)[0][50] == pytest.approx(LINE[50], abs=0.01)
 
 
+def test_the_curve_is_what_the_normal_equations_say() -> None:
+    random = np.random.default_rng(1)
+    weights = random.random(LEVELS) * (random.random(LEVELS) < 0.6)
+    values = LINE + 0.1 * random.normal(size=LEVELS)
+    bends = np.diff(np.eye(LEVELS), 2, axis=0)
+    dense = np.linalg.solve(np.diag(weights) + 40 * bends.T @ bends, weights * values)
+    assert_allclose(smooth_curve(values, weights, 40.0)[0], dense, rtol=1e-10)
+
+
 def test_where_every_width_leaves_as_much_nothing_is_made_up() -> None:
     with pytest.raises(MethodError, match="do not show"):
         width_curve(np.full((LEVELS, LADDER.size), 100.0), PIXELS)

@@ -118,6 +118,7 @@ def test_a_metric_more_is_in_what_experiments_show() -> None:
     assert shows_it(training_figure(log, "training"))
 
 
+@pytest.mark.slow
 def test_in_metres_every_table_figure_and_page_shows_their_metrics(
     tiny_store: Store, tmp_path: Path
 ) -> None:

@@ -91,3 +91,8 @@ def test_a_broken_table_is_told_with_every_problem(tmp_path: Path) -> None:
 def test_a_range_outside_the_table_is_refused() -> None:
     with pytest.raises(InputError, match=r"0\.4 to 4 m"):
         rank_pairs(read_lens_table(), 5, 6)
+
+
+def test_numbers_that_no_lens_has_are_told() -> None:
+    with pytest.raises(SourceError, match="not whole pixels"):
+        parse_lens_table(f"step,1,2\n10,1,{10**30}\n", "mine.csv")

@@ -101,3 +101,10 @@ def test_a_disk_on_the_grid_has_that_sigma() -> None:
     y, x = np.mgrid[-400:401, -400:401]
     inside = np.hypot(x, y) <= 300.0
     assert np.sqrt((x[inside] ** 2).mean()) == pytest.approx(600 / 4, rel=1e-3)
+
+
+def test_numbers_whose_products_are_0_or_infinite_are_refused() -> None:
+    with pytest.raises(InputError, match="not a lens's"):
+        ThinLens(2.4, 1e-300, 0.5, 1e-300)
+    with pytest.raises(InputError, match="not a lens's"):
+        ThinLens(2.4, 1e-2, 1e308, 5e-6)

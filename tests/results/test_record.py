@@ -154,7 +154,7 @@ def test_the_attack_of_the_trial_is_refused_on_reading(tmp_path: Path) -> None:
         content = json.loads(make_result(VALUES).model_dump_json())
         tamper(content)
         path.write_text(json.dumps(content))
-        with pytest.raises(ResultError, match="wrong value in the result"):
+        with pytest.raises(ResultError, match=r"wrong value in the result|lone surrogate"):
             load_result(path)
 
 

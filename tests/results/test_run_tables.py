@@ -85,9 +85,17 @@ def test_a_name_is_text_never_markup(name: str) -> None:
     markdown = render(run_tables(summarise(make_result(VALUES, name), "thesis")), Format.markdown)
     assert "<script>" not in markdown
     assert "a|b" not in markdown
-    shown = as_rich(Table(name, (name,), ((name,),), "l"))
-    assert str(shown.title) == name
+    title, *_ = as_rich(Table(name, (name,), ((name,),), "l"))
+    assert str(title) == name
     rows = list(
         csv.DictReader(io.StringIO(run_as_csv(summarise(make_result(VALUES, name), "thesis"))))
     )
     assert rows[0]["method"] == name
+
+
+def test_tables_of_simulated_captures_say_so() -> None:
+    captured = make_result(VALUES)
+    dataset = captured.dataset.model_copy(update={"simulated": True})
+    simulated = captured.model_copy(update={"dataset": dataset})
+    assert "on tiny-1 (SIMULATED), split" in run_tables(summarise(simulated, "thesis"))[0].title
+    assert "on tiny-1, split" in run_tables(summarise(captured, "thesis"))[0].title

@@ -6,6 +6,7 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
+from dfdbench.results.folder import open_run_folder
 from dfdbench.results.record_file import save_result
 from dfdbench.results.saved_run import open_run
 from tests.made_results import make_result
@@ -34,6 +35,8 @@ def test_a_run_on_a_path_finds_its_store_again(
     assert found.store is not None
     assert found.without == ""
     assert found.images(found.result.pairs[0]) is not None
+    with pytest.raises(TypeError, match=r"by its id or its record.* got 0"):
+        found.images(0)  # type: ignore[arg-type]
     # Elsewhere, or overwritten by another build: told, not shown.
     (tmp_path / "tiny.zarr").rename(tmp_path / "moved.zarr")
     moved = open_run(tmp_path / "out")
@@ -42,3 +45,10 @@ def test_a_run_on_a_path_finds_its_store_again(
     assert open_run(tmp_path / "out", str(tmp_path / "moved.zarr")).store is not None
     (tmp_path / "out/store.txt").unlink()
     assert "unknown data set" in open_run(tmp_path / "out").without
+
+
+def test_a_run_that_was_stopped_is_told_as_one(tmp_path: Path) -> None:
+    open_run_folder(tmp_path / "run", {"entry": "mine:predict"}, fresh=False)
+    with pytest.raises(ResultError, match="stopped before its end") as told:
+        open_run(tmp_path / "run")
+    assert "the same command" in str(told.value)

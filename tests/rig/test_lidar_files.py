@@ -80,3 +80,26 @@ def test_beams_that_point_nowhere_are_told(tmp_path: Path, altitude: str) -> Non
     path.write_text(f"beam,altitude_deg,azimuth_deg,azimuth_index\n0,{altitude},3.1,18\n")
     with pytest.raises(SourceError, match="degrees, 90 at most"):
         read_beams(path)
+
+
+def test_an_index_beyond_any_scan_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "beams.csv"
+    path.write_text(f"beam,altitude_deg,azimuth_deg,azimuth_index\n0,1,2,{10**30}\n")
+    with pytest.raises(SourceError, match="whole numbers, 65536 at most"):
+        read_beams(path)
+
+
+def test_a_range_too_large_for_its_type_turns_into_no_other(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.full((2, 2), 2**32 + 1500))
+    with pytest.raises(SourceError, match="not ranges"):
+        read_ranges(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize("shape", ["(99999999, 99999999)", "(2, 9", "(2, -9)"])
+def test_a_head_that_claims_what_the_file_does_not_hold(tmp_path: Path, shape: str) -> None:
+    np.save(tmp_path / "a.npy", np.ones((64, 64), np.int64))
+    content = (tmp_path / "a.npy").read_bytes()
+    head = f"{{'descr': '<i8', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    (tmp_path / "a.npy").write_bytes(content[:10] + head.ljust(117) + b"\n" + content[128:])
+    with pytest.raises(SourceError, match="not a NumPy array"):
+        read_ranges(tmp_path / "a.npy")

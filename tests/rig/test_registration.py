@@ -53,7 +53,10 @@ def shift(found: Registration, sighting: Sighting, pose: Pose) -> float:
     return float(np.linalg.norm(moved - PLACES, axis=-1).max())
 
 
-@pytest.mark.parametrize("number", [1, 3, 32, 50])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "number", [3, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 32, 50))]
+)
 @pytest.mark.parametrize("pose", [MOUNTED, OTHER])
 def test_a_known_misalignment_is_recovered_within_three_pixels(number: int, pose: Pose) -> None:
     view, _ = seen(number)
@@ -71,6 +74,7 @@ def test_a_known_misalignment_is_recovered_within_three_pixels(number: int, pose
     assert (np.abs(levels.astype(int) - expected) <= 2)[valid].mean() > 0.95
 
 
+@pytest.mark.slow
 def test_what_one_board_leaves_open_is_told_and_others_of_the_rig_settle_it() -> None:
     flat, oblique = sighted(3, LEVEL), sighted(1, LEVEL)
     alone = register({"k03": flat}, RIG)[0]["k03"]
@@ -83,6 +87,7 @@ def test_what_one_board_leaves_open_is_told_and_others_of_the_rig_settle_it() ->
     assert max(shift(together["k03"], flat, LEVEL), shift(together["k01"], oblique, LEVEL)) < 1.5
 
 
+@pytest.mark.slow
 def test_an_image_that_shows_no_sides_is_registered_by_others_of_the_rig() -> None:
     filled = unseen(3, MOUNTED)
     found, problems = register({"k01": sighted(1, MOUNTED), "k03": filled}, RIG)
@@ -93,6 +98,7 @@ def test_an_image_that_shows_no_sides_is_registered_by_others_of_the_rig() -> No
     assert "sides are not found" in str(problems["k03"][0])
 
 
+@pytest.mark.slow
 def test_a_scene_of_another_rig_is_registered_by_itself_and_spoils_nothing() -> None:
     scenes = {"k01": (1, MOUNTED), "k03": (3, MOUNTED), "k50": (50, OTHER)}
     sightings = {name: sighted(*scene) for name, scene in scenes.items()}
@@ -103,6 +109,7 @@ def test_a_scene_of_another_rig_is_registered_by_itself_and_spoils_nothing() -> 
         assert shift(found[name], sightings[name], pose) < 3
 
 
+@pytest.mark.slow
 def test_rays_and_an_outline_that_disagree_are_refused() -> None:
     rays = sighted(3, MOUNTED).rays
     small = [np.array(line) for line in ([1.0, 0, -300], [0, 1.0, -300], [-1.0, 0, 400])]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture, cast
+from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture, cast, look
 
 PLAIN = Texture("plain", 100)
 PHOTOGRAPHS = {"plain": np.full((8, 8, 3), 0.5)}
@@ -43,3 +43,12 @@ def test_the_nearest_surface_is_seen_and_a_second_view_shifts_by_the_disparity()
     assert left[20, 33] == 2
     shift = round(60 * 0.2 / 2)
     assert np.array_equal(left[:, shift:] == 2, right[:, :-shift] == 2)
+
+
+def test_colour_is_of_four_rays_a_pixel_and_distance_of_its_centre() -> None:
+    # The near board's left edge is 0.1 pixels left of the middle column: half of its rays pass.
+    near = Board((0.5 - 0.1 / 60, 0.0, 1.0), (1.0, 99.0), PLAIN)
+    far = Board((0.0, 0.0, 3.0), (99.0, 99.0), Texture("plain", 100, (0.5, 0.5, 0.5)))
+    seen = look((near, far), PHOTOGRAPHS, 0.0, (41, 61), 60.0)
+    assert np.allclose(seen.reflectance[20, 29:32, 0], [0.25, 0.375, 0.5])
+    assert np.allclose(seen.distance[20, 29:32], [3, 1, 1])

@@ -1,10 +1,16 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import threading
 import time
+from collections.abc import Callable
+from pathlib import Path
 
+import dask
 import pytest
+from distributed import LocalCluster
 
 from dfdbench.errors import InputError
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
@@ -12,7 +18,12 @@ from tests.conftest import ON_SERVERS
 
 
 @pytest.fixture(
-    params=["one thread", "three threads", "processes", pytest.param("cluster", marks=ON_SERVERS)]
+    params=[
+        "one thread",
+        "three threads",
+        pytest.param("processes", marks=pytest.mark.slow),
+        pytest.param("cluster", marks=ON_SERVERS),
+    ]
 )
 def pool(request: pytest.FixtureRequest) -> Pool:
     if request.param == "cluster":
@@ -89,6 +100,7 @@ def test_threads_work_at_once() -> None:
     assert len(Threads(2).map(lambda _: barrier.wait(), range(2))) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["processes", pytest.param("cluster", marks=ON_SERVERS)])
 def test_processes_are_others(kind: str, request: pytest.FixtureRequest) -> None:
     others: Pool = (
@@ -99,10 +111,84 @@ def test_processes_are_others(kind: str, request: pytest.FixtureRequest) -> None
     assert os.getpid() not in found
 
 
+@pytest.mark.parametrize("address", ["foo", "tcp://node1", "node1:", "http://a:1", ""])
+def test_what_is_no_address_is_refused_before_anything_is_asked(address: str) -> None:
+    with pytest.raises(InputError, match="not a scheduler's address"):
+        Cluster(address).map(str, [1])
+
+
 def test_no_scheduler_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dfdbench.system.parallel._SECONDS_TO_ANSWER", 1)
     with pytest.raises(InputError, match="no scheduler answers") as caught:
         Cluster("tcp://127.0.0.1:9").map(abs, [1])
     assert "tcp://127.0.0.1:9" in str(caught.value)
-    with pytest.raises(InputError, match="no scheduler answers"):
-        Cluster("nonsense://x").map(abs, [1])
+
+
+def note_and_wait(file: str) -> None:
+    Path(file).write_text(str(os.getpid()))
+    time.sleep(600)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="asks for a process by its number")
+def test_workers_end_with_who_was_killed(tmp_path: Path) -> None:
+    program = (
+        "from dfdbench.system.parallel import Processes\n"
+        "from tests.system.test_parallel import note_and_wait\n"
+        "if __name__ == '__main__':\n"
+        f"    Processes(1).map(note_and_wait, [{str(tmp_path / 'worker')!r}])\n"
+    )
+    (tmp_path / "program.py").write_text(program)
+    root = Path(__file__).parents[2]
+    parent = subprocess.Popen(
+        [sys.executable, str(tmp_path / "program.py")], env={**os.environ, "PYTHONPATH": str(root)}
+    )
+    noted = tmp_path / "worker"
+    within(120, lambda: noted.exists() and noted.read_text())
+    worker = int(noted.read_text())
+    assert is_running(worker)
+    parent.kill()
+    parent.wait()
+    within(60, lambda: not is_running(worker))
+
+
+def within(seconds: float, what: Callable[[], object]) -> None:
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    # One that has ended and that nobody has asked for is still listed.
+    status = Path(f"/proc/{process}/stat")
+    return not status.exists() or status.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+@ON_SERVERS
+def test_a_scheduler_that_goes_away_is_told() -> None:
+    told: list[int] = []
+    with dask.config.set({"distributed.comm.timeouts.connect": "1s"}):
+        cluster = LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+        )
+        closing = threading.Thread(target=cluster.close)
+
+        def close(item: int, _: int) -> None:
+            told.append(item)
+            closing.start()
+
+        with pytest.raises(InputError, match="the scheduler went away"):
+            Cluster(cluster.scheduler_address).map(square_and_wait, range(4), close)
+        closing.join()
+    # What was done before was told, and what was not was not.
+    assert told == [0]
+
+
+def square_and_wait(item: int) -> int:
+    time.sleep(0.2 if item == 0 else 1)
+    return item * item

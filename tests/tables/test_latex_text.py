@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dfdbench.tables.latex_text import latex_label, latex_text
 from dfdbench.tables.render import as_latex
-from dfdbench.tables.table import Table
+from dfdbench.tables.table import Marked, Table
 
 NAMES = ("Łódź's Übung", "🐟 fish", "日本", "a_b%&#$~^\\{}", "[3pt]", "-0.5 to -.25", "\u200bx\x07")
 
@@ -43,12 +43,17 @@ def test_a_label_is_a_word() -> None:
     assert re.fullmatch(r"tab:[a-z0-9-]*", latex_label("🐟 \\ }" * 50))
 
 
+def test_a_long_label_ends_with_a_whole_word() -> None:
+    assert latex_label("fingerprint " * 9) == "tab:" + "-".join(["fingerprint"] * 5)
+    assert latex_label("a" * 99) == "tab:" + "a" * 60
+
+
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="no pdflatex here")
 def test_latex_takes_any_name_and_no_table_is_too_wide(tmp_path: Path) -> None:
     table = Table(
         "\\input{x} & co",
         ("name", "long"),
-        tuple((name, "w " * 60) for name in NAMES),
+        tuple((Marked(name, mark), "w " * 60) for name in NAMES for mark in ("best", "second")),
         "lr",
         ("a note, 50 %",),
         parts=((0,), (0, 1)),

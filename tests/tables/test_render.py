@@ -5,13 +5,14 @@ import io
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dfdbench.tables.render import as_latex, as_markdown, render
-from dfdbench.tables.table import Format, Link, Table
+from dfdbench.tables.table import Format, Link, Marked, Table
 
 TABLE = Table(
     "T & co",
@@ -66,6 +67,15 @@ def test_a_link_leads_where_it_says_and_breaks_nothing() -> None:
     assert "[r\\|x](results/a%20b%281%29.json)" in as_markdown(TABLE)
 
 
+def test_what_stands_out_does_so_where_the_form_can_show_it() -> None:
+    cells = (Marked("0.1_", "best"), Marked("0.2", "second"))
+    table = Table("t", ("a", "b"), (cells,), "rr")
+    assert r"\textbf{0.1\_} & \underline{0.2} \\" in as_latex(table)
+    assert r"| <b>0.1\_</b> | <u>0.2</u> |" in as_markdown(table)
+    assert render([table], Format.csv) == "a,b\n0.1_,0.2\n"
+    assert "0.1_   0.2" in render([table], Format.table)
+
+
 @given(st.text(max_size=30))
 def test_any_text_keeps_a_markdown_table_whole(text: str) -> None:
     lines = as_markdown(Table("t", ("a", "b"), ((text, "1"),), "lr")).split("\n")
@@ -82,3 +92,73 @@ def test_github_takes_it_for_no_formula_and_strikes_nothing(text: str) -> None:
 def test_a_line_break_does_not_break_the_table() -> None:
     lines = as_markdown(Table("t", ("a", "b"), (("x\ny", "1"),), "lr")).splitlines()
     assert "| x y | 1 |" in lines
+
+
+def test_a_title_and_a_note_are_as_wide_as_the_terminal_not_as_the_table() -> None:
+    title, note = "a title of " + "w" * 40, "a note of " + "w" * 40
+    lines = render([Table(title, ("a",), (("x",),), "l", (note,))], Format.table, 80).splitlines()
+    assert (lines[0], lines[-1]) == (title, note)
+
+
+_INJECTED = (
+    "nice paper {: onmouseover=alert(1) style=position:fixed }",
+    "x {: #id .class }",
+    "\\{: onclick=alert(1) \\}",
+    "<b onclick=alert(1)>x</b>",
+    "[x](javascript:alert(1))",
+    "![x](javascript:alert(1))",
+    "<javascript:alert(1)>",
+    '<div markdown="1" onclick=alert(1)>',
+    "`{: onclick=alert(1) }`{: onclick=alert(1) }",
+    "x\n{: onclick=alert(1) }",
+    "!!! danger",
+    "# heading {: onclick=alert(1) }",
+    "- item {: onclick=alert(1) }",
+    "1. item",
+)
+
+
+@pytest.mark.parametrize("text", _INJECTED)
+def test_no_text_makes_an_element_or_an_attribute_on_the_site(text: str) -> None:
+    markdown = pytest.importorskip("markdown")
+    pytest.importorskip("pymdownx")
+    configuration = Path("mkdocs.yml").read_text("utf-8").partition("markdown_extensions:")[2]
+    listed = re.findall(r"^  - ([\w.]+):?$", configuration.partition("\nvalidation:")[0], re.M)
+    assert {"attr_list", "md_in_html", "tables", "admonition"} <= {*listed}
+
+    def page(text: str) -> str:
+        table = Table(text, ("a", text), ((text, "1"), ("b", text)), "lr", (text,))
+        found: str = markdown.markdown(as_markdown(table), extensions=listed)
+        return re.sub(r">[^<>]+<", ">words<", found)
+
+    # The same elements and attributes as plain words have, and nothing else.
+    assert page(text) == page("plain words")
+
+
+def test_braces_are_no_attributes() -> None:
+    text = as_markdown(Table("t {a}", ("{b}",), (("{: onclick=f }",),), "l", ("{: .c }",)))
+    assert not set("{}") & set(text)
+
+
+def test_a_note_begins_no_block() -> None:
+    for note in ("# a", "- a", "+ a", "1. a", "12) a", "!!! a", "    a", "=== a"):
+        last = as_markdown(Table("t", ("a",), (), "l", (note,))).splitlines()[-1]
+        assert re.match(r"[&a]", last), last
+
+
+@pytest.mark.parametrize("format", Format)
+def test_what_cannot_be_seen_is_spelt_out_in_every_form(format: Format) -> None:
+    text = "a\x1b[2J\x07\x9b\u202e\u2066\u200b\u2028b"
+    table = Table(text, (text,), ((text,),), "l", (text,))
+    shown = render([table], format)
+    assert all(letter.isprintable() or letter == "\n" for letter in shown)
+    if format is Format.json:
+        assert json.loads(shown)[0]["rows"] == [{text: text}]
+
+
+def test_a_spreadsheet_takes_no_text_for_a_formula() -> None:
+    cells = ("=cmd|calc:x", "+1+1", "-1+1", "@a", " =1", "-2.5", "+3", "plain")
+    table = Table("t", ("a",), tuple((cell,) for cell in cells), "l", records=({"a": -0.5},))
+    lines = render([replace(table, records=())], Format.csv).splitlines()[1:]
+    assert lines == ["'=cmd|calc:x", "'+1+1", "'-1+1", "'@a", "' =1", "-2.5", "+3", "plain"]
+    assert render([table], Format.csv) == "a\n-0.5\n"

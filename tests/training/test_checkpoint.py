@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -75,3 +76,21 @@ def test_a_checkpoint_runs_no_code(folder: TrainingFolder) -> None:
     torch.save({"version": 1, "identity": "{}", "evil": Evil()}, folder.path / "checkpoint.pt")
     with pytest.raises(InputError, match="the checkpoint cannot be read"):
         folder.load(IDENTITY)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda text: text.replace("step", "3"),
+        lambda text: text.replace("loss", "channel"),
+        lambda text: text.replace("0.3333333333333333", ""),
+        lambda text: text.replace("0.1", "half"),
+        lambda text: text + "\ud800",
+    ],
+)
+def test_a_damaged_log_is_told(folder: TrainingFolder, spoil: Callable[[str], str]) -> None:
+    folder.save({"a": 1}, {"step": 3}, rows(1, 3))
+    path = folder.path / "losses.csv"
+    path.write_bytes(spoil(path.read_text()).encode("utf-8", "surrogatepass"))
+    with pytest.raises(InputError, match="the log of the training cannot be read"):
+        folder.load({"a": 1})

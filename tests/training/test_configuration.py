@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,11 +9,8 @@ from dfdbench.blur.tracks import TRACKS
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.weights import find_weights, load_weights
 from dfdbench.methods.networks.widths import FILTERS
-from dfdbench.training.configuration import (
-    TrainingConfiguration,
-    read_configuration,
-    shipped_configurations,
-)
+from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.configuration_file import read_configuration
 
 
 def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
@@ -23,6 +19,10 @@ def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
     assert (published.crop, published.learning_rate, published.betas) == (32, 1e-4, (0.5, 0.99))
     assert (published.weight_decay, published.patience, published.shrink) == (0.0005, 2500, 0.1)
     assert published.minimum_learning_rate == 1e-10
+    assert (published.schedule, published.decay_prelu) == ("dlib", True)
+    # 28 patches in eight orientations: 28 * 126,304 are the 3,536,511 of Fig. 5.8 but for one.
+    assert (published.crops_per_step, published.expansion) == (28, "eight")
+    assert pytest.approx(8753.74 * 404, abs=2) == 28 * 126_304
     assert published.architecture("dfd-net") == {
         "filters": list(FILTERS["original"]),
         "sampling_size": 2,
@@ -36,48 +36,35 @@ def test_the_captures_are_trained_with_more_patience_and_nothing_else() -> None:
     assert read_configuration("published-realworld") == changed
 
 
-@pytest.mark.parametrize("name", shipped_configurations())
-def test_every_shipped_configuration_can_be_read(name: str) -> None:
-    read_configuration(name).architecture("dfd-net")
-
-
-def test_a_file_and_changes_to_it(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text('filters = "F-02-02"\nnoise = 1\n')
-    read = read_configuration(str(path), {"noise": 3, "betas": [0.9, 0.999]})
-    assert (read.noise, read.betas) == (3.0, (0.9, 0.999))
-    assert read.architecture("dfd-net")["filters"] == list(FILTERS["F-02-02"])
-
-
-def test_every_problem_of_a_file_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text('crop = 3\nnoice = 1\nprecision = "int8"\nlearning_rate = -1\n')
-    with pytest.raises(InputError) as caught:
-        read_configuration(str(path))
-    text = str(caught.value)
-    assert len(caught.value.problems) == 4
-    for word in ("crop", "noice", "precision", "learning_rate", "mine.toml"):
-        assert word in text
-
-
-def test_what_is_no_configuration(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="demo, published"):
-        read_configuration("publisht")
-    path = tmp_path / "mine.toml"
-    path.write_text("crop = = 3")
-    with pytest.raises(InputError, match="not a TOML file"):
-        read_configuration(str(path))
-    with pytest.raises(InputError, match="needs steps"):
-        read_configuration("published", {"schedule": "cosine"})
-    with pytest.raises(InputError, match="F-02-02"):
-        read_configuration("published", {"filters": "F-99"})
-
-
 def test_unet_refuses_what_only_dfd_net_has() -> None:
     choices = TrainingConfiguration(sampling_size=3, first_activation="sigmoid", filters="F-02-02")
     with pytest.raises(InputError) as caught:
         choices.architecture("u-net")
     assert len(caught.value.problems) == 3
+
+
+def test_what_a_particle_describes_is_a_choice() -> None:
+    kernels = [[1, 9], *[3] * 13]
+    kinds = ["srelu", *["prelu"] * 8]
+    bits = [True] * 8 + [False]
+    changes = {"kernels": kernels, "activations": kinds, "normalized": bits, "crop": 12}
+    read = read_configuration("published", changes)
+    found = read.architecture("dfd-net")
+    assert found["kernels"] == [[1, 9], *[[3, 3]] * 13]
+    assert (found["activations"], found["normalized"]) == (kinds, bits)
+    # As a card keeps it.
+    assert TrainingConfiguration.model_validate(read.model_dump(mode="json")) == read
+    with pytest.raises(InputError) as caught:
+        read.architecture("u-net")
+    assert len(caught.value.problems) == 3
+    usual = {"kernels": [3] * 14, "activations": ["prelu"] * 9, "normalized": [True] * 9}
+    published = read_configuration("published").architecture("dfd-net")
+    assert read_configuration("published", usual).architecture("dfd-net") == published
+    with pytest.raises(InputError, match="both say what comes first"):
+        read_configuration("published", {"first_activation": "sigmoid", "activations": kinds})
+    for name, value in (("kernels", [3] * 13), ("activations", ["swish"] * 9), ("crop", 11)):
+        with pytest.raises(InputError, match=name):
+            read_configuration("published", {name: value})
 
 
 @pytest.mark.parametrize(
@@ -98,6 +85,32 @@ def test_unet_refuses_what_only_dfd_net_has() -> None:
             {"label_width": 2, "steps": 13000, "readout": "median", "evaluate_every": 6500},
             "middlebury-default-1, split train, 16,000 steps",
         ),
+        (
+            "dfd-net",
+            "dfd-indoor",
+            "demo-fine",
+            {
+                "redraw_depth": False,
+                "tilt": 0,
+                "crop": 128,
+                "crops_per_step": 1,
+                "label_width": 5,
+                "learning_rate": 5e-4,
+                "unknown": "ignore",
+                "readout": "median",
+                "steps": 9000,
+                "evaluate_every": 3000,
+            },
+            "dfd-indoor-1, split train, 9,000 steps",
+        ),
+        (
+            "dfd-net",
+            "robust",
+            "robust",
+            # What the first filters would have been: the weights that it began from have them.
+            {"initial_filters": "differences"},
+            "demo-1, split train, 45,000 steps",
+        ),
     ],
 )
 def test_shipped_weights_were_trained_as_the_docs_say(
@@ -110,8 +123,9 @@ def test_shipped_weights_were_trained_as_the_docs_say(
     assert card.started_from.startswith(first)
 
 
-def test_robust_is_demo_on_every_track() -> None:
-    demo, robust = read_configuration("demo"), read_configuration("robust")
-    assert robust == demo.model_copy(update={"tracks": tuple(TRACKS)})
+def test_robust_goes_on_from_demo_fine_on_every_track() -> None:
+    fine, robust = read_configuration("demo-fine"), read_configuration("robust")
+    changes = {"tracks": tuple(TRACKS), "steps": 14000, "evaluate_every": 3500, "readout": "median"}
+    assert robust == fine.model_copy(update=changes)
     with pytest.raises(InputError, match=r"any of noise, psf.*got nois"):
         read_configuration("robust", {"tracks": ["nois"]})

@@ -51,7 +51,7 @@ def test_channel_means_are_those_of_all_pixels(tiny_store: Store, images: Traini
 
 
 def test_a_patch_comes_in_eight_orientations_images_and_depth_alike(images: TrainingImages) -> None:
-    pixels, levels = Cropper(images, 16, 2, True, 0.0, 5).draw(3)
+    pixels, levels = Cropper(images, 16, 2, "eight", 0.0, 5).draw(3)
     assert pixels.shape == (16, 6, 16, 16)
     assert levels.shape == (16, 16, 16)
     turned = {oriented(levels[0], orientation).numpy().tobytes() for orientation in range(8)}
@@ -80,9 +80,23 @@ def found_at(
     return False
 
 
+def test_the_basic_expansion_mirrors_by_two_fair_coins(images: TrainingImages) -> None:
+    # 5.2.1: left-right, then up-down, each with a probability of 50 %; nothing is turned.
+    cropper = Cropper(images, 16, 4000, "basic", 0.0, 1)
+    place = cropper.places(0)[0]
+    whole = images.levels[place.index][place.top : place.top + 16, place.left : place.left + 16]
+    mirrored = [whole, whole.flip(1), whole.flip(0), whole.flip(0, 1)]
+    expected = {level.numpy().tobytes() for level in mirrored}
+    assert {oriented(whole, number).numpy().tobytes() for number in (0, 2, 4, 6)} == expected
+    assert oriented(whole, place.orientation).numpy().tobytes() in expected
+    counts = np.bincount([place.orientation for place in cropper.places(0)], minlength=8)
+    assert (counts[1::2] == 0).all()
+    assert counts[::2] == pytest.approx([1000] * 4, abs=120)
+
+
 def test_a_step_follows_from_seed_and_number_alone(images: TrainingImages) -> None:
     def drawn(seed: int, step: int) -> bytes:
-        pixels, levels = Cropper(images, 16, 3, False, 1.0, seed).draw(step)
+        pixels, levels = Cropper(images, 16, 3, "one", 1.0, seed).draw(step)
         return bytes(pixels.numpy().tobytes() + levels.numpy().tobytes())
 
     assert drawn(1, 7) == drawn(1, 7)
@@ -90,8 +104,8 @@ def test_a_step_follows_from_seed_and_number_alone(images: TrainingImages) -> No
 
 
 def test_noise_has_its_deviation_and_stays_in_range(images: TrainingImages) -> None:
-    clean, _ = Cropper(images, 16, 64, False, 0.0, 1).draw(0)
-    noisy, _ = Cropper(images, 16, 64, False, 3.0, 1).draw(0)
+    clean, _ = Cropper(images, 16, 64, "one", 0.0, 1).draw(0)
+    noisy, _ = Cropper(images, 16, 64, "one", 3.0, 1).draw(0)
     inside = (clean > 15) & (clean < 240)
     difference = (noisy - clean)[inside]
     assert float(difference.std()) == pytest.approx(3, rel=0.03)
@@ -101,10 +115,10 @@ def test_noise_has_its_deviation_and_stays_in_range(images: TrainingImages) -> N
 
 def test_patches_larger_than_an_image_are_refused(images: TrainingImages) -> None:
     with pytest.raises(InputError, match="at most 24"):
-        Cropper(images, 28, 1, True, 0.0, 0)
+        Cropper(images, 28, 1, "eight", 0.0, 0)
     redraw = Redraw(SMALL_BLUR, 40, 200, 1.0, 0)
     with pytest.raises(InputError, match="at most 18"):
-        Cropper(images, 20, 1, True, 0.0, 0, redraw)
+        Cropper(images, 20, 1, "eight", 0.0, 0, redraw)
 
 
 def test_redrawn_depth_is_the_blur_of_the_patch() -> None:
@@ -132,7 +146,7 @@ def test_redrawn_patches_are_blurred_with_what_lies_around_them() -> None:
     whole = torch.from_numpy(both.transpose(2, 0, 1).copy())
     images = TrainingImages([whole], [torch.from_numpy(depth.astype(np.int16))])
     redraw = Redraw(SMALL_BLUR, 100, 100, 0.0, 0)
-    pixels, levels = Cropper(images, 16, 6, False, 0.0, 1, redraw).draw(0)
+    pixels, levels = Cropper(images, 16, 6, "one", 0.0, 1, redraw).draw(0)
     for patch, level in zip(pixels, levels, strict=True):
         assert found_at(whole.float(), patch, images.levels[0], level)
 
@@ -152,7 +166,7 @@ def drawn_on_tracks(names: list[str], seed: int, step: int) -> tuple[torch.Tenso
     whole = torch.from_numpy(both.transpose(2, 0, 1).copy())
     images = TrainingImages([whole], [torch.from_numpy(depth.astype(np.int16))])
     redraw, tracks = Redraw(SMALL_BLUR, 60, 160, 0.5, 0), RandomTracks(SMALL_BLUR, names)
-    return Cropper(images, 16, 40, False, 0.0, seed, redraw, tracks).draw(step)
+    return Cropper(images, 16, 40, "one", 0.0, seed, redraw, tracks).draw(step)
 
 
 def test_patches_on_random_tracks_follow_from_seed_and_step_alone() -> None:
@@ -180,6 +194,6 @@ def test_without_tracks_patches_are_drawn_as_before() -> None:
         [torch.from_numpy(random.integers(1, 256, (40, 40)).astype(np.int16))],
     )
     redraw = Redraw(SMALL_BLUR, 60, 160, 0.5, 0)
-    pixels, levels = Cropper(images, 16, 4, False, 0.0, 9, redraw).draw(5)
+    pixels, levels = Cropper(images, 16, 4, "one", 0.0, 9, redraw).draw(5)
     digest = hashlib.sha256(pixels.numpy().tobytes() + levels.numpy().tobytes()).hexdigest()
     assert digest.startswith("72a110f0ed1abf12")

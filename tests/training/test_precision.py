@@ -3,7 +3,8 @@ from collections.abc import Mapping
 import pytest
 import torch
 
-from dfdbench.training.configuration import TrainingConfiguration, read_configuration
+from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.configuration_file import read_configuration
 from dfdbench.training.precision import precision_for, settled
 
 CPU = torch.device("cpu")

@@ -31,7 +31,7 @@ def test_some_of_the_pairs_are_spread_over_all(count: int, pairs: int) -> None:
     assert steps.max() - steps.min() <= 1
 
 
-def test_they_are_the_means_of_the_thesis_protocol(tiny_store: Store) -> None:
+def test_they_are_the_means_of_the_thesis_protocols(tiny_store: Store) -> None:
     torch.manual_seed(1)
     network = build_network("dfd-net", {"filters": list(SMALL)}).train()
     before = copy.deepcopy(network.state_dict())
@@ -39,14 +39,17 @@ def test_they_are_the_means_of_the_thesis_protocol(tiny_store: Store) -> None:
     seen: list[tuple[int, int]] = []
     found = mean_scores(network, tiny_store, pairs, CPU, lambda *done: seen.append(done))
     predict = Predictor(copy.deepcopy(network).eval(), CPU)
-    scores = []
+    scores: dict[str, list[dict[str, float]]] = {"thesis": [], "thesis-networks-2": []}
     for pair in pairs:
         images = tiny_store.read(pair)
         levels = predict(images.infocus, images.defocus).astype(np.float32)
-        scores.append(score(PROTOCOLS["thesis"], images.depth, images.valid, levels, 16))
+        for label, taken in scores.items():
+            taken.append(score(PROTOCOLS[label], images.depth, images.valid, levels, 16))
     assert found == {
-        name: pytest.approx(np.mean([one[name] for one in scores])) for name in scores[0]
+        label: {name: pytest.approx(np.mean([one[name] for one in taken])) for name in taken[0]}
+        for label, taken in scores.items()
     }
+    assert found["thesis"] != found["thesis-networks-2"]
     assert seen == [(1, 2), (2, 2)]
     # The network goes on learning where it was: its means, and that it learns.
     assert network.training
@@ -56,7 +59,7 @@ def test_they_are_the_means_of_the_thesis_protocol(tiny_store: Store) -> None:
 
 def test_without_pairs_there_is_no_score(tiny_store: Store) -> None:
     network = build_network("dfd-net", {"filters": list(SMALL)})
-    assert mean_scores(network, tiny_store, (), CPU) == {}
+    assert mean_scores(network, tiny_store, (), CPU) == {"thesis": {}, "thesis-networks-2": {}}
 
 
 def test_threads_are_as_many_afterwards_whatever_happens() -> None:

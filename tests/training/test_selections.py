@@ -7,6 +7,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.training.configuration import Expansion
 from dfdbench.training.crops import Cropper, Redraw, TrainingImages
 from dfdbench.training.selections import selections_of
 
@@ -23,18 +24,18 @@ def numbered_images() -> TrainingImages:
     return TrainingImages(pixels, [level.short() for level in levels])
 
 
-@pytest.mark.parametrize("expand", [False, True])
-def test_every_pixel_is_counted_as_often_as_it_was_trained_on(expand: bool) -> None:
+@pytest.mark.parametrize("expansion", ["one", "basic", "eight"])
+def test_every_pixel_is_counted_as_often_as_it_was_trained_on(expansion: Expansion) -> None:
     images = numbered_images()
-    cropper = Cropper(images, 6, 3, expand, 1.0, 9)
+    cropper = Cropper(images, 6, 3, expansion, 1.0, 9)
     drawn = selections_of(cropper, ("a", "b", "c"), STEPS)
     by_hand = [np.zeros(levels.numel(), int) for levels in images.levels]
-    quiet = Cropper(images, 6, 3, expand, 0.0, 9)
+    quiet = Cropper(images, 6, 3, expansion, 0.0, 9)
     for step in range(STEPS):
         pixels, levels = quiet.draw(step)
         for patch, places in zip(pixels, levels, strict=True):
             by_hand[int(patch[0, 0, 0])][places.numpy().ravel()] += 1
-    orientations = 8 if expand else 1
+    orientations = 8 if expansion == "eight" else 1
     for number, expected in enumerate(by_hand):
         assert (orientations * drawn.uses(number).ravel() == expected).all()
     assert drawn.patches.sum() == 3 * STEPS
@@ -50,7 +51,7 @@ def test_with_other_depths_the_patch_counts_and_not_what_its_blur_depends_on() -
         [torch.full((20, 24), 90, dtype=torch.int16)],
     )
     redraw = Redraw(BlurRecipe(0.3, 0.005, kernel_size=7), 60, 160, 0.5, 0)
-    cropper = Cropper(images, 6, 40, False, 0.0, 2, redraw)
+    cropper = Cropper(images, 6, 40, "one", 0.0, 2, redraw)
     drawn = selections_of(cropper, ("a",), STEPS)
     infocus = images.pixels[0][:3].float()
     for step in range(STEPS):

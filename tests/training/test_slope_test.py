@@ -6,7 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import linregress, norm
 
-from dfdbench.training.slope_test import steps_without_progress
+from dfdbench.training.slope_test import (
+    probability_of_fall,
+    steps_without_progress,
+    without_largest,
+)
 
 
 def one_by_one(losses: list[float], probability: float = 0.51) -> int:
@@ -48,6 +52,20 @@ def test_the_plateau_after_a_fall_is_found_and_no_more() -> None:
     found = [steps_without_progress(noisy(losses, seed)) for seed in range(20)]
     assert max(found) < 3300
     assert sum(steps > 2000 for steps in found) >= 5
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_probability_of_a_fall_is_that_of_the_line_through_all(seed: int) -> None:
+    losses = np.linspace(1.03, 1, 200) + np.random.default_rng(seed).normal(0, 0.1, 200)
+    fit = linregress(np.arange(200), losses)
+    assert probability_of_fall(losses) == pytest.approx(norm.cdf(-fit.slope / fit.stderr))
+    assert (probability_of_fall(losses) < 0.51) == (steps_without_progress(losses) == 200)
+
+
+def test_the_largest_tenth_is_left_out_and_what_equals_its_least_is_kept() -> None:
+    losses = np.random.default_rng(2).permutation(2500).astype(float)
+    assert without_largest(losses).tolist() == [loss for loss in losses if loss <= 2249]
+    assert without_largest([1.0] * 30).tolist() == [1.0] * 30
 
 
 def test_too_few_losses_say_nothing() -> None:

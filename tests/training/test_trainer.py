@@ -55,6 +55,11 @@ def test_a_training_leaves_weights_card_and_log(tiny_store: Store, tmp_path: Pat
     assert (card.steps, card.ended_by) == (12, "its number of steps")
     assert (card.trained_on, card.scored_on) == ("tiny-1, split train", "test, 7 pairs")
     assert set(card.scores) == {"nrmse", "nmae", "ssim"}
+    assert set(card.further_scores) == {"thesis-networks-2"}
+    assert set(card.further_scores["thesis-networks-2"]) == set(card.scores)
+    assert (
+        "under the protocol `thesis-networks-2`" in outcome.weights.with_suffix(".md").read_text()
+    )
     assert card.fingerprint == tiny_store.fingerprint
     assert card.architecture["channel_means"] == pytest.approx(
         network.state_dict()["pixels.means"].flatten().tolist()
@@ -64,6 +69,7 @@ def test_a_training_leaves_weights_card_and_log(tiny_store: Store, tmp_path: Pat
         rows = list(csv.DictReader(file))
     assert [row["step"] for row in rows] == ["5", "10"]
     assert all(float(row["train_nmae"]) > 0 and float(row["test_nrmse"]) > 0 for row in rows)
+    assert all(float(row["test_thesis-networks-2_nrmse"]) > 0 for row in rows)
     with (tmp_path / "t/depth_levels.csv").open() as file:
         levels = list(csv.DictReader(file))
     assert sum(int(row["trained"]) for row in levels) == 12 * 8 * 16 * 16
@@ -84,6 +90,7 @@ def test_the_card_keeps_the_precision_that_auto_came_to(
         train(task(tiny_store, precision="auto", steps=2), tmp_path / "t", device="cpu")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("schedule", ["progress", "cosine"])
 def test_stopped_and_resumed_it_has_the_same_losses_bit_for_bit(
     tiny_store: Store, tmp_path: Path, schedule: str
@@ -112,6 +119,7 @@ def test_seeds_differ_and_repeat(tiny_store: Store, tmp_path: Path) -> None:
     assert losses(tmp_path / "a") == losses(tmp_path / "b") != losses(tmp_path / "c")
 
 
+@pytest.mark.slow
 def test_time_is_up(tiny_store: Store, tmp_path: Path) -> None:
     outcome = train(task(tiny_store), tmp_path / "t", 1e-9, "cpu")
     assert (outcome.card.steps, outcome.card.ended_by) == (1, "its time limit")
@@ -131,6 +139,17 @@ def test_another_configuration_in_the_same_folder_is_refused(
         train(task(tiny_store, noise=2.0), tmp_path / "t", None, "cpu")
 
 
+def test_a_checkpoint_of_another_networks_state_is_told(tiny_store: Store, tmp_path: Path) -> None:
+    train(task(tiny_store), tmp_path / "a", device="cpu")
+    path = tmp_path / "a/checkpoint.pt"
+    state = torch.load(path, weights_only=True)
+    state["network"].popitem()
+    torch.save(state, path)
+    with pytest.raises(InputError, match="the checkpoint cannot be read"):
+        train(task(tiny_store), tmp_path / "a", device="cpu")
+
+
+@pytest.mark.slow
 def test_training_goes_on_from_weights_and_says_so(tiny_store: Store, tmp_path: Path) -> None:
     first = train(task(tiny_store), tmp_path / "first", device="cpu")
     more = replace(task(tiny_store, learning_rate=1e-9, steps=1), start=first.weights)
@@ -146,6 +165,33 @@ def test_training_goes_on_from_weights_and_says_so(tiny_store: Store, tmp_path: 
         train(wider, tmp_path / "wider", device="cpu")
 
 
+@pytest.mark.slow
+def test_an_unusual_network_is_trained_loaded_and_told_from_others(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    choices: dict[str, Any] = {
+        "kernels": [[5, 1], *[3] * 12, 1],
+        "activations": ["srelu", "elu", "tanh", "relu", "prelu", "sigmoid", "elu", "srelu", "relu"],
+        "normalized": [False] * 4 + [True] * 5,
+        "crop": 12,
+    }
+    unusual = task(tiny_store, **choices)
+    outcome = train(unusual, tmp_path / "first", device="cpu")
+    network, card = load_weights(outcome.weights, "dfd-net")
+    assert network.get_parameter("entry.activate.pieces").shape == (4,)
+    assert card.configuration["kernels"][0] == [5, 1]
+    method = load_for(tiny_store, "dfd-net", {"weights": str(outcome.weights), "device": "cpu"})
+    images = tiny_store.read(tiny_store.pairs("test")[0])
+    levels = method.predict(images.infocus, images.defocus)
+    assert levels.shape == images.depth.shape
+    train(replace(unusual, start=outcome.weights), tmp_path / "second", device="cpu")
+    # What the one says and the other leaves out differs, too.
+    usual = replace(task(tiny_store, crop=12), start=outcome.weights)
+    with pytest.raises(InputError, match="kernels"):
+        train(usual, tmp_path / "third", device="cpu")
+
+
+@pytest.mark.slow
 def test_with_fixed_normalization_the_means_stay(tiny_store: Store, tmp_path: Path) -> None:
     first = train(task(tiny_store), tmp_path / "first", device="cpu")
     fine = replace(task(tiny_store, normalization="fixed"), start=first.weights)
@@ -165,6 +211,7 @@ def test_what_cannot_be_trained(tiny_store: Store, tmp_path: Path) -> None:
     for changes, message in (
         ({"crop": 18}, "a multiple of 4"),
         ({"crop": 64}, "at most 24"),
+        ({"kernels": [4] * 14}, "an odd number up to 9"),
         ({"learning_rate": 1e30}, "the loss is no number"),
         ({"filters": [1, 2, 3]}, "18 positive numbers"),
     ):
@@ -194,6 +241,7 @@ def noise(random: np.random.Generator) -> NDArray[np.uint8]:
     return random.integers(0, 256, (72, 96, 3)).astype(np.uint8)
 
 
+@pytest.mark.slow
 def test_a_tiny_dfd_net_learns_to_beat_constant_on_a_cpu(
     tiny_manifest: Manifest, tmp_path: Path
 ) -> None:

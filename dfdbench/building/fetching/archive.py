@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import stat
 import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
 from dfdbench.errors import Problem, SourceError
+from dfdbench.system.array_files import UNREADABLE
 
 _MOST_MEMBERS = 10_000
 _LARGEST_MEMBER = 64 * 2**20  # bytes
@@ -35,28 +35,27 @@ def archive_members(path: Path, where: str = "") -> Mapping[str, int]:
     try:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
-    except (OSError, RuntimeError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise SourceError(
-            "not a zip archive, or a damaged one", where=where, got=str(error), fix="fetch it again"
+            "not a zip archive, or a damaged one",
+            where=where,
+            got=str(error)[:200],
+            fix="fetch it again",
         ) from error
-    problems = [
-        Problem(
-            f"the archive is not to be trusted: {fault}", where=where, got=repr(member.filename)
-        )
-        for number, member in enumerate(members)
-        if (fault := _fault(member, {other.filename for other in members[:number]}))
-    ]
     total = sum(member.file_size for member in members)
     if total > _LARGEST_WHOLE or len(members) > _MOST_MEMBERS:
-        limits = f"up to {_LARGEST_WHOLE} bytes in {_MOST_MEMBERS} files"
-        problems.append(
-            Problem(
-                "the archive would unpack to too much",
-                where=where,
-                expected=limits,
-                got=f"{total} bytes in {len(members)} files",
-            )
+        raise SourceError(
+            "the archive would unpack to too much",
+            where=where,
+            expected=f"up to {_LARGEST_WHOLE} bytes in {_MOST_MEMBERS} files",
+            got=f"{total} bytes in {len(members)} files",
         )
+    problems, before = [], set[str]()
+    for member in members:
+        if fault := _fault(member, before):
+            what = f"the archive is not to be trusted: {fault}"
+            problems.append(Problem(what, where=where, got=repr(member.filename)))
+        before.add(member.filename)
     if problems:
         raise SourceError.of(problems)
     return {member.filename: member.file_size for member in members if not member.is_dir()}
@@ -75,7 +74,7 @@ def read_member(path: Path, name: str) -> bytes:
             size = archive.getinfo(name).file_size
             # One byte more than stated is asked for: what goes on for ever is stopped there.
             content = member.read(size + 1)
-    except (OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+    except UNREADABLE as error:
         raise _damaged(path, name, str(error)) from error
     if len(content) != size:
         raise _damaged(path, name, f"{len(content)} bytes where {size} are stated")
@@ -85,12 +84,17 @@ def read_member(path: Path, name: str) -> bytes:
 def _fault(member: zipfile.ZipInfo, before: set[str]) -> str:
     name = member.filename
     pure = PurePosixPath(name)
+    if not name:
+        return "it holds a file without a name"
     if pure.is_absolute() or ".." in pure.parts or "\\" in name or ":" in name:
         return "a name leads out of it"
     if stat.S_ISLNK(member.external_attr >> 16):
         return "it holds a link"
     if member.flag_bits & 0x1:
         return "it holds an encrypted file"
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        # Of the others some take as much memory as the file asks for.
+        return f"it holds a file packed by method {member.compress_type}, and not deflated"
     if name in before:
         return "it holds the same name twice"
     if member.file_size > _LARGEST_MEMBER:

@@ -9,8 +9,8 @@ from importlib import resources
 from pathlib import Path
 
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import Problem, SourceError
-from dfdbench.system.files import write_whole
+from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.system.files import read_text, write_whole
 
 _LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")
 
@@ -44,13 +44,34 @@ def known_checksums(manifest: Manifest, folder: Path | None = None) -> dict[str,
         Where a lock file is damaged.
     """
     known: dict[str, str] = {}
-    if folder is not None and (folder / lock_name(manifest)).exists():
-        path = folder / lock_name(manifest)
-        known |= parse_checksums(path.read_text(encoding="utf-8"), str(path))
+    if folder is not None:
+        known |= read_checksums(folder / lock_name(manifest))
     released = resources.files("dfdbench.manifests") / lock_name(manifest)
     if released.is_file():
         known |= parse_checksums(released.read_text(encoding="utf-8"), lock_name(manifest))
     return known | manifest.checksums
+
+
+def read_checksums(path: Path) -> dict[str, str]:
+    """Return the SHA-256 by name of a lock file; none where there is no such file.
+
+    Raises
+    ------
+    SourceError
+        Where it is damaged.
+    """
+    if not path.exists():
+        return {}
+    try:
+        text = read_text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise SourceError(
+            "cannot read the lock file",
+            where=str(path),
+            got=reason_of(error),
+            fix="delete the lock file",
+        ) from error
+    return parse_checksums(text, str(path))
 
 
 def parse_checksums(text: str, where: str) -> dict[str, str]:

@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 import requests
 
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
+from dfdbench.system.json_text import parse_json
 
 _BLOCK = 64 * 1024
 _TRY_AGAIN = frozenset({408, 416, 425, 429})
@@ -214,7 +215,7 @@ class Transfer:
 
 def _range_of(address: str, have: int, mark: Path) -> dict[str, str]:
     try:
-        known = json.loads(mark.read_text()) if have else {}
+        known = parse_json(mark.read_bytes()) if have else {}
     except (OSError, ValueError):
         known = {}
     if known.get("address") != address or not known.get("validator"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from dfdbench.building.sources.interface import SceneError, SceneImages, Source
 from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.building.sources.middlebury_download import Download, download_middlebury
 from dfdbench.building.sources.realworld import RealworldFolder
+from dfdbench.building.sources.simulated_rig import SimulatedRig
 from dfdbench.datasets.captured_checks import FOLDER
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
@@ -23,12 +24,22 @@ __all__ = [
     "SceneImages",
     "Source",
     "download_middlebury",
+    "is_made",
     "open_source",
 ]
 
 #: Where packages offer readers of their own, called with the manifest and the folder or None.
 ENTRY_POINT_GROUP = "dfdbench.sources"
-_BUILT_IN = ("demo", FOLDER, "middlebury", "realworld")
+_MADE: Mapping[str, Callable[[Manifest], Source]] = {
+    "demo": DemoScenes,
+    "realworld-sim": SimulatedRig,
+}
+_BUILT_IN = (*_MADE, FOLDER, "middlebury", "realworld")
+
+
+def is_made(manifest: Manifest) -> bool:
+    """Return whether a data set is made by the package itself, of no files."""
+    return manifest.reader in _MADE
 
 
 def open_source(
@@ -78,10 +89,10 @@ def open_source(
                 fix="name the folder: --source DIR",
             )
         return FolderScenes(manifest, folder, checksums)
-    if manifest.reader == "demo":
+    if is_made(manifest):
         if folder:
             raise SourceError(f"{manifest.short} is made, not read", fix="leave out --source")
-        return DemoScenes(manifest)
+        return _MADE[manifest.reader](manifest)
     if manifest.reader == "middlebury":
         if folder is None:
             raise SourceError(f"{manifest.short} is read from a folder: name one")

@@ -14,8 +14,8 @@ from dfdbench.building.sources.demo_scenes import SCENES
 from dfdbench.building.sources.interface import SceneImages
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
-from dfdbench.simulation.photographs import GAMMA, normal_numbers, photograph
-from dfdbench.simulation.raycast import Surface, View, cast
+from dfdbench.simulation.photographs import GAMMA, near_normal_numbers, photograph
+from dfdbench.simulation.raycast import Surface, View, look
 from dfdbench.tables.wording import listed
 
 Floats = NDArray[np.float64]
@@ -158,24 +158,17 @@ def photograph_light(light: Floats, seed: tuple[int, ...]) -> NDArray[np.uint8]:
     [[[255, 255, 255]]]
     """
     electrons = np.minimum(light, 1.2) * _FULL_WELL
-    noise = np.sqrt(electrons + _READ_NOISE**2) * normal_numbers(light.shape, seed)
+    noise = np.sqrt(electrons + _READ_NOISE**2) * near_normal_numbers(light.shape, seed)
     steps = np.rint((electrons + noise) / _FULL_WELL * _CONVERTER_STEPS)
     signal = np.clip(steps, 0, _CONVERTER_STEPS) / _CONVERTER_STEPS
     return np.rint(255 * signal ** (1 / GAMMA)).astype(np.uint8)
 
 
 def _look(surfaces: tuple[Surface, ...], photographs: Mapping[str, Floats], offset: float) -> View:
-    # Colour is averaged over four rays a pixel; distance and normal are those of its centre.
-    centre = cast(surfaces, photographs, offset, _SHAPE, _FOCAL_LENGTH)
-    if not np.isfinite(centre.distance).all():
+    view = look(surfaces, photographs, offset, _SHAPE, _FOCAL_LENGTH)
+    if not np.isfinite(view.distance).all():
         raise SourceError("a ray meets no surface", where="demo scene")
-    corners = [
-        cast(surfaces, photographs, offset, _SHAPE, _FOCAL_LENGTH, (y, x)).reflectance
-        for y in (-0.25, 0.25)
-        for x in (-0.25, 0.25)
-    ]
-    mean = (corners[0] + corners[1] + corners[2] + corners[3]) / 4
-    return View(centre.distance, centre.normal, mean)
+    return view
 
 
 def _lit(view: View, illumination: int) -> Floats:

@@ -63,10 +63,12 @@ def depth_levels(
     if files.depth_unit is not None:
         told &= values > 0
     if not told.any():
+        least = "" if files.depth_unit is None else " and above 0"
         raise SourceError(
             "the depth map tells no depths",
             where=where,
-            got=f"nothing but {', '.join(map(_short, files.depth_missing))} and what is not finite",
+            expected=f"values that are finite{least}, and not among depth_missing",
+            got=f"none of {values.size}",
         )
     scale = depth.scale
     if files.depth_unit is None or scale is None:

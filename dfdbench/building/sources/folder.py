@@ -15,6 +15,8 @@ from dfdbench.building.sources.interface import SceneError, SceneImages
 from dfdbench.datasets.captured_files import ROLES, CapturedFiles, fill
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.system.files import LARGEST_ARRAY, read_whole
+from dfdbench.tables.wording import listed
 
 # Entries of a folder that a message names.
 _NAMED = 8
@@ -133,7 +135,7 @@ class FolderScenes:
 
     def _content(self, path: str) -> bytes:
         try:
-            return (self._folder / path).read_bytes()
+            return read_whole(self._folder / path, LARGEST_ARRAY)
         except OSError as error:
             lacking = isinstance(error, FileNotFoundError)
             raise SourceError(
@@ -169,5 +171,4 @@ def _what_is_in(folder: Path) -> str:
         if path.is_file():
             inside = path.relative_to(folder)
             kinds.setdefault((len(inside.parts), inside.parts[0] + path.suffix), inside.as_posix())
-    named = list(kinds.values())
-    return ", ".join(named[:_NAMED]) + (" ..." if len(named) > _NAMED else "") or "nothing"
+    return listed(kinds.values(), _NAMED) or "nothing"

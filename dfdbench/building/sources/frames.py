@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.system.files import LARGEST_ARRAY, read_whole, require_file
 
 Image = NDArray[np.uint8]
 
@@ -35,6 +36,7 @@ def png_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
 
 def _png_problem(path: Path, size: tuple[int, ...]) -> Iterator[Problem]:
     try:
+        require_file(path)
         with path.open("rb") as file:
             head = file.read(24)
             file.seek(0, 2)
@@ -69,8 +71,11 @@ def decode(path: Path, mode: int) -> Image:
     SourceError
         Where it does not decode.
     """
-    content = np.frombuffer(path.read_bytes(), np.uint8)
-    image = cv2.imdecode(content, mode)
+    try:
+        content = read_whole(path, LARGEST_ARRAY)
+    except OSError as error:
+        raise SourceError("cannot read the file", where=str(path), got=reason_of(error)) from error
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), mode)
     if image is None:
         raise SourceError("PNG file is damaged", where=str(path), fix="fetch it again")
     return np.asarray(image, np.uint8)

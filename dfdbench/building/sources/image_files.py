@@ -13,6 +13,7 @@ from PIL import Image as Pillow
 from PIL import UnidentifiedImageError
 
 from dfdbench.errors import SourceError
+from dfdbench.system.array_files import UNREADABLE_IMAGE
 
 Image = NDArray[np.uint8]
 
@@ -141,8 +142,8 @@ def _damage(content: bytes) -> str:
             file.load()
     except UnidentifiedImageError:
         return ""  # a kind of TIFF that Pillow does not know: OpenCV may
-    except (OSError, SyntaxError, ValueError, Pillow.DecompressionBombError) as error:
-        return str(error)
+    except UNREADABLE_IMAGE as error:
+        return str(error) or type(error).__name__
     return ""
 
 
@@ -151,7 +152,7 @@ def orientation_of(content: bytes) -> int:
     try:
         with Pillow.open(io.BytesIO(content)) as file:
             return int(file.getexif().get(_ORIENTATION, 1))
-    except (OSError, SyntaxError, ValueError, TypeError):
+    except UNREADABLE_IMAGE:
         return 1
 
 

@@ -12,7 +12,7 @@ from dfdbench.building.fetching.checksums import (
     check_checksum,
     known_checksums,
     lock_name,
-    parse_checksums,
+    read_checksums,
     sha256,
     write_checksums,
 )
@@ -233,7 +233,7 @@ def _bring_default(site: _Site, stages: _Stages) -> list[Fate]:
 def _write_lock(manifest: Manifest, folder: Path, fates: list[Fate]) -> Path | None:
     path = folder / lock_name(manifest)
     had = {fate.name for fate in fates if fate.kind in ("new", "kept")}
-    locked = parse_checksums(path.read_text(encoding="utf-8"), str(path)) if path.exists() else {}
+    locked = read_checksums(path)
     if len(had) < len(fates) or had <= set(locked):
         return None
     found = {name: sha256((folder / name).read_bytes()) for name in had - set(locked)}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.captures import PublishedScene, RawScene, find_captured_scene
 from dfdbench.building.sources.interface import SceneImages
-from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.manifest import Depth, Manifest, Pair
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.optics.sharpness import sharpest
 
@@ -122,7 +122,7 @@ class RealworldFolder:
             images = [files.image(exposure, step) for step in steps]
             infocus[place], defocus[place] = images[0], images[-1]
             available[place] = True
-        depth = self._as_told(levels, valid)
+        depth = as_told(levels, valid, self._manifest.depth, whole=self._synthetic)
         return SceneImages(infocus, depth, valid, available, None if self._synthetic else defocus)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
@@ -184,11 +184,33 @@ class RealworldFolder:
             )
         return steps
 
-    def _as_told(self, levels: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.uint8]:
-        # The rig's files hold distances; Eq. 7.1: what is near is bright, as in Middlebury's maps.
-        depth = self._manifest.depth
-        if depth.grows_with == "distance":
-            return levels
-        turned = LAST_LEVEL - levels
-        # What is blurred was turned whole, as in the thesis: pixels without a return too.
-        return turned if self._synthetic else np.where(valid, turned, np.uint8(depth.unknown))
+
+def as_told(
+    levels: NDArray[np.uint8], valid: NDArray[np.bool_], depth: Depth, whole: bool = False
+) -> NDArray[np.uint8]:
+    """Return the rig's levels, which are distances, as a manifest wants them told.
+
+    By Eq. 7.1 what is near is bright, as in Middlebury's maps.
+
+    Parameters
+    ----------
+    levels : ndarray of uint8, shape (y, x)
+        Centimetres.
+    valid : ndarray of bool, shape (y, x)
+        True where the distance is known.
+    depth : Depth
+        The manifest's.
+    whole : bool
+        Whether pixels without a return are turned as well, as the thesis did of what it blurred.
+
+    Examples
+    --------
+    >>> from dfdbench.datasets.catalog import find_manifest
+    >>> levels = np.array([[150, 0]], np.uint8)
+    >>> as_told(levels, levels > 0, find_manifest("realworld").depth).tolist()
+    [[105, 0]]
+    """
+    if depth.grows_with == "distance":
+        return levels
+    turned = LAST_LEVEL - levels
+    return turned if whole else np.where(valid, turned, np.uint8(depth.unknown))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from dfdbench.building.fetching.archive import archive_members, read_member
 from dfdbench.errors import SourceError, reason_of
+from dfdbench.system.files import LARGEST_ARRAY, read_whole
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class SceneFiles:
         """
         try:
             if self.folder and (self.folder / name).is_file():
-                return (self.folder / name).read_bytes()
+                return read_whole(self.folder / name, LARGEST_ARRAY)
         except OSError as error:
             raise SourceError(
                 "cannot read the file", where=self.where(name), got=reason_of(error)

@@ -236,7 +236,8 @@ def _grow_and_augment(
         listed[which, node] = 1
         fronts[which, 1, ends[which]] = node
         ends[which] += 1
-    counts[:, 1] = ends
+    # One by one: numba compiles for seconds what an assignment of arrays says of wrong shapes.
+    counts[0, 1], counts[1, 1] = ends[0], ends[1]
     scarce = amounts[0] < ABUNDANT * amounts[1]
     flow = 0
     # The greatest distance at which each tree is complete, and has yet to grow from.

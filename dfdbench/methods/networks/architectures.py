@@ -8,20 +8,27 @@ import torch
 from torch import Tensor, nn
 
 from dfdbench.blur.recipe import LEVELS
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError
+from dfdbench.methods.networks.choices import (
+    checked_activations,
+    checked_filters,
+    checked_kernels,
+    checked_normalized,
+)
 from dfdbench.methods.networks.layers import (
     ACTIVATIONS,
-    EQUAL,
     Convolved,
     Normalize,
     Residual,
     double,
     halve,
     in_float32,
+    same,
     start_as_published,
     two_convolutions,
 )
-from dfdbench.methods.networks.widths import FILTERS, LAYERS
+from dfdbench.methods.networks.reach import reach_of
+from dfdbench.methods.networks.widths import FILTERS
 
 #: One class a depth level.
 #: Means of the published training images: in-focus R, G, B, then defocus R, G, B.
@@ -48,11 +55,20 @@ class DfDNet(nn.Module):
         chose (6.1). The filters it chose are very likely ``FILTERS["pso"]``.
     channel_means : sequence of 6 float
         Taken from the pixels, before they are divided by 256.
+    kernels : sequence of 14 int or pairs of int, optional
+        Rows and columns of the filters that keep the resolution, odd, 1 to 9, input to output:
+        `dfdbench.methods.networks.choices.SIZED` has the thesis's layers. By default 3.
+    activations : sequence of 9 str, optional
+        What is at the nine sites of `dfdbench.methods.networks.choices.SITES`, input to output, in
+        place of `first_activation` and PReLU elsewhere: ``relu``, ``prelu``, ``sigmoid``,
+        ``tanh``, ``elu`` or ``srelu`` (Table C.2).
+    normalized : sequence of 9 bool, optional
+        Whether there is batch normalization at these sites; by default at all.
 
     Raises
     ------
     InputError
-        Where filters do not fit each other, naming the thesis's layers.
+        Where a choice is none, or filters do not fit each other, naming the thesis's layers.
 
     Examples
     --------
@@ -63,8 +79,6 @@ class DfDNet(nn.Module):
 
     multiple = 4
     """Images are padded to a multiple of this."""
-    margin = 32
-    """Pixels beyond this distance do not change a pixel's answer (with 2 x 2 sampling)."""
 
     def __init__(
         self,
@@ -72,16 +86,15 @@ class DfDNet(nn.Module):
         sampling_size: int = 2,
         first_activation: str = "prelu",
         channel_means: Sequence[float] = PUBLISHED_MEANS,
+        kernels: Sequence[int | Sequence[int]] | None = None,
+        activations: Sequence[str] | None = None,
+        normalized: Sequence[bool] | None = None,
     ) -> None:
         super().__init__()
-        f = _checked_filters(filters)
-        if first_activation not in ACTIVATIONS:
-            raise InputError(
-                "unknown activation",
-                where="first_activation",
-                expected=" or ".join(ACTIVATIONS),
-                got=str(first_activation),
-            )
+        f = checked_filters(filters)
+        k = checked_kernels(kernels)
+        a = [ACTIVATIONS[name]() for name in checked_activations(activations, first_activation)]
+        n = checked_normalized(normalized)
         if not 1 <= sampling_size <= 8:
             raise InputError(
                 "wrong filter size",
@@ -89,22 +102,24 @@ class DfDNet(nn.Module):
                 expected="1 to 8",
                 got=str(sampling_size),
             )
+        #: Pixels beyond this distance do not change a pixel's answer.
+        self.margin = reach_of(k, sampling_size)
         self.pixels = Normalize(channel_means)
-        self.entry = Convolved(6, f[0], ACTIVATIONS[first_activation]())
-        self.encode_1 = Residual(f[0], f[1])
+        self.entry = Convolved(6, f[0], a[0], k[52], n[0])
+        self.encode_1 = Residual(f[0], f[1], a[1], (k[48], k[45]), n[1])
         self.down_1 = halve(f[2], f[3], sampling_size)
-        self.encode_2 = Residual(f[3], f[4])
+        self.encode_2 = Residual(f[3], f[4], a[2], (k[40], k[37]), n[2])
         self.down_2 = halve(f[5], f[6], sampling_size)
-        self.bottom = Residual(f[6], f[7])
+        self.bottom = Residual(f[6], f[7], a[3], (k[32], k[29]), n[3])
         self.up_2 = double(f[8], f[9], sampling_size)
-        self.merge_2 = Convolved(f[9] + f[5], f[10], nn.PReLU())
-        self.decode_2 = Residual(f[10], f[11])
+        self.merge_2 = Convolved(f[9] + f[5], f[10], a[4], k[24], n[4])
+        self.decode_2 = Residual(f[10], f[11], a[5], (k[20], k[17]), n[5])
         self.up_1 = double(f[12], f[13], sampling_size)
-        self.merge_1 = Convolved(f[13] + f[2], f[14], nn.PReLU())
-        self.decode_1 = Residual(f[14], f[15])
-        self.normalize = nn.BatchNorm2d(f[16])
-        self.activate = nn.PReLU()
-        self.classify = nn.Conv2d(f[16], f[17], 3, padding=1)
+        self.merge_1 = Convolved(f[13] + f[2], f[14], a[6], k[12], n[6])
+        self.decode_1 = Residual(f[14], f[15], a[7], (k[8], k[5]), n[7])
+        self.normalize: nn.Module = nn.BatchNorm2d(f[16]) if n[8] else nn.Identity()
+        self.activate = a[8]
+        self.classify = same(f[16], f[17], k[1])
 
     @property
     def first(self) -> nn.Module:
@@ -199,27 +214,3 @@ class UNet(nn.Module):
             here = decode(torch.cat((up(here), skipped.pop()), 1))
         logits: Tensor = self.classify(here)
         return logits
-
-
-def _checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
-    numbers = tuple(int(number) for number in filters)
-    if len(numbers) != len(LAYERS) or min(numbers) < 1 or numbers[-1] != LEVELS:
-        raise InputError(
-            "filters do not fit DfD-Net",
-            where="filters",
-            expected=f"{len(LAYERS)} positive numbers, the last {LEVELS}",
-            got=", ".join(str(number) for number in numbers),
-        )
-    problems = [
-        Problem(
-            "a residual block adds its input to its output",
-            where="filters",
-            expected=f"layers {LAYERS[one]} and {LAYERS[other]} equal",
-            got=f"{numbers[one]} and {numbers[other]}",
-        )
-        for one, other in EQUAL
-        if numbers[one] != numbers[other]
-    ]
-    if problems:
-        raise InputError.of(problems)
-    return numbers

@@ -69,6 +69,11 @@ class Predictor:
         Which level of a pixel's distribution over all levels is the answer: the likeliest, as in
         the thesis, or the one with half of the probability below it. Where there is no texture
         the distribution has several peaks, and the likeliest level may lie far off.
+
+    Raises
+    ------
+    MethodError
+        Where precision or readout is unknown, or the tile is too small.
     """
 
     def __init__(

@@ -12,11 +12,53 @@ from dfdbench.errors import InputError
 
 # A residual block adds its input to its output: these columns of Table D.2 must be equal.
 EQUAL = ((0, 2), (3, 5), (6, 8), (10, 12), (14, 16))
-ACTIVATIONS = {"prelu": nn.PReLU, "sigmoid": nn.Sigmoid}
+#: Rows and columns of a filter.
+Kernel = tuple[int, int]
+
+
+class SReLU(nn.Module):
+    """The S-shaped rectified linear unit, Table C.2: three straight pieces.
+
+    Its thresholds and the slopes beyond them are learnt, four numbers a layer. It starts as the
+    thesis's author has it: between -1 and 1 its input, beyond with a slope of 0.1.
+
+    Examples
+    --------
+    >>> SReLU()(torch.tensor([-2.0, 0.5, 3.0])).tolist()
+    [-1.100000023841858, 0.5, 1.2000000476837158]
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        #: Lower threshold and slope below it, upper threshold and slope above it.
+        self.pieces = nn.Parameter(torch.tensor([-1.0, 0.1, 1.0, 0.1]))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return the activations."""
+        low, below, high, above = self.pieces.unbind()
+        inside = torch.minimum(torch.maximum(x, low), high)
+        return inside + below * (x - low).clamp(max=0) + above * (x - high).clamp(min=0)
+
+
+#: What may follow a convolution, by name, in the order of Table C.2.
+ACTIVATIONS: dict[str, type[nn.Module]] = {
+    "relu": nn.ReLU,
+    "prelu": nn.PReLU,
+    "sigmoid": nn.Sigmoid,
+    "tanh": nn.Tanh,
+    "elu": nn.ELU,
+    "srelu": SReLU,
+}
 
 
 class Normalize(nn.Module):
-    """Six channels of pixels, less their means, over 256."""
+    """Six channels of pixels, less their means, over 256.
+
+    Raises
+    ------
+    InputError
+        Where there are not six means.
+    """
 
     # Kept in the network: weights without their means would be worth nothing.
     means: Tensor
@@ -39,12 +81,22 @@ class Normalize(nn.Module):
 
 
 class Convolved(nn.Module):
-    """A 3 x 3 convolution, batch normalization, which has the bias (Eq. 5.12), an activation."""
+    """A convolution, batch normalization, which has the bias (Eq. 5.12), an activation.
 
-    def __init__(self, before: int, after: int, activation: nn.Module) -> None:
+    Without batch normalization the convolution has the bias.
+    """
+
+    def __init__(
+        self,
+        before: int,
+        after: int,
+        activation: nn.Module,
+        kernel: Kernel = (3, 3),
+        normalized: bool = True,
+    ) -> None:
         super().__init__()
-        self.convolve: nn.Module = nn.Conv2d(before, after, 3, padding=1, bias=False)
-        self.normalize: nn.Module = nn.BatchNorm2d(after)
+        self.convolve: nn.Module = same(before, after, kernel, bias=not normalized)
+        self.normalize: nn.Module = nn.BatchNorm2d(after) if normalized else nn.Identity()
         self.activate = activation
 
     def forward(self, x: Tensor) -> Tensor:
@@ -53,25 +105,38 @@ class Convolved(nn.Module):
         return convolved
 
     def fold(self) -> None:
-        """Put the batch normalization into the convolution."""
-        assert isinstance(self.convolve, nn.Conv2d)
-        assert isinstance(self.normalize, nn.BatchNorm2d)
-        self.convolve = nn.utils.fuse_conv_bn_eval(self.convolve, self.normalize)
-        self.normalize = nn.Identity()
+        """Put the batch normalization, where there is any, into the convolution."""
+        if isinstance(self.normalize, nn.BatchNorm2d):
+            assert isinstance(self.convolve, nn.Conv2d)
+            self.convolve = nn.utils.fuse_conv_bn_eval(self.convolve, self.normalize)
+            self.normalize = nn.Identity()
 
 
 class Residual(nn.Module):
     """A residual block, Fig. 5.4: what it adds to its input."""
 
-    def __init__(self, channels: int, inner: int) -> None:
+    def __init__(
+        self,
+        channels: int,
+        inner: int,
+        activation: nn.Module,
+        kernels: tuple[Kernel, Kernel] = ((3, 3), (3, 3)),
+        normalized: bool = True,
+    ) -> None:
         super().__init__()
-        self.first = Convolved(channels, inner, nn.PReLU())
-        self.second = nn.Conv2d(inner, channels, 3, padding=1)
+        self.first = Convolved(channels, inner, activation, kernels[0], normalized)
+        self.second = same(inner, channels, kernels[1])
 
     def forward(self, x: Tensor) -> Tensor:
         """Return the input and what the block adds to it."""
         added: Tensor = x + self.second(self.first(x))
         return added
+
+
+def same(before: int, after: int, kernel: Kernel, bias: bool = True) -> nn.Conv2d:
+    """Return a convolution with odd filters that keeps the image's size."""
+    padding = (kernel[0] // 2, kernel[1] // 2)
+    return nn.Conv2d(before, after, kernel, padding=padding, bias=bias)
 
 
 def in_float32(layers: nn.Module, pixels: Tensor) -> Tensor:

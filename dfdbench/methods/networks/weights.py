@@ -9,16 +9,19 @@ from typing import Annotated, Any, Literal
 
 import safetensors
 import safetensors.torch
+import torch
 from pydantic import Field, ValidationError
 from torch import Tensor, nn
 
-from dfdbench.errors import MethodError, Problem
+from dfdbench.errors import MethodError, Problem, reason_of
 from dfdbench.methods.networks.architectures import DfDNet, UNet
-from dfdbench.system.files import write_whole
+from dfdbench.system.files import require_file, write_whole
 from dfdbench.system.record import Record, problems_of
 
 NETWORKS: dict[str, type[nn.Module]] = {"dfd-net": DfDNet, "u-net": UNet}
 _METADATA = "dfdbench-card"
+#: What a network's arguments come to that are none.
+_UNBUILDABLE = (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError)
 _SUFFIX = ".safetensors"
 _OTHER_VERSION = "train again with this version, or use the version that wrote it"
 
@@ -27,8 +30,9 @@ class Card(Record):
     """Where weights come from: the model card, kept in the file itself.
 
     `architecture` are the network's constructor arguments, `scores` the means over `scored_on`
-    under the protocol ``thesis``; `seconds` is the time spent training; `started_from` tells of
-    the weights that training began with, where it did not begin anew.
+    under the protocol ``thesis``, `further_scores` those under others, by their labels; `seconds`
+    is the time spent training; `started_from` tells of the weights that training began with, where
+    it did not begin anew.
     """
 
     schema_version: Literal[1] = 1
@@ -47,7 +51,12 @@ class Card(Record):
     ended_by: str
     scored_on: str
     scores: dict[str, float]
+    further_scores: dict[str, dict[str, float]] = Field(default_factory=dict)
     environment: dict[str, str]
+
+    def scores_under(self, protocol: str) -> dict[str, float]:
+        """Return the scores under a protocol, by its label; none where it was not scored so."""
+        return self.scores if protocol == "thesis" else self.further_scores.get(protocol, {})
 
 
 def build_network(method: str, architecture: dict[str, Any]) -> nn.Module:
@@ -93,8 +102,9 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
         for name, path in shipped_weights().items()
         if name.endswith(f"-{method}")
     }
-    fix = f"dfdbench train {method} --dataset NAME makes them; then --param weights=FILE" + "".join(
-        f"; or --param weights={name} (shipped, trained on {name})" for name in shipped
+    fix = (
+        f"dfdbench train {method} --dataset NAME makes them; shipped are {', '.join(shipped)}, "
+        "as --param weights=demo, with `reduce` --weights demo"
     )
     if weights is None:
         raise MethodError(f"{method} needs weights", where="parameter weights", fix=fix)
@@ -119,25 +129,7 @@ def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
     MethodError
         Where the file is damaged, is no file of ours, or holds another architecture.
     """
-    try:
-        with safetensors.safe_open(path, framework="pt") as file:
-            text = (file.metadata() or {}).get(_METADATA)
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (safetensors.SafetensorError, OSError) as error:
-        raise MethodError(
-            "the weights cannot be read",
-            where=str(path),
-            expected="a whole safetensors file",
-            got=str(error),
-            fix="copy or download it again; dfdbench train writes a new one",
-        ) from error
-    if text is None:
-        raise MethodError(
-            "the weights have no model card",
-            where=str(path),
-            expected="a file that dfdbench train wrote",
-            got="metadata without " + _METADATA,
-        )
+    tensors, text = _read_tensors(path)
     card = _read_card(text, path)
     if card.method != method:
         raise MethodError(
@@ -148,21 +140,49 @@ def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
             fix=f"use them with {card.method}",
         )
     try:
-        network = build_network(method, card.architecture)
-    except TypeError as error:
+        # Without memory: a card may claim any size.
+        with torch.device("meta"):
+            outline = build_network(method, card.architecture)
+    except _UNBUILDABLE as error:
         raise MethodError(
             "the model card's architecture cannot be built",
             where=str(path),
-            got=str(error),
+            got=str(error).partition("\n")[0][:200],
             fix=_OTHER_VERSION,
         ) from error
-    _fill(network, tensors, path)
+    _check_tensors(outline, tensors, path)
+    network = build_network(method, card.architecture)
+    network.load_state_dict(tensors)
     return network.eval(), card
 
 
 def weights_sha256(path: Path) -> str:
     """Return the SHA-256 of a file of weights."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _read_tensors(path: Path) -> tuple[dict[str, torch.Tensor], str]:
+    try:
+        require_file(path)
+        with safetensors.safe_open(path, framework="pt") as file:
+            text = (file.metadata() or {}).get(_METADATA)
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (safetensors.SafetensorError, OSError) as error:
+        raise MethodError(
+            "the weights cannot be read",
+            where=str(path),
+            expected="a whole safetensors file",
+            got=reason_of(error),
+            fix="copy or download it again; dfdbench train writes a new one",
+        ) from error
+    if text is None:
+        raise MethodError(
+            "the weights have no model card",
+            where=str(path),
+            expected="a file that dfdbench train wrote",
+            got="metadata without " + _METADATA,
+        )
+    return tensors, text
 
 
 def _read_card(text: str, path: Path) -> Card:
@@ -173,7 +193,7 @@ def _read_card(text: str, path: Path) -> Card:
         raise MethodError.of(problems_of(error, what, file=path, fix=_OTHER_VERSION)) from error
 
 
-def _fill(network: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
+def _check_tensors(network: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
     expected = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
     found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
     if expected != found:
@@ -200,7 +220,6 @@ def _fill(network: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
             got=f"nan or infinity in {', '.join(broken[:3])}",
             fix="train again, with a lower learning_rate",
         )
-    network.load_state_dict(tensors)
 
 
 def card_as_markdown(card: Card) -> str:
@@ -218,11 +237,13 @@ def card_as_markdown(card: Card) -> str:
         "time": f"{card.seconds / 60:.1f} minutes",
         "machine": ", ".join(f"{name} {value}" for name, value in card.environment.items()),
         "configuration": _as_text(card.configuration),
-        f"scores on {card.scored_on}": ", ".join(
-            f"{name.upper()} {value:.4f}" for name, value in card.scores.items()
-        ),
+        f"scores on {card.scored_on}": _scores_as_text(card.scores),
+    } | {
+        f"under the protocol `{protocol}`": _scores_as_text(scores)
+        for protocol, scores in card.further_scores.items()
     }
     lines = [f"| {name} | {value} |" for name, value in rows.items()]
+    others = " where no other is named" if card.further_scores else ""
     return "\n".join(
         [
             f"# {card.method}, {card.trained_on}",
@@ -231,10 +252,15 @@ def card_as_markdown(card: Card) -> str:
             "|:---|:---|",
             *lines,
             "",
-            "Scores are means over pairs under the protocol `thesis`. Written by `dfdbench train`.",
+            f"Scores are means over pairs under the protocol `thesis`{others}. Written by "
+            "`dfdbench train`.",
             "",
         ]
     )
+
+
+def _scores_as_text(scores: dict[str, float]) -> str:
+    return ", ".join(f"{name.upper()} {value:.4f}" for name, value in scores.items())
 
 
 def _as_text(values: dict[str, Any]) -> str:

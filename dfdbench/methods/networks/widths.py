@@ -9,9 +9,10 @@ LAYERS = (52, 48, 45, 42, 40, 37, 34, 32, 29, 27, 24, 20, 17, 15, 12, 8, 5, 1)
 # many of its cells are lost, and some digits are turned (66 for 99). A residual block adds its
 # input to its output, so column 42 equals column 37, 34 equals 29, 24 equals 17, 12 equals 5 and
 # 52 equals 45. Cells that are read from that rule and from Table D.1 alone: column 42 of B-01-01
-# to B-02-03, B-03-02, B-03-03, F-02-02 and F-03-02; columns 52 and 45 of B-02-02 and B-02-03;
-# columns 29 and 24 of F-03-01. No row remains unknown. F-02-02L is said to be rounded down to
-# multiples of eight; as printed, layers 34 to 12 are rounded up. It is kept as printed.
+# to B-02-03, B-03-03, F-02-02 and F-03-02; column 29 of B-03-02 and F-03-01; column 17 of F-03-01;
+# columns 52 and 45 of B-02-02 and B-02-03. No row remains unknown. F-02-02L is said to be rounded
+# down to multiples of eight; as printed, of the layers that are no multiple, 48, 40, 27 and 8 are
+# rounded down, 34, 32, 29, 20, 15, 12 and 5 up. It is kept as printed.
 _TABLE = """
 original 128 128 128 256 256 256 512 512 512 256 256 256 256 128 128 128 128 256
 B-01-01   33  39  33 115 152 115 126 270 126 121 119 125 119  91  20  18  20 256

@@ -92,3 +92,27 @@ def test_flipped_bytes_are_noticed(tmp_path: Path) -> None:
     path.write_bytes(bytes(content))
     with pytest.raises(SourceError, match="damaged"):
         read_member(path, "a")
+
+
+def test_a_file_without_a_name_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="a file without a name"):
+        archive_members(made(tmp_path / "a.zip", zipfile.ZipInfo("")))
+
+
+def test_only_what_is_stored_or_deflated_is_unpacked(tmp_path: Path) -> None:
+    # What packs as LZMA or bzip2 may ask for any amount of memory.
+    info = zipfile.ZipInfo("Art/view1.png")
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
+        file.writestr(info, b"content", zipfile.ZIP_LZMA)
+    with pytest.raises(SourceError, match="method 14, and not deflated"):
+        archive_members(tmp_path / "a.zip")
+
+
+def test_too_many_members_are_counted_before_each_is_looked_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = made(tmp_path / "a.zip", *map(str, range(50)))
+    monkeypatch.setattr(archive, "_MOST_MEMBERS", 49)
+    monkeypatch.setattr(archive, "_fault", lambda *given: pytest.fail("looked at"))
+    with pytest.raises(SourceError, match="in 50 files"):
+        archive_members(path)

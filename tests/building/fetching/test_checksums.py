@@ -54,3 +54,9 @@ def test_another_file_is_refused_and_an_unknown_one_passes() -> None:
         check_checksum("a", b"two", known, "here/a")
     assert sha256(b"one") in str(caught.value)
     assert sha256(b"two") in str(caught.value)
+
+
+def test_a_lock_file_that_is_no_text_is_told(tiny_manifest: Manifest, tmp_path: Path) -> None:
+    (tmp_path / "tiny-1.lock").write_bytes(b"0" * 64 + b"  One/\xed\xa0.png\n")
+    with pytest.raises(SourceError, match="cannot read the lock file"):
+        known_checksums(tiny_manifest, tmp_path)

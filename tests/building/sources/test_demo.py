@@ -29,6 +29,7 @@ def test_some_depth_is_unknown_as_in_middlebury(demo_store: Store) -> None:
         assert 0.01 < unknown < 0.12, scene
 
 
+@pytest.mark.slow
 def test_low_exposure_is_darker_and_harder(demo_store: Store) -> None:
     method = Local()
     brightness, error = [], []

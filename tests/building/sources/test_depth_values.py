@@ -56,5 +56,5 @@ def test_files_may_hold_levels() -> None:
 
 
 def test_a_map_without_depth_is_refused() -> None:
-    with pytest.raises(SourceError, match="tells no depths"):
+    with pytest.raises(SourceError, match=r"(?s)tells no depths.*above 0.*none of 2"):
         depth_levels(np.array([[0, np.nan]]), files(), DEPTH, "d.png")

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import cv2
@@ -45,3 +46,11 @@ def test_all_that_is_wrong_with_files_is_told(tmp_path: Path) -> None:
     ]
     with pytest.raises(SourceError, match="PNG file is damaged"):
         decode(other, cv2.IMREAD_GRAYSCALE)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.png")
+    (problem,) = png_problems([tmp_path / "a.png"], (2, 3))
+    assert (problem.what, problem.got) == ("cannot read the file", "not a regular file")
+    with pytest.raises(SourceError, match="not a regular file"):
+        decode(tmp_path / "a.png", cv2.IMREAD_GRAYSCALE)

@@ -97,6 +97,7 @@ def test_brighter_is_nearer_and_unknown_stays_0(published: Path, tmp_path: Path)
     assert find_manifest("realworld").depth.grows_with == "nearness"
 
 
+@pytest.mark.slow
 def test_the_board_at_1_5_m_is_brighter_than_the_one_at_2_5_m(
     captures: Path, tmp_path: Path
 ) -> None:
@@ -138,6 +139,7 @@ def test_the_pipeline_never_reads_the_truth(spoiled: Path) -> None:
     assert source.problems == ()
 
 
+@pytest.mark.slow
 def test_synthetic_blur_takes_the_sharpest_step_and_inverts_the_depth(
     captures: Path, tmp_path: Path
 ) -> None:
@@ -173,6 +175,7 @@ def test_the_sharpest_step_is_found_in_whole_frames(spoiled: Path) -> None:
     assert (images.infocus[place] == scene.image(40, 129)).all()
 
 
+@pytest.mark.slow
 def test_all_that_is_wrong_is_told_and_the_other_scenes_build(
     spoiled: Path, published: Path, tmp_path: Path
 ) -> None:

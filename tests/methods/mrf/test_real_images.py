@@ -19,6 +19,7 @@ from dfdbench.methods.mrf import Energy, expansion, lower_bound, split
 KNOWN = {1: 1_139_913, 2: 1_239_127}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exposure", [1, 2])
 def test_split_reaches_the_published_energy(aloe: Callable[[int], Energy], exposure: int) -> None:
     solution = split(aloe(exposure))

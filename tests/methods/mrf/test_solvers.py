@@ -53,7 +53,7 @@ def test_two_labels_are_solved_exactly(rng: np.random.Generator, solver: str) ->
         assert SOLVERS[solver](energy).energy == brute_force(energy)
 
 
-@pytest.mark.parametrize("dtype", [np.uint16, np.int32])
+@pytest.mark.parametrize("dtype", [np.uint16, pytest.param(np.int32, marks=pytest.mark.slow)])
 def test_cost_types_agree(rng: np.random.Generator, dtype: type[Any]) -> None:
     energy = random_energy(rng, 5, 6, 8, "absolute", dtype=dtype)
     twin = Energy(energy.unary.astype(np.uint16), energy.smoothness, offset=energy.offset)

@@ -67,9 +67,57 @@ def test_the_particle_swarm_begins_with_a_sigmoid() -> None:
     assert kinds.count("PReLU") == 8
 
 
-def test_the_network_of_the_swarm_has_the_parameters_counted_from_its_headers() -> None:
-    network = DfDNet(FILTERS["pso"], first_activation="sigmoid")
-    assert sum(parameter.numel() for parameter in network.parameters()) == 7_665_636
+#: Counted from the widths by hand; of ``pso``, from its author's generated headers.
+PARAMETERS = {
+    "original": 10_761_353, "B-01-01": 1_727_497, "B-01-02": 2_282_899, "B-01-03": 2_218_159,
+    "B-02-01": 1_944_353, "B-02-02": 2_524_333, "B-02-03": 2_480_543, "B-03-01": 2_172_401,
+    "B-03-02": 2_765_665, "B-03-03": 2_747_717, "F-01-01": 1_881_401, "F-01-02": 2_067_081,
+    "F-02-01": 2_112_869, "F-02-02": 2_279_429, "F-03-01": 1_999_951, "F-03-02": 2_166_337,
+    "F-02-02L": 2_292_049, "F-02-02H": 2_345_481, "pso": 7_665_636,
+}  # fmt: skip
+
+
+def parameters(network: torch.nn.Module) -> int:
+    return sum(parameter.numel() for parameter in network.parameters())
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_every_named_network_has_its_parameters(name: str) -> None:
+    first = "sigmoid" if name == "pso" else "prelu"
+    with torch.device("meta"):
+        assert parameters(DfDNet(FILTERS[name], first_activation=first)) == PARAMETERS[name]
+
+
+def test_each_choice_of_a_particle_changes_what_it_should() -> None:
+    plain = parameters(DfDNet(SMALL))
+    # One scale and one shift a filter against one bias, but for the last: its bias stays.
+    bare = DfDNet(SMALL, normalized=[False] * 9)
+    sites = [SMALL[layer] for layer in (0, 1, 4, 7, 10, 11, 14, 15)]
+    assert plain - parameters(bare) == sum(sites) + 2 * SMALL[16]
+    counts = {"relu": -9, "sigmoid": -9, "tanh": -9, "elu": -9, "prelu": 0, "srelu": 27}
+    for name, more in counts.items():
+        assert parameters(DfDNet(SMALL, activations=[name] * 9)) - plain == more, name
+    kernels: list[int | list[int]] = [3] * 14
+    kernels[1] = [9, 1]
+    assert parameters(DfDNet(SMALL, kernels=kernels)) == plain
+    sizes = [module.kernel_size for module in convolutions(DfDNet(SMALL, kernels=kernels))]
+    assert [number for number, size in enumerate(sizes) if size == (9, 1)] == [1]
+
+
+def test_a_network_of_any_choices_learns_and_keeps_the_size() -> None:
+    torch.manual_seed(0)
+    kinds = ["srelu", "elu", "tanh", "relu", "prelu", "sigmoid", "srelu", "elu", "tanh"]
+    network = DfDNet(
+        SMALL, kernels=[9] * 14, activations=kinds, normalized=[True, False] * 4 + [True]
+    )
+    # The bottom of a patch of 12 has three pixels a side, the filters nine.
+    logits = network(torch.rand(2, 6, 12, 12) * 255)
+    assert logits.shape == (2, 256, 12, 12)
+    logits.square().mean().backward()
+    assert all(
+        parameter.grad is not None and bool(parameter.grad.isfinite().all())
+        for parameter in network.parameters()
+    )
 
 
 def test_filters_that_do_not_fit_are_named() -> None:
@@ -84,7 +132,7 @@ def test_filters_that_do_not_fit_are_named() -> None:
         with pytest.raises(InputError, match="18 positive numbers"):
             DfDNet(few)
     with pytest.raises(InputError, match="prelu or sigmoid"):
-        DfDNet(SMALL, first_activation="relu")
+        DfDNet(SMALL, first_activation="maxout")
     with pytest.raises(InputError, match="6: in-focus RGB"):
         DfDNet(SMALL, channel_means=(1.0, 2.0))
 

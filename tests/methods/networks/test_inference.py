@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -78,21 +80,78 @@ def test_the_readout_is_one_of_two() -> None:
         Predictor(network(), CPU, readout="mean")  # type: ignore[arg-type]
 
 
-def test_the_margin_is_as_far_as_a_pixel_sees(monkeypatch: pytest.MonkeyPatch) -> None:
-    for kind in ("dfd-net", "u-net"):
-        made = network(kind).double()
-        with torch.no_grad():  # no unit is dead, so that all that can be seen is seen
-            for parameter in made.parameters():
-                parameter.abs_()
-        made.pixels = torch.nn.Identity()
+def farthest_seen(
+    made: torch.nn.Module, monkeypatch: pytest.MonkeyPatch, places: tuple[int, ...] = (128,)
+) -> int:
+    made = made.double()
+    with torch.no_grad():  # no unit is dead, so that all that can be seen is seen
+        for parameter in made.parameters():
+            parameter.abs_()
+    made.pixels = torch.nn.Identity()
+    monkeypatch.setattr(architectures, "in_float32", lambda layers, given: layers(given))
+    farthest = 0
+    for place in places:
         pixels = torch.rand(1, 6, 256, 256, dtype=torch.float64, requires_grad=True)
-        monkeypatch.setattr(architectures, "in_float32", lambda layers, given: layers(given))
-        made(pixels)[0, :, 128, 128].sum().backward()
+        made(pixels)[0, :, place, place].sum().backward()
         assert pixels.grad is not None
         seen = torch.nonzero(pixels.grad[0].abs().sum(0))
-        margin = {"dfd-net": DfDNet.margin, "u-net": UNet.margin}[kind]
-        farthest = int((seen - 128).abs().max())
-        assert 0.7 * margin < farthest <= margin
+        farthest = max(farthest, int((seen - place).abs().max()))
+    return farthest
+
+
+@pytest.mark.slow
+def test_the_margin_is_as_far_as_a_pixel_sees(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert farthest_seen(network("dfd-net"), monkeypatch, EVERY) == DfDNet(SMALL).margin
+    assert 0.7 * UNet.margin < farthest_seen(network("u-net"), monkeypatch) <= UNet.margin
+
+
+#: Halving and doubling treat pixels alike only every fourth.
+EVERY = (126, 127, 128, 129)
+#: By the thesis's layers, input to output; larger above than below, upright and lying.
+WIDE: list[int | list[int]] = [
+    9,
+    7,
+    [9, 5],
+    5,
+    [3, 9],
+    [1, 7],
+    9,
+    3,
+    5,
+    [7, 1],
+    [1, 9],
+    9,
+    [5, 7],
+    3,
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kernels", "sampling"), [(WIDE, 2), ([1] * 14, 2), (None, 1), (None, 5)])
+def test_the_margin_follows_the_filters(
+    kernels: list[int | list[int]] | None, sampling: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = DfDNet(SMALL, sampling, kernels=kernels, activations=["prelu"] * 9).eval()
+    assert farthest_seen(made, monkeypatch, EVERY) == made.margin
+
+
+@pytest.mark.slow
+def test_tiles_do_not_change_the_answer_of_other_filters() -> None:
+    torch.manual_seed(3)
+    made = DfDNet(
+        SMALL,
+        kernels=WIDE,
+        activations=["srelu", "elu", "tanh", "relu", "prelu", "sigmoid", "elu", "srelu", "prelu"],
+        normalized=[True, False] * 4 + [False],
+    ).eval()
+    pair = images(302, 331)
+    whole = Predictor(copy.deepcopy(made), CPU)(*pair)
+    assert len(np.unique(whole)) > 1
+    assert np.array_equal(Predictor(copy.deepcopy(made), CPU, tile=64)(*pair), whole)
+    made.margin = 16
+    assert not np.array_equal(Predictor(made, CPU, tile=64)(*pair), whole)
+    for shape in ((1, 1), (12, 12), (37, 46)):
+        assert Predictor(made, CPU)(*images(*shape)).shape == shape
 
 
 def test_short_of_memory_it_goes_on_in_tiles(monkeypatch: pytest.MonkeyPatch) -> None:

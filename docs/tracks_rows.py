@@ -1,8 +1,9 @@
-"""Write docs/classical.md's table of what each track costs each method, from the leaderboard.
+"""Show in the docs what each track costs each method, from the leaderboard.
 
-`python docs/classical_tracks.py [DATASET-SPLIT]`, by default demo-1-test, after
+`python docs/tracks_rows.py [DATASET-SPLIT]`, by default demo-1-test, after
 `dfdbench tracks --method NAME --submit` of each method, or `make leaderboard`, which runs all of
-them. NRMSE under protocol `valid`, a row a track and severity.
+them: docs/classical.md's table, a row a track and severity, and the picture of docs/tracks.md, a
+line a method. NRMSE under protocol `valid`.
 """
 
 from __future__ import annotations
@@ -10,35 +11,44 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from dfdbench.blur.tracks import CLEAN, TRACKS
+from dfdbench.figures.style import write_figure
+from dfdbench.figures.tracks import tracks_figure
 from dfdbench.leaderboard.folder import LEADERBOARD
 from dfdbench.leaderboard.track_boards import TracksEntry, collect_tracks
 from dfdbench.leaderboard.tracks_submission import HEADLINE
 from dfdbench.metrics.metric import RANKED_BY
+from dfdbench.results.track_tables import severities
 from dfdbench.results.wording import score_text
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown
 from dfdbench.tables.table import Table
 
 PAGE = Path(__file__).with_name("classical.md")
+PICTURE = Path(__file__).with_name("tracks_methods.png")
 METHODS = ("constant", "s-transform", "rational-filters", "favaro-soatto", "guided", "sgm", "local")
-BEGIN, END = "<!-- written by docs/classical_tracks.py -->\n", "<!-- end -->"
+BEGIN, END = "<!-- written by docs/tracks_rows.py -->\n", "<!-- end -->"
 
 
 def main(place: str) -> None:
-    """Write the table between its two marks."""
+    """Write the table between its two marks, and draw the picture."""
     entries = {
         entry.label: entry
         for entry in collect_tracks(LEADERBOARD)
         if f"{entry.clean.dataset.name}-{entry.clean.dataset.split}" == place
     }
-    lacking = [name for name in METHODS if name not in entries]
-    if lacking:
-        sys.exit(f"no runs on tracks of {place}: {', '.join(lacking)}; dfdbench tracks --submit")
+    there = [name for name in METHODS if name in entries]
+    if lacking := [name for name in METHODS if name not in entries]:
+        print(f"no runs on tracks of {place}: {', '.join(lacking)}", file=sys.stderr)
+    if not there:
+        sys.exit("nothing is written; dfdbench tracks --method NAME --submit")
     before, _, rest = PAGE.read_text("utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)
-    text = as_markdown(table_of([entries[name] for name in METHODS], place))
+    text = as_markdown(table_of([entries[name] for name in there], place))
     write_whole(PAGE, f"{before}{BEGIN}\n{text}\n{END}{after}")
+    write_figure(picture_of(list(entries.values()), place), PICTURE)
 
 
 def table_of(entries: list[TracksEntry], place: str) -> Table:
@@ -51,6 +61,16 @@ def table_of(entries: list[TracksEntry], place: str) -> Table:
     columns = ("", *(entry.label for entry in entries))
     title = f"NRMSE, {place}, protocol {HEADLINE}"
     return Table(title, columns, tuple(rows), "l" + "r" * len(entries))
+
+
+def picture_of(entries: list[TracksEntry], place: str) -> Figure:
+    """Return the metric against severity, a panel a track, a line a method, best mean first."""
+    whole = [(mean, entry) for entry in entries if (mean := entry.mean(RANKED_BY)) is not None]
+    scores = {
+        entry.label: severities(entry.results, HEADLINE, RANKED_BY)
+        for _, entry in sorted(whole, key=lambda found: found[0])
+    }
+    return tracks_figure(scores, RANKED_BY, f"{place}, protocol {HEADLINE}, best mean first")
 
 
 def _score(entry: TracksEntry, label: str) -> str:

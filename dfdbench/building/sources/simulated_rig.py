@@ -1,0 +1,210 @@
+"""Simulate the rig and treat what it gives as its captures: a real-world set from no file."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import astuple
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.building.sources.frames import average_frames
+from dfdbench.building.sources.interface import SceneImages
+from dfdbench.building.sources.realworld import as_told
+from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.errors import Problem, SourceError
+from dfdbench.optics.lens_table import read_lens_table
+from dfdbench.rig.board_pose import Sighting
+from dfdbench.rig.board_rays import Rays
+from dfdbench.rig.depth_map import depth_image, warp
+from dfdbench.rig.geometry import Pose, Rig
+from dfdbench.rig.lidar import average_scans
+from dfdbench.rig.lidar_files import read_beams
+from dfdbench.rig.registration import register, sight
+from dfdbench.simulation.board_scene import SCENES, SimulatedScene, defocus
+from dfdbench.simulation.photographs import photograph
+from dfdbench.simulation.raycast import View
+from dfdbench.tables.wording import listed
+
+Floats = NDArray[np.float64]
+
+#: Raised whenever the same manifest would give other images.
+_VERSION = 1
+# What is found is rounded, so that the last bits of a platform's arithmetic change no map: the pose
+# to steps in degrees, a third of a pixel at most, and to decimals of a pixel the corners that a
+# registration is kept as.
+_ANGLE_STEP, _CORNER_PLACES = 0.02, 1
+
+
+class SimulatedRig:
+    """Scenes as `dfdbench simulate realworld` writes them, registered and read as captures are.
+
+    Frames are averaged and cropped, scans averaged, and the LIDAR's depth map, laid on the image by
+    `dfdbench.rig.registration.register` from all scenes of the manifest together, is the ground
+    truth. The simulation's own truth is not used.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        With the section `capture`, the axis `exposure_ms` and scenes k00 to k63.
+
+    Raises
+    ------
+    SourceError
+        With everything in the manifest that cannot be simulated.
+    """
+
+    captures_defocus = True
+
+    def __init__(self, manifest: Manifest) -> None:
+        problems = tuple(_problems_of(manifest))
+        if problems or manifest.capture is None:
+            raise SourceError.of(problems)
+        self._manifest = manifest
+        self._capture = manifest.capture
+        height, width = self._capture.frame_size
+        self._rig = Rig(frame_size=(height, width), crop_size=self._capture.crop_size)
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """Which voltage steps make a pair."""
+        return {"pair": [self._capture.infocus_step, self._capture.defocus_step]}
+
+    def available_pairs(self) -> tuple[Pair, ...]:
+        """Return the pairs of the scenes that could be registered.
+
+        They are registered here, all together: what one scene becomes depends on the others.
+        """
+        matrices, _ = self._registered
+        return tuple(pair for pair in self._manifest.pairs() if pair.scene in matrices)
+
+    def signature(self, scene: str) -> str:
+        """Return the SHA-256 of photograph, lens, beams, scene, and what is simulated of them."""
+        simulated = self._scene(scene)
+        facts = (
+            _VERSION,
+            simulated,
+            simulated.board,
+            self._capture.model_dump(),
+            self._manifest.axes,
+            self._manifest.scene_names,
+        )
+        digest = hashlib.sha256(repr(facts).encode())
+        arrays = (
+            photograph(simulated.board.texture.photograph),
+            read_lens_table().radius,
+            *astuple(read_beams()),
+        )
+        for values in arrays:
+            digest.update(np.ascontiguousarray(values).tobytes())
+        return digest.hexdigest()
+
+    def missing_help(self, missing: tuple[Pair, ...]) -> str:
+        """Return why scenes could not be registered."""
+        _, problems = self._registered
+        return "; ".join(f"{name}: {found[0]}" for name, found in problems.items())
+
+    def read(self, scene: str) -> SceneImages:
+        """Simulate one scene and make of it what the real-world pipeline makes of captures."""
+        matrices, problems = self._registered
+        if scene not in matrices:
+            raise SourceError.of(problems[scene])
+        simulated = self._scene(scene)
+        view = simulated.look()
+        steps = (self._capture.infocus_step, self._capture.defocus_step)
+        infocus, blurred = (
+            np.stack(
+                [self._rig.crop(frame) for frame in self._frames(simulated, view, step)]
+            ).astype(np.uint8)
+            for step in steps
+        )
+        size = (self._capture.crop_size,) * 2
+        seen = depth_image(self._ranges(simulated), read_beams())
+        levels, valid = warp(*seen, matrices[scene], size)
+        depth = as_told(levels, valid, self._manifest.depth)
+        return SceneImages(infocus, depth, valid, np.ones(len(infocus), bool), blurred)
+
+    @cached_property
+    def _registered(self) -> tuple[dict[str, Floats], dict[str, tuple[Problem, ...]]]:
+        sightings: dict[str, Sighting] = {}
+        for name in self._manifest.scene_names:
+            simulated = self._scene(name)
+            frames = self._frames(simulated, simulated.look(), self._capture.sharpest_step)
+            frame = frames[len(frames) // 2]
+            sightings[name] = sight(frame, self._ranges(simulated), read_beams(), self._rig)
+        found, problems = register(sightings, self._rig)
+        matrices = {
+            name: _rounded(sightings[name].rays, one.pose, self._rig) for name, one in found.items()
+        }
+        return matrices, problems
+
+    def _scene(self, name: str) -> SimulatedScene:
+        return SimulatedScene(int(name.removeprefix("k")), self._rig)
+
+    def _frames(self, simulated: SimulatedScene, view: View, step: int) -> list[NDArray[np.uint8]]:
+        """Return a voltage step's whole frame at each exposure, averaged."""
+        light = defocus(view, read_lens_table(), step)
+        return [
+            average_frames(
+                [
+                    simulated.frame(light, exposure, (step, exposure, number))
+                    for number in range(self._capture.frames)
+                ]
+            )
+            for exposure in self._manifest.axes["exposure_ms"]
+        ]
+
+    def _ranges(self, simulated: SimulatedScene) -> Floats:
+        beams = read_beams()
+        scans = range(self._capture.lidar_scans)
+        return average_scans([simulated.scan(beams, number) for number in scans])
+
+
+def _rounded(rays: Rays, pose: Pose, rig: Rig) -> Floats:
+    turned = Pose(*(round(angle / _ANGLE_STEP) * _ANGLE_STEP for angle in astuple(pose)))
+    corners = rays.corners()
+    target = cv2.perspectiveTransform(corners[np.newaxis], rays.matrix(turned, rig))[0]
+    target = target.round(_CORNER_PLACES)
+    found = cv2.getPerspectiveTransform(corners.astype(np.float32), target.astype(np.float32))
+    return np.asarray(found, np.float64)
+
+
+def _problems_of(manifest: Manifest) -> Iterator[Problem]:
+    capture = manifest.capture
+    if capture is None:
+        yield Problem("section is missing", where=f"{manifest.stem}: capture")
+    else:
+        known = read_lens_table().steps
+        steps = (capture.infocus_step, capture.defocus_step, capture.sharpest_step)
+        if strange := [step for step in steps if step not in known]:
+            yield Problem(
+                "the simulated lens has no such voltage step",
+                where=f"{manifest.stem}: capture",
+                expected=f"of {known[0]} to {known[-1]}",
+                got=listed(strange),
+            )
+    fields: tuple[tuple[str, list[str], list[str]], ...] = (
+        ("axes", list(manifest.axes), ["exposure_ms"]),
+        ("depth.axes", manifest.depth.axes, []),
+    )
+    for field, named, needed in fields:
+        if named != needed:
+            yield Problem(
+                "the simulated rig has other axes",
+                where=f"{manifest.stem}: {field}",
+                expected=", ".join(needed) or "none",
+                got=", ".join(named) or "none",
+            )
+    numbers = [re.fullmatch(r"k(\d\d)", name) for name in manifest.scene_names]
+    if any(found is None or int(found[1]) >= SCENES for found in numbers):
+        yield Problem(
+            "no such simulated scene",
+            where=f"{manifest.stem}: scenes",
+            expected=f"of k00 to k{SCENES - 1}",
+            got=listed(manifest.scene_names),
+        )

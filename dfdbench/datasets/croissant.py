@@ -1,0 +1,152 @@
+"""A data set's description in Croissant 1.1, JSON-LD that search engines and conferences read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from dfdbench.blur.tracks import find_degradation
+from dfdbench.datasets.datasheet import Datasheet, datasheet_of
+from dfdbench.datasets.manifest import Manifest
+
+CROISSANT = "http://mlcommons.org/croissant/1.1"
+RESPONSIBLE_AI = "http://mlcommons.org/croissant/RAI/1.0"
+#: The context that the specification gives, and the vocabulary of where data come from.
+CONTEXT: dict[str, Any] = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    **{
+        name: f"cr:{name}"
+        for name in (
+            *("arrayShape", "citeAs", "column", "containedIn", "equivalentProperty", "extract"),
+            *("field", "fileProperty", "fileObject", "fileSet", "format", "includes", "isArray"),
+            *("isLiveDataset", "jsonPath", "key", "md5", "parentField", "path", "recordSet"),
+            *("references", "regex", "repeated", "replace", "samplingRate", "separator"),
+            *("source", "subField", "transform"),
+        )
+    },
+    "conformsTo": "dct:conformsTo",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "prov": "http://www.w3.org/ns/prov#",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "description": {"@container": "@language"},
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "name": {"@container": "@language"},
+    "sc": "https://schema.org/",
+}
+_PAIRS = "pairs"
+
+
+def croissant_text(manifest: Manifest) -> str:
+    """Return the description as the text of a JSON-LD file."""
+    return json.dumps(croissant_of(manifest), indent=1, ensure_ascii=False) + "\n"
+
+
+def croissant_of(manifest: Manifest) -> dict[str, Any]:
+    """Return a data set's description in Croissant 1.1.
+
+    Its one file is the manifest, which says where the images come from and of which `dfdbench
+    build` makes the store; its one record set lists the pairs. A released set has the
+    Responsible-AI fields too, from its datasheet; a set of one's own has what its manifest says.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The data set, on a track or not.
+
+    References
+    ----------
+    Croissant Format Specification 1.1, Croissant RAI Specification 1.0, MLCommons.
+    """
+    sheet = datasheet_of(manifest)
+    description = manifest.description.strip()
+    if manifest.on_track:
+        description += f" On the track {find_degradation(manifest.degradation).text}."
+    content: dict[str, Any] = {
+        "@context": CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": [CROISSANT, RESPONSIBLE_AI] if sheet else CROISSANT,
+        "name": manifest.stem,
+        "alternateName": manifest.title,
+        "description": description,
+        "url": manifest.sources[0].url,
+        "version": f"{manifest.version}.0.0",
+        "license": list(dict.fromkeys(source.licence for source in manifest.sources)),
+        "creator": {"@type": "sc:Organization", "name": "The dfdbench authors"},
+        "citeAs": "; ".join(
+            dict.fromkeys(cited for source in manifest.sources for cited in source.citations)
+        ),
+        "keywords": ["depth from defocus", "depth estimation", "benchmark"],
+        "isLiveDataset": False,
+        "distribution": [_file(manifest)],
+        "recordSet": [_records(manifest)],
+    }
+    return content | (dict(_responsible(sheet)) if sheet else {})
+
+
+def _responsible(sheet: Datasheet) -> Iterator[tuple[str, Any]]:
+    yield "datePublished", sheet.published.isoformat()
+    yield "rai:dataLimitations", sheet.limitations
+    yield "rai:dataBiases", sheet.biases
+    yield "rai:personalSensitiveInformation", sheet.personal
+    yield "rai:dataUseCases", sheet.use_cases
+    yield "rai:dataSocialImpact", sheet.social_impact
+    yield "rai:hasSyntheticData", sheet.synthetic
+    yield "prov:wasDerivedFrom", [{"@id": address} for address in sheet.derived_from]
+    yield (
+        "prov:wasGeneratedBy",
+        {
+            "@type": "prov:Activity",
+            "prov:label": "dfdbench build",
+            "description": sheet.generated_by,
+        },
+    )
+
+
+def _file(manifest: Manifest) -> dict[str, Any]:
+    name = f"{manifest.file_stem}.toml"
+    return {
+        "@type": "cr:FileObject",
+        "@id": name,
+        "name": name,
+        "description": "The manifest: sources, scenes, splits, exclusions, checksums.",
+        "contentUrl": name,
+        "encodingFormat": "application/toml",
+        "sha256": manifest.sha256,
+    }
+
+
+def _records(manifest: Manifest) -> dict[str, Any]:
+    what = {
+        "id": ("sc:Text", "The pair's name."),
+        "scene": ("sc:Text", "The scene that it shows."),
+        **dict.fromkeys(manifest.axes, ("sc:Integer", "Its value on this axis.")),
+    }
+    return {
+        "@type": "cr:RecordSet",
+        "@id": _PAIRS,
+        "name": _PAIRS,
+        "description": "The pairs: an in-focus image, a defocus image, a depth map each.",
+        "key": {"@id": f"{_PAIRS}/id"},
+        "field": [
+            {
+                "@type": "cr:Field",
+                "@id": f"{_PAIRS}/{name}",
+                "name": name,
+                "description": text,
+                "dataType": kind,
+            }
+            for name, (kind, text) in what.items()
+        ],
+        "data": [
+            {
+                f"{_PAIRS}/{name}": value
+                for name, value in {"id": pair.id, "scene": pair.scene, **pair.at}.items()
+            }
+            for pair in manifest.pairs()
+        ],
+    }

@@ -1,0 +1,96 @@
+"""What a store's files may not say: found before they are taken at their word."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import zarr
+from pydantic import BaseModel, Field, ValidationError
+
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.errors import StoreError
+from dfdbench.system.record import problems_of
+
+#: What zarr and xarray come to where files are damaged, by where they are.
+DAMAGED: tuple[type[Exception], ...] = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
+#: Characters of what a library says of damage.
+LONGEST = 300
+
+
+class _Recipe(BaseModel):
+    name: str
+    parameters: dict[str, Any]
+
+
+class _Attributes(BaseModel):
+    """What a store says of itself, as far as it is read; there may be more."""
+
+    manifest: str
+    manifest_sha256: str
+    fingerprint: str
+    dfdbench_version: str
+    degradation: str = ""
+    recipe: _Recipe
+    options: dict[str, Any]
+    missing_pairs: list[str] = Field(default_factory=list)
+
+
+def check_attributes(attributes: Mapping[str, Any], where: str) -> None:
+    """Refuse what a store says of itself where it is not what a build writes.
+
+    Raises
+    ------
+    StoreError
+        With every field that is absent or wrong.
+    """
+    try:
+        _Attributes.model_validate(attributes)
+    except ValidationError as error:
+        problems = problems_of(
+            error, "the store's attributes are damaged", file=where, fix="build it again"
+        )
+        raise StoreError.of(problems) from error
+
+
+def require_fit(
+    array: zarr.Array[Any], name: str, manifest: Manifest, sides: tuple[int, ...]
+) -> None:
+    """Refuse an array that its manifest and its scene's depth map leave no room for.
+
+    One of another shape would be read at the wrong places, or beyond its end.
+
+    Parameters
+    ----------
+    array : zarr.Array
+        Of a scene.
+    name : str
+        ``infocus``, ``defocus``, ``depth``, ``valid`` or ``available``.
+    manifest : Manifest
+        The store's.
+    sides : tuple of int
+        Rows and columns of the scene's depth map.
+
+    Raises
+    ------
+    ValueError
+        Where its shape or its type is another.
+    """
+    axes = manifest.depth.axes if name in ("depth", "valid") else manifest.axes
+    image = {"available": (), "infocus": (*sides, 3), "defocus": (*sides, 3)}.get(name, sides)
+    wanted = (*(len(manifest.axes[axis]) for axis in axes), *image)
+    kind = np.dtype(bool if name in ("valid", "available") else np.uint8)
+    if array.shape != wanted or array.dtype != kind:
+        raise ValueError(f"{array.dtype}, shape {array.shape}, where {kind}, {wanted} belongs")

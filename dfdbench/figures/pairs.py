@@ -1,0 +1,103 @@
+"""One pair drawn: two images, ground truth, and a prediction with its error where there is one."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from dfdbench.datasets.pair_images import PairImages
+from dfdbench.figures.style import (
+    ERROR_LIMIT,
+    brightened,
+    brightening,
+    depth_span,
+    plain_text,
+    without_ticks,
+)
+
+HEADS = ("in-focus", "defocus", "ground truth", "prediction", "prediction − truth")
+
+
+class Shown(Figure):
+    """A figure that a notebook shows without pyplot and its state."""
+
+    def _repr_png_(self) -> bytes:
+        content = io.BytesIO()
+        self.savefig(content, format="png", dpi=90)
+        return content.getvalue()
+
+
+def show(pair: PairImages, prediction: NDArray[np.floating[Any]] | None = None) -> Figure:
+    """Draw a pair; this is ``dfdbench.show``.
+
+    Parameters
+    ----------
+    pair : PairImages
+        As `dfdbench.open` gives them.
+    prediction : ndarray, shape (y, x), optional
+        Depth levels that a method gave; drawn with its error.
+
+    Returns
+    -------
+    Figure
+        Which a notebook shows, and ``savefig`` writes. Where depth is unknown it is grey.
+
+    Raises
+    ------
+    TypeError
+        Where it is no pair.
+
+    Examples
+    --------
+    >>> from dfdbench.datasets.manifest import Pair
+    >>> grey, level = np.full((6, 8, 3), 90, np.uint8), np.full((6, 8), 40, np.uint8)
+    >>> figure = show(PairImages(Pair("Desk", (("view", 1),)), grey, grey, level, level > 0))
+    >>> [axis.get_title() for axis in figure.axes][:3]
+    ['in-focus', 'defocus', 'ground truth']
+    """
+    if not isinstance(pair, PairImages):
+        raise TypeError(
+            f"show draws one pair, as dfdbench.open(...)[0] gives it; got {type(pair).__name__}"
+        )
+    count = 3 if prediction is None else len(HEADS)
+    rows, columns = pair.depth.shape
+    figure = Shown(figsize=(3 * count, 3 * rows / columns + 0.6), layout="constrained")
+    figure.suptitle(plain_text(pair.pair.id), fontsize=10)
+    axes = list(figure.subplots(1, count))
+    for axis, head in zip(axes, HEADS, strict=False):
+        axis.set_title(head, fontsize=10)
+    draw_pair(figure, axes, pair, prediction)
+    return figure
+
+
+def draw_pair(
+    figure: Figure,
+    axes: Sequence[Axes],
+    images: PairImages,
+    prediction: NDArray[np.floating[Any]] | None,
+) -> None:
+    """Draw a pair into three axes, or into five with a prediction; depth and error get scales."""
+    known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
+    low, high = depth_span(known)
+    levels: dict[str, Any] = {"cmap": "viridis", "vmin": low, "vmax": high}
+    errors: dict[str, Any] = {"cmap": "PuOr", "vmin": -ERROR_LIMIT, "vmax": ERROR_LIMIT}
+    times = brightening(images.infocus)
+    axes[0].imshow(brightened(images.infocus, times))
+    axes[1].imshow(brightened(images.defocus, times))
+    if times > 1:
+        axes[0].set_xlabel(f"both images shown {times} times brighter", fontsize=8)
+    truth = axes[2].imshow(known, interpolation="nearest", **levels)
+    without_ticks(axes, "0.75")
+    if prediction is None:
+        figure.colorbar(truth, ax=axes[2], label="depth level", fraction=0.05)
+        return
+    axes[3].imshow(prediction, interpolation="nearest", **levels)
+    error = axes[4].imshow(prediction - known, interpolation="nearest", **errors)
+    figure.colorbar(truth, ax=axes[3], label="depth level", fraction=0.05)
+    figure.colorbar(error, ax=axes[4], label="levels", fraction=0.05, extend="both")

@@ -1,0 +1,149 @@
+"""Methods beside metrics, the best marked: the table that goes into a paper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from dfdbench.errors import unknown_name
+from dfdbench.leaderboard.boards import Entry, ScoreBoard, Standing, boards
+from dfdbench.metrics.of_protocol import metrics_of
+from dfdbench.metrics.protocol import require_scored, title_of
+from dfdbench.results.saved_run import SavedRun
+from dfdbench.results.told import told
+from dfdbench.results.wording import score_text, seconds_text
+from dfdbench.system.version import PACKAGE_VERSION
+from dfdbench.tables.table import Marked, Table
+from dfdbench.tables.wording import counted
+
+SECONDS = "seconds"
+# Of a fingerprint's 64 digits: enough to tell data apart, and they fit into a caption.
+_DIGITS = 16
+
+
+def paper_tables(
+    runs: Sequence[SavedRun], protocol: str, columns: Sequence[str] = ()
+) -> list[Table]:
+    """Return a table for each set of runs that may be compared: of one fingerprint and split.
+
+    Parameters
+    ----------
+    runs : sequence of SavedRun
+        At least one; of two with the same label on the same data the newer one counts: see
+        `dfdbench.results.run_names.told_apart`.
+    protocol : str
+        Under which protocol.
+    columns : sequence of str
+        Metrics by name, and ``seconds``, in this order; all where none is named.
+
+    Raises
+    ------
+    UnknownNameError
+        Where a run was not scored under the protocol, or the protocol has no such metric.
+    """
+    for run in runs:
+        require_scored(protocol, run.result.protocol_names, str(run.path))
+    there = (*metrics_of(protocol), SECONDS)
+    for name in columns:
+        if name not in there:
+            raise unknown_name("metric", name, there)
+    shown = tuple(dict.fromkeys(columns or there))
+    found = boards([Entry(run.result, run.path, None, run.place) for run in runs])
+    tables = [_table(board, shown) for board in found if board.protocol == protocol]
+    # LaTeX refuses a label twice: another build of a set has the same name and other data.
+    labels = [table.label for table in tables]
+    return [
+        replace(table, label=f"{table.label} {table.records[0]['fingerprint']!s:.8}")
+        if labels.count(table.label) > 1
+        else table
+        for table in tables
+    ]
+
+
+def _table(board: ScoreBoard, names: Sequence[str]) -> Table:
+    metrics = metrics_of(board.protocol)
+    cells = {name: _cells(board, name) for name in names}
+    rows = tuple(
+        (standing.entry.label, told(standing.entry.result), *(cells[name][n] for name in names))
+        for n, standing in enumerate(board.standings)
+    )
+    headings = ("seconds per pair" if name == SECONDS else metrics[name].heading for name in names)
+    pairs = max(standing.entry.result.dataset.expected for standing in board.standings)
+    return Table(
+        f"{board.dataset}, split {board.split} "
+        f"({counted(pairs, 'pair')} of {counted(board.scenes, 'scene')}), "
+        f"protocol {title_of(board.protocol)}, data {board.fingerprint[:_DIGITS]}, "
+        f"dfdbench {PACKAGE_VERSION}",
+        ("method", "told", *headings),
+        rows,
+        "ll" + "r" * len(names),
+        tuple(_notes(board, names)),
+        records=tuple(_record(board, standing, names) for standing in board.standings),
+        label=f"{board.dataset} {board.split} {board.protocol}",
+    )
+
+
+def _cells(board: ScoreBoard, name: str) -> list[str]:
+    """Return a column: the best of the ranked marked, means of incomplete runs in brackets."""
+    texts = [_text(board, standing, name) for standing in board.standings]
+    if name == SECONDS:
+        return texts
+    metric = metrics_of(board.protocol)[name]
+    ranked = {
+        score_text(value): value
+        for standing in board.standings
+        if standing.rank is not None
+        and (value := standing.entry.score(board.protocol, name)) is not None
+    }
+    # Equal as printed is equal: a reader sees no more digits.
+    order = sorted(ranked, key=lambda text: ranked[text], reverse=metric.larger_is_better)
+    marks = dict(zip(order, ("best", "second"), strict=False)) if len(ranked) > 1 else {}
+    return [
+        Marked(text, marks[text]) if text in marks and standing.rank is not None else text
+        for text, standing in zip(texts, board.standings, strict=True)
+    ]
+
+
+def _text(board: ScoreBoard, standing: Standing, name: str) -> str:
+    entry = standing.entry
+    if name == SECONDS:
+        return seconds_text(entry.seconds)
+    return entry.shown_score(board.protocol, name)
+
+
+def _notes(board: ScoreBoard, names: Sequence[str]) -> list[str]:
+    notes = []
+    if any(standing.rank and standing.rank > 1 for standing in board.standings):
+        notes.append("Best bold, second underlined.")
+    if SECONDS in names:
+        notes.append("Seconds compare only on one machine.")
+    for standing in board.standings:
+        dataset = standing.entry.result.dataset
+        if not standing.entry.result.complete:
+            notes.append(
+                f"{standing.entry.label}: in brackets the means of {dataset.evaluated} of "
+                f"{dataset.expected} pairs, not ranked"
+            )
+        elif standing.rank is None:
+            notes.append(f"{standing.entry.label}: not ranked")
+    return notes
+
+
+def _record(board: ScoreBoard, standing: Standing, names: Sequence[str]) -> Mapping[str, object]:
+    entry = standing.entry
+    dataset = entry.result.dataset
+    scores = {
+        name: entry.seconds if name == SECONDS else entry.score(board.protocol, name)
+        for name in names
+    }
+    return {
+        "dataset": board.dataset,
+        "split": board.split,
+        "protocol": board.protocol,
+        "fingerprint": board.fingerprint,
+        "rank": standing.rank,
+        "method": entry.label,
+        "told": told(entry.result),
+        **scores,
+        "pairs": f"{dataset.evaluated}/{dataset.expected}",
+    }

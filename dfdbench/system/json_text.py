@@ -1,0 +1,74 @@
+"""JSON that somebody wrote: read, however strange it is, and two records held together."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+_HALF = re.compile(r"\\u[dD][89a-fA-F]")
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return what a file's JSON says.
+
+    Raises
+    ------
+    ValueError
+        As `parse_message` does, and where it holds half a character, which no file can be
+        written with.
+
+    Examples
+    --------
+    >>> parse_json('{"view": [1, 5]}')
+    {'view': [1, 5]}
+    """
+    content = parse_message(text)
+    if _HALF.search(text if isinstance(text, str) else text.decode("utf-8", "replace")):
+        try:
+            json.dumps(content, ensure_ascii=False).encode()
+        except UnicodeEncodeError as error:
+            half = ascii(error.object[error.start])
+            raise ValueError(f"a lone surrogate, {half}: half a character is no text") from error
+    return content
+
+
+def parse_message(text: str | bytes) -> Any:
+    """Return what JSON from another process says, which may name files by half characters.
+
+    Raises
+    ------
+    ValueError
+        Where it is no JSON, is nested deeper than anything that means something, or has a number
+        of thousands of digits.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+
+
+def differences(
+    before: Mapping[str, Any], now: Mapping[str, Any], name: str = ""
+) -> Iterator[tuple[str, Any, Any]]:
+    """Return where two nested records differ: each value's dotted name, what it was, what it is.
+
+    Parameters
+    ----------
+    before, now : mapping of str
+        As JSON has them. What one of them lacks is None there.
+    name : str, optional
+        What stands before each name.
+
+    Examples
+    --------
+    >>> list(differences({"seed": 1, "net": {"width": 8}}, {"seed": 1, "net": {"width": 4}}))
+    [('net.width', 8, 4)]
+    """
+    for key in dict.fromkeys([*before, *now]):
+        one, other = before.get(key), now.get(key)
+        if isinstance(one, dict) and isinstance(other, dict):
+            yield from differences(one, other, f"{name}{key}.")
+        elif one != other:
+            yield f"{name}{key}", one, other

@@ -1,0 +1,1 @@
+"""Architectures searched by a particle swarm (6.1, App. C)."""

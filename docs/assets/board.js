@@ -1,0 +1,204 @@
+/* The leaderboard's page: choose, sort, filter; accuracy against seconds. */
+"use strict";
+
+(() => {
+  const place = document.getElementById("board");
+  const source = document.getElementById("board-data");
+  if (!place || !source) return;
+  const boards = JSON.parse(source.textContent);
+
+  const element = (name, attributes = {}, ...children) => {
+    const made = document.createElement(name);
+    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+    made.append(...children);
+    return made;
+  };
+  const svg = (name, attributes, ...children) => {
+    const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+    made.append(...children);
+    return made;
+  };
+  const chooser = (label, values) => {
+    const select = element("select", { "aria-label": label });
+    for (const value of values) select.append(element("option", { value }, value));
+    return [element("label", {}, label, select), select];
+  };
+
+  const sets = [...new Set(boards.map((board) => board.set))];
+  const [setLabel, chosenSet] = chooser("data set", sets);
+  const [protocolLabel, chosenProtocol] = chooser("protocol", []);
+  const [toldLabel, chosenTold] = chooser("told", []);
+  const words = element("input", { type: "search", placeholder: "graph-cuts", "aria-label": "method" });
+  const wordsLabel = element("label", {}, "method", words);
+  const count = element("p", { class: "board-count", role: "status" });
+  const holder = element("div", { class: "board-table", tabindex: "0", role: "region", "aria-label": "ranking" });
+  const plot = element("div", { class: "board-plot" });
+  const machines = element("p", { class: "board-count" });
+  let sorted = { column: 0, falls: false };
+
+  const board = () =>
+    boards.find((one) => one.set === chosenSet.value && one.protocol === chosenProtocol.value);
+  const number = (value) => (value === null ? "–" : value.toFixed(4));
+  const seconds = (value) =>
+    value === null ? "–" : value < 0.001 ? "< 0.001" : value.toFixed(3);
+
+  const columns = () => [
+    { title: "", of: (row) => row.rank, text: (row) => row.rank ?? "–", right: true },
+    { title: "method", of: (row) => row.method, text: (row) => row.method, link: true },
+    { title: "told", of: (row) => row.told, text: (row) => row.told },
+    ...board().metrics.map((metric, at) => ({
+      title: metric.title,
+      of: (row) => row.scores[at],
+      text: (row) => number(row.scores[at]),
+      right: true,
+      falls: metric.falls,
+    })),
+    { title: "seconds per pair", of: (row) => row.seconds, text: (row) => seconds(row.seconds), right: true },
+    { title: "status", of: (row) => row.status, text: (row) => row.status },
+    { title: "version", of: (row) => row.version, text: (row) => row.version },
+  ];
+
+  const refill = (select, values) => {
+    const before = select.value;
+    select.replaceChildren(...values.map((value) => element("option", { value }, value)));
+    if (values.includes(before)) select.value = before;
+  };
+
+  const shown = () => {
+    const asked = words.value.trim().toLowerCase();
+    const { column, falls } = sorted;
+    const { of } = columns()[column];
+    const kept = board().rows.filter(
+      (row) =>
+        row.method.toLowerCase().includes(asked) &&
+        (chosenTold.value === "all" || row.told === chosenTold.value),
+    );
+    // What has no value stands last, whichever way it is sorted.
+    return kept.sort((one, other) => {
+      const [a, b] = [of(one), of(other)];
+      if (a === null || b === null) return (a === null) - (b === null);
+      const order = typeof a === "string" ? a.localeCompare(b) : a - b;
+      return falls ? -order : order;
+    });
+  };
+
+  const table = (rows) => {
+    const heads = columns().map((column, at) => {
+      const button = element("button", { type: "button" }, column.title || "rank");
+      button.addEventListener("click", () => {
+        sorted = { column: at, falls: sorted.column === at ? !sorted.falls : Boolean(column.falls) };
+        draw();
+        holder.querySelectorAll("button")[at].focus();
+      });
+      const order = sorted.column !== at ? "none" : sorted.falls ? "descending" : "ascending";
+      return element("th", { scope: "col", "aria-sort": order, class: column.right ? "right" : "" }, button);
+    });
+    const lines = rows.map((row) =>
+      element(
+        "tr",
+        {},
+        ...columns().map((column) => {
+          const text = String(column.text(row));
+          const inside = column.link ? element("a", { href: row.file }, text) : text;
+          return element("td", { class: column.right ? "right" : "" }, inside);
+        }),
+      ),
+    );
+    return element("table", { class: "board" }, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...lines));
+  };
+
+  const drawing = (rows) => {
+    const metric = board().metrics[0];
+    const points = rows.filter((row) => row.scores[0] !== null && row.seconds !== null);
+    if (points.length < 2) return element("p", { class: "board-count" }, "No seconds to draw here.");
+    const [width, height, left, bottom, top, right] = [720, 400, 60, 46, 14, 16];
+    const times = points.map((row) => Math.log10(Math.max(row.seconds, 1e-4)));
+    const [first, last] = [Math.floor(Math.min(...times)), Math.ceil(Math.max(...times) + 1e-9)];
+    const most = 1.08 * Math.max(...points.map((row) => row.scores[0]));
+    const x = (value) => left + ((Math.log10(Math.max(value, 1e-4)) - first) / (last - first)) * (width - left - right);
+    const y = (value) => height - bottom - (value / most) * (height - bottom - top);
+    const picture = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img",
+      "aria-label": `${metric.title} against seconds per pair; the table has the same numbers` });
+    for (let power = first; power <= last; power++) {
+      const at = x(10 ** power);
+      picture.append(
+        svg("line", { x1: at, x2: at, y1: top, y2: height - bottom, class: "grid" }),
+        svg("text", { x: at, y: height - bottom + 18, "text-anchor": "middle" }, String(Number((10 ** power).toPrecision(1)))),
+      );
+    }
+    for (let step = 0; step <= 4; step++) {
+      const value = (most * step) / 4;
+      picture.append(
+        svg("line", { x1: left, x2: width - right, y1: y(value), y2: y(value), class: "grid" }),
+        svg("text", { x: left - 6, y: y(value) + 4, "text-anchor": "end" }, value.toFixed(3)),
+      );
+    }
+    picture.append(
+      svg("text", { x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" }, "seconds per pair, logarithmic"),
+      svg("text", { x: 14, y: height / 2, transform: `rotate(-90 14 ${height / 2})`, "text-anchor": "middle" }, metric.title),
+    );
+    // Names keep clear of all marks and of each other; one that had to move gets a line.
+    const taken = points.map((row) => ({ line: y(row.scores[0]) + 4, start: x(row.seconds) - 6, end: x(row.seconds) + 6 }));
+    for (const row of [...points].sort((one, other) => one.scores[0] - other.scores[0])) {
+      const [at, up] = [x(row.seconds), y(row.scores[0])];
+      const label = row.method.length > 34 ? `${row.method.slice(0, 33)}…` : row.method;
+      const wide = 6.2 * label.length;
+      const places = [0, 13, -13, 26, -26, 39, -39, 52, -52].flatMap((step) => [
+        { line: up + 4 + step, start: at + 10, end: at + 10 + wide },
+        { line: up + 4 + step, start: at - 10 - wide, end: at - 10 },
+      ]);
+      const inside = places.filter((box) =>
+        box.start > left && box.end < width - right && box.line > top + 8 && box.line < height - bottom - 2);
+      const clear = (box) => taken.every((other) =>
+        Math.abs(other.line - box.line) > 11 || other.end < box.start || other.start > box.end);
+      const box = inside.find(clear) || inside[0] || places[0];
+      taken.push(box);
+      const onLeft = box.start < at;
+      const link = svg("a", { href: row.file });
+      if (Math.abs(box.line - up - 4) > 1) {
+        link.append(svg("line", { x1: at, y1: up, x2: onLeft ? box.end + 2 : box.start - 2, y2: box.line - 4, class: "lead" }));
+      }
+      link.append(
+        svg("circle", { cx: at, cy: up, r: 4.5 }),
+        svg("text", { x: onLeft ? box.end : box.start, y: box.line, "text-anchor": onLeft ? "end" : "start" }, label),
+        svg("title", {}, `${row.method}: ${number(row.scores[0])} in ${seconds(row.seconds)} s`),
+      );
+      picture.append(link);
+    }
+    return picture;
+  };
+
+  const draw = () => {
+    const rows = shown();
+    const all = board().rows.length;
+    count.textContent = `${rows.length} of ${all} methods`;
+    holder.replaceChildren(table(rows));
+    plot.replaceChildren(drawing(rows));
+    const used = [...new Set(board().rows.map((row) => row.machine))];
+    machines.textContent = `Seconds compare only on one machine. Here: ${used.join("; ")}.`;
+  };
+  const changeProtocol = () => {
+    refill(chosenTold, ["all", ...new Set(board().rows.map((row) => row.told))]);
+    sorted = { column: 0, falls: false };
+    draw();
+  };
+  const changeSet = () => {
+    refill(chosenProtocol, boards.filter((one) => one.set === chosenSet.value).map((one) => one.protocol));
+    changeProtocol();
+  };
+
+  chosenSet.addEventListener("change", changeSet);
+  chosenProtocol.addEventListener("change", changeProtocol);
+  chosenTold.addEventListener("change", draw);
+  words.addEventListener("input", draw);
+  place.replaceChildren(
+    element("div", { class: "board-choice" }, setLabel, protocolLabel, toldLabel, wordsLabel),
+    count,
+    holder,
+    element("h2", { id: "accuracy-against-seconds" }, "Accuracy against seconds"),
+    plot,
+    machines,
+  );
+  changeSet();
+})();

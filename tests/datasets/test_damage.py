@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dfdbench.datasets.integrity import verify_store
+from dfdbench.datasets.store import Store
+from dfdbench.errors import StoreError
+
+
+def damaged(store: Store, place: str, change: Callable[[dict[str, Any]], object]) -> Path:
+    path = Path(store.path.path) / place / "zarr.json"
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    return Path(store.path.path)
+
+
+def _read_one(path: Path) -> None:
+    store = Store(path)
+    store.read(store.pairs("Two")[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("manifest", 1.5), ("recipe", []), ("options", None), ("missing_pairs", "One")],
+)
+def test_attributes_of_another_kind_are_told(tiny_store: Store, name: str, value: object) -> None:
+    path = damaged(tiny_store, "", lambda content: content["attributes"].update({name: value}))
+    with pytest.raises(StoreError, match=r"attributes are damaged"):
+        Store(path)
+
+
+def test_an_attribute_that_is_absent_is_told(tiny_store: Store) -> None:
+    path = damaged(tiny_store, "", lambda content: content["attributes"].pop("recipe"))
+    with pytest.raises(StoreError, match="field is missing"):
+        Store(path)
+
+
+@pytest.mark.parametrize(
+    ("place", "change"),
+    [
+        ("Two/available", {"shape": [1, 1, 1]}),
+        ("Two/infocus", {"data_type": "float64", "fill_value": 0.0}),
+        ("Two/depth", {"chunk_key_encoding": {"name": "default", "configuration": {"@": 1}}}),
+        ("Two/depth", {"codecs": []}),
+    ],
+)
+def test_arrays_that_are_not_as_built_are_told(
+    tiny_store: Store, place: str, change: dict[str, Any]
+) -> None:
+    path = damaged(tiny_store, place, lambda content: content.update(change))
+    with pytest.raises(StoreError, match="cannot be read"):
+        _read_one(path)
+    with_one_gone = Path(shutil.copytree(path, path.with_name("copy.zarr")))
+    shutil.rmtree(with_one_gone / "Two")
+    assert not verify_store(Store(with_one_gone)).sound
+
+
+def test_a_scene_that_cannot_be_opened_is_one_difference(tiny_store: Store) -> None:
+    damaged(tiny_store, "Two/depth", lambda content: content.update(codecs=3))
+    found = verify_store(tiny_store)
+    assert [item.scene for item in found.differences] == ["Two"]
+    assert found.recomputed == ""

@@ -1,0 +1,52 @@
+import base64
+import re
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+import dfdbench
+from dfdbench.datasets.notebook import depth_map, gallery, photograph
+from dfdbench.datasets.store import Store
+
+
+def decoded(address: str) -> NDArray[np.uint8]:
+    content = base64.b64decode(address.removeprefix("data:image/webp;base64,"))
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR_RGB)
+    assert image is not None
+    return np.asarray(image, np.uint8)
+
+
+def test_a_photograph_keeps_its_colours_and_its_shape() -> None:
+    red = np.zeros((300, 400, 3), np.uint8)
+    red[..., 0] = 200
+    small = decoded(photograph(red, "red")[0])
+    assert small.shape == (120, 160, 3)
+    np.testing.assert_allclose(small[60, 80], (200, 0, 0), atol=12)
+
+
+def test_a_depth_map_is_bright_where_near_and_grey_where_unknown() -> None:
+    depth = np.zeros((90, 160), np.float32)
+    depth[:, 60:] = 255
+    valid = np.ones((90, 160), bool)
+    valid[:, 110:] = False
+    small = decoded(depth_map(depth, valid, "depth")[0])
+    assert small[45, 20].sum() < small[45, 85].sum()
+    np.testing.assert_allclose(small[45, 140], 191, atol=12)
+
+
+def test_captions_are_text_and_no_markup() -> None:
+    assert "<b>" not in gallery([[("data:,", "<b>")]])
+
+
+def test_store_split_and_pair_show_themselves(tiny_store: Store) -> None:
+    data = dfdbench.open(str(tiny_store.path), "test")
+    pair = data[0]
+    assert pair._repr_html_().count("<img") == 3
+    assert pair.pair.id in pair._repr_html_()
+    shown = re.findall(r'alt="(\w+)/[^"]*, in-focus"', data._repr_html_())
+    assert shown == ["Two", "Three"]
+    whole = tiny_store._repr_html_()
+    assert tiny_store.fingerprint in whole
+    assert "train (4 pairs), test (7 pairs)" in whole
+    assert "11 pairs of 3 scenes" in whole

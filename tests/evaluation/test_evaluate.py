@@ -1,0 +1,133 @@
+import gc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import dfdbench
+from dfdbench.cli import app
+from dfdbench.datasets.store import Store
+from dfdbench.errors import InputError, StoreError, UnknownNameError
+from dfdbench.results.record_file import load_result
+
+
+def grey(infocus: Any, defocus: Any, gain: float = 1.0) -> Any:
+    return np.clip(gain * infocus.mean(axis=2), 0, 255)
+
+
+class Level:
+    """One level everywhere: the mean depth of the training split unless it is told another."""
+
+    def __init__(self, training_mean: float) -> None:
+        self.level = training_mean
+
+    def __call__(self, infocus: Any, defocus: Any) -> Any:
+        return np.full(infocus.shape[:2], self.level)
+
+
+def scores(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.drop(columns="seconds")
+
+
+def test_it_gives_the_numbers_of_the_command(
+    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ran = CliRunner().invoke(
+        app, ["run", "--method", "constant", "--dataset", str(tiny_store.path), "--no-predictions"]
+    )
+    assert ran.exit_code == 0, ran.output
+    commanded = load_result(tmp_path / "results/tiny-test/constant")
+    run = dfdbench.evaluate("constant", tiny_store)
+    assert run.result.averages == commanded.averages
+    assert run.result.warnings == commanded.warnings
+    for protocol in commanded.protocol_names:
+        pd.testing.assert_frame_equal(
+            scores(run.to_frame(protocol)), scores(commanded.to_frame(protocol))
+        )
+    hashes = [[pair.prediction_sha256 for pair in r.pairs] for r in (run.result, commanded)]
+    assert hashes[0] == hashes[1]
+
+
+def test_what_has_no_name_of_its_own_is_run_with_its_facts_and_parameters(
+    tiny_store: Store,
+) -> None:
+    def local(infocus: Any, defocus: Any, gain: float) -> Any:
+        return grey(infocus, defocus, gain)
+
+    named = dfdbench.evaluate(grey, tiny_store, parameters={"gain": 0.5})
+    unnamed = dfdbench.evaluate(local, str(tiny_store.path), parameters={"gain": 0.5})
+    assert unnamed.result.averages == named.result.averages
+    assert unnamed.result.method.parameters == {"gain": 0.5}
+    assert unnamed.result.method.entry.endswith("<locals>.local")
+    assert unnamed.result.method.source_sha256 is None
+    assert named.result.method.source_sha256 is not None
+
+    mean = dfdbench.evaluate("constant", tiny_store).result.averages
+
+    class Here(Level):
+        pass
+
+    kind = dfdbench.evaluate(Here, tiny_store)
+    assert kind.result.method.uses == ["training_mean"]
+    assert kind.result.averages == mean
+    thing = dfdbench.evaluate(Level(90.0), tiny_store, "One")
+    assert thing.result.averages != mean
+    assert thing.result.method.uses == []
+
+
+def test_a_changed_function_is_never_taken_for_the_one_before(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    errors = [
+        dfdbench.evaluate(
+            lambda infocus, defocus, level=level: np.full(infocus.shape[:2], level),
+            tiny_store,
+            out=tmp_path / "run",
+        ).result.averages
+        for level in (10.0, 120.0)
+    ]
+    assert errors[0] != errors[1]
+
+
+def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    done: list[tuple[int, int]] = []
+    run = dfdbench.evaluate(grey, tiny_store, limit=2, on_pair=lambda *counts: done.append(counts))
+    assert done == [(1, 2), (2, 2)]
+    found = run.images(run.result.pairs[0])
+    assert found is not None
+    images, prediction = found
+    np.testing.assert_allclose(prediction, grey(images.infocus, images.defocus), rtol=1e-6)
+    folder = run.path.parent
+    del run, found, images, prediction
+    gc.collect()
+    assert not folder.exists()
+    kept = dfdbench.evaluate(grey, tiny_store, limit=2, out=tmp_path / "kept")
+    del kept
+    gc.collect()
+    again = dfdbench.open_run(str(tmp_path / "kept"))
+    found = again.images(again.result.pairs[0].id)
+    assert found is not None
+    assert found[0].pair.id == again.result.pairs[0].id
+    with pytest.raises(UnknownNameError, match="Desk"):
+        again.images("Desk")
+
+
+def test_what_is_not_there_is_named(tiny_store: Store, tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="dfdbench build demo"):
+        dfdbench.evaluate("constant", "demo", cache=tmp_path)
+    with pytest.raises(UnknownNameError, match="constnat"):
+        dfdbench.evaluate("constnat", tiny_store)
+    with pytest.raises(UnknownNameError, match="tset"):
+        dfdbench.evaluate("constant", tiny_store, "tset")
+
+
+@pytest.mark.parametrize("limit", [0, -1])
+def test_less_than_one_pair_is_no_limit(tiny_store: Store, limit: int) -> None:
+    with pytest.raises(InputError, match="no number of pairs"):
+        dfdbench.evaluate(grey, tiny_store, limit=limit)

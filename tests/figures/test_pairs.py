@@ -1,0 +1,28 @@
+import numpy as np
+import pytest
+
+import dfdbench
+from dfdbench.datasets.store import Store
+
+
+def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Store) -> None:
+    pair = dfdbench.open(str(tiny_store.path), "test")[0]
+    titles = [axis.get_title() for axis in dfdbench.show(pair).axes]
+    assert titles[:3] == ["in-focus", "defocus", "ground truth"]
+    figure = dfdbench.show(pair, pair.depth.astype(np.float32) + 3)
+    error = figure.axes[4].images[0].get_array()
+    assert error is not None
+    assert figure.axes[4].get_title() == "prediction − truth"
+    np.testing.assert_array_equal(np.asarray(error)[pair.valid], 3)
+    assert np.ma.getmaskarray(error)[~pair.valid].all()
+
+
+def test_what_is_no_pair_is_told(tiny_store: Store) -> None:
+    for wrong, kind in ((None, "NoneType"), (dfdbench.open(str(tiny_store.path)), "PairSequence")):
+        with pytest.raises(TypeError, match=f"draws one pair.* got {kind}"):
+            dfdbench.show(wrong)  # type: ignore[arg-type]
+
+
+def test_a_notebook_shows_the_picture(tiny_store: Store) -> None:
+    figure = dfdbench.show(dfdbench.open(str(tiny_store.path), "test")[0])
+    assert figure._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]

@@ -1,0 +1,245 @@
+"""What is spoiled: small sound files of every kind, each made when it is first asked for."""
+
+from __future__ import annotations
+
+import functools
+import shutil
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from dfdbench.datasets.store import Store
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.run import run_method
+from dfdbench.rig.lidar_files import write_ranges
+from dfdbench.rig.registration_file import write_registration
+from tests.conftest import TINY_TOML, make_tiny_set
+from tests.evaluation.made_predictions import write_all
+from tests.leaderboard.made_boards import add
+from tests.leaderboard.made_tracks import make_tracks
+from tests.made_folder import FOLDER_TOML, make_folder, photograph
+
+QUICK = """narrow = 64
+crop = 16
+crops_per_step = 1
+steps = 2
+expansion = "one"
+evaluate_every = 2
+evaluate_pairs = 1
+"""
+_METHODS = """
+import numpy as np
+
+def predict(infocus, defocus):
+    return np.full(infocus.shape[:2], 90)
+
+def nan(infocus, defocus):
+    return np.full(infocus.shape[:2], np.nan)
+
+def raises(infocus, defocus):
+    raise ValueError("no depth")
+
+class Fitted:
+    def __init__(self):
+        self.level = 0.0
+
+    def fit(self, pairs):
+        return {"level": float(np.mean([pair.depth.mean() for pair in pairs])), "curve": np.ones(3)}
+
+    def restore(self, learned):
+        self.level = learned["level"]
+
+    def __call__(self, infocus, defocus):
+        return np.full(infocus.shape[:2], self.level)
+"""
+_REPOSITORY = Path(__file__).parents[2]
+#: A search that ends at once, asked for again to be gone on with.
+SEARCH = (
+    "search architecture --dataset tiny.zarr --split test --particles 1 --iterations 0 "
+    "--device cpu --threads 1 --score-pairs 1 --config quick.toml --bounds crop=12:16 "
+    "--bounds kernel=1:3 --bounds width=8:128 --out search"
+)
+TRAIN = (
+    "train dfd-net --dataset tiny.zarr --config quick.toml --device cpu --threads 1 --out training"
+)
+
+
+class Bench:
+    """A folder of sound files; those that are spoiled are copies.
+
+    Parameters
+    ----------
+    place : Path
+        Where they are made.
+    call : callable
+        Calls the command line in a folder with some arguments, as tests do.
+    """
+
+    def __init__(self, place: Path, call: Callable[[Path, list[str]], object]) -> None:
+        self.place = place
+        self._call = call
+        place.mkdir(parents=True, exist_ok=True)
+
+    def item(self, name: str) -> Path:
+        """Return a file or a folder by its name; it is not to be changed."""
+        path = self.place / name
+        if not path.exists():
+            _MAKERS[name](self, path)
+        return path
+
+    def copy(self, name: str, folder: Path) -> None:
+        """Put a copy into a folder, unless it is there."""
+        source, target = self.item(name), folder / name
+        if source.is_dir():
+            shutil.copytree(source, target, dirs_exist_ok=True)
+        elif not target.exists():
+            shutil.copyfile(source, target)
+
+    def call(self, arguments: list[str]) -> None:
+        """Make something by a command, in the folder of sound files."""
+        self._call(self.place, arguments)
+
+
+def _written(content: str | bytes) -> Callable[[Bench, Path], None]:
+    def make(bench: Bench, path: Path) -> None:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+
+    return make
+
+
+def _tiny(bench: Bench, path: Path) -> None:
+    make_tiny_set(bench.place)
+
+
+def _run(method: str) -> Callable[[Bench, Path], None]:
+    def make(bench: Bench, path: Path) -> None:
+        store = Store(bench.item("tiny.zarr"))
+        named = method.replace("mine.py", str(bench.item("mine.py")))
+        run_method(store, load_for(store, named, {}), "test", path)
+
+    return make
+
+
+def _maps(bench: Bench, path: Path) -> None:
+    store = Store(bench.item("tiny.zarr"))
+    write_all(store, "test", path, lambda stem, depth: np.save(f"{stem}.npy", depth))
+    first, *_ = sorted(path.rglob("*.npy"))
+    depth = np.load(first)
+    first.unlink()
+    np.savez(first.with_suffix(".npz"), depth=depth)
+    second, third, *_ = sorted(path.rglob("*.npy"))
+    for file, suffix, values in (
+        (second, ".png", (np.load(second) * 256).astype(np.uint16)),
+        (third, ".tiff", np.load(third)),
+    ):
+        cv2.imwrite(str(file.with_suffix(suffix)), values)
+        file.unlink()
+
+
+def _board(bench: Bench, path: Path) -> None:
+    from dfdbench.leaderboard.tracks_submission import submit_tracks
+
+    shutil.copytree(_REPOSITORY / "leaderboard/published", path / "published")
+    for name, score in (("mine", 0.1), ("other", 0.2)):
+        add(path, name, score)
+    submit_tracks(make_tracks("tracked", 0.2, ["noise-1", "camera-2"]), path)
+    (path / "fingerprints.json").write_text('{"tiny-1": ["' + "2" * 64 + '"]}')
+    (path / "undefined.json").write_text("{}")
+
+
+def _weights(bench: Bench, path: Path) -> None:
+    from tests.methods.made_weights import save_small
+
+    save_small(path)
+
+
+def _made_by(command: str) -> Callable[[Bench, Path], None]:
+    def make(bench: Bench, path: Path) -> None:
+        bench.item("tiny.zarr")
+        bench.item("quick.toml")
+        bench.call(command.split())
+
+    return make
+
+
+def _shipped(name: str) -> Callable[[Bench, Path], None]:
+    return _written((resources.files("dfdbench.manifests") / name).read_bytes())
+
+
+def _image(suffix: str, bits: int = 8) -> Callable[[Bench, Path], None]:
+    def make(bench: Bench, path: Path) -> None:
+        image = photograph(1, (20, 24))
+        done, content = cv2.imencode(suffix, image.astype(np.uint16) * 257 if bits > 8 else image)
+        assert done
+        path.write_bytes(content.tobytes())
+
+    return make
+
+
+def _depth(suffix: str) -> Callable[[Bench, Path], None]:
+    def make(bench: Bench, path: Path) -> None:
+        done, content = cv2.imencode(suffix, photograph(1, (20, 24))[..., 0])
+        assert done
+        path.write_bytes(content.tobytes())
+
+    return make
+
+
+def _ranges(bench: Bench, path: Path) -> None:
+    ranges = np.arange(64 * 16, dtype=np.int32).reshape(64, 16) + 1000
+    np.save(path, ranges) if path.suffix == ".npy" else write_ranges(path, ranges)
+
+
+def _registration(bench: Bench, path: Path) -> None:
+    corners = np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]])
+    write_registration(path, np.diag([2.0, 2.0, 1.0]), corners, "by the tests")
+
+
+def _folder(bench: Bench, path: Path) -> None:
+    make_folder(path)
+
+
+_MAKERS: dict[str, Callable[[Bench, Path], None]] = {
+    "tiny-1.toml": _written(TINY_TOML),
+    "demo-1.toml": _shipped("demo-1.toml"),
+    "realworld-2.toml": _shipped("realworld-2.toml"),
+    "mine-1.toml": _written(FOLDER_TOML),
+    "mine": _folder,
+    "mine.py": _written(_METHODS),
+    "site": _tiny,
+    "tiny.zarr": _tiny,
+    "run": _run("constant"),
+    "other": _run("mine.py:predict"),
+    "fitted": _run("mine.py:Fitted"),
+    "maps": _maps,
+    "board": _board,
+    "quick.toml": _written(QUICK),
+    "weights.safetensors": _weights,
+    "training": _made_by(TRAIN),
+    "search": _made_by(SEARCH),
+    "lens.csv": _shipped("realworld-1/lens_blur_radius_px.csv"),
+    "beams.csv": _shipped("realworld-1/os1_beams.csv"),
+    "told.toml": _written("sigma_min = 0.2\nsigma_step = 0.006\nlevels = 256\nkernel_size = 11\n"),
+    "law.toml": functools.partial(
+        lambda bench, path: path.write_text(
+            f"sigmas = {[0.3 + 0.01 * level for level in range(256)]}\nkernel_size = 21\n"
+            "exponent = 2.0\nnoise = [1.0]\n"
+        )
+    ),
+    "sharp.png": _image(".png"),
+    "deep.png": _image(".png", 16),
+    "sharp.jpg": _image(".jpg"),
+    "sharp.tiff": _image(".tiff"),
+    "depth.png": _depth(".png"),
+    "depth.jpg": _depth(".jpg"),
+    "depth.tiff": _depth(".tiff"),
+    "ranges.bin": _ranges,
+    "ranges.npy": _ranges,
+    "registration.toml": _registration,
+    "tiny-1.lock": _written("0" * 64 + "  One/disp1.png\n" + "1" * 64 + "  Two/disp1.png\n"),
+}
+#: Everything that there is by name.
+ITEMS = tuple(_MAKERS)

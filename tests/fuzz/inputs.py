@@ -1,0 +1,305 @@
+"""What is tried: an input is a command line or a reader, and the files that it finds."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from tests.fuzz import mutation as m
+from tests.fuzz.arguments import command_line
+from tests.fuzz.bench import SEARCH, TRAIN, Bench
+from tests.fuzz.readers import READERS
+
+Change = Callable[[Random, bytes], bytes]
+
+
+@dataclass(frozen=True)
+class Given:
+    """An input.
+
+    Parameters
+    ----------
+    kind : str
+        Its class.
+    call : tuple of str
+        The command line; or a reader's name in brackets, and the file that it reads.
+    files : mapping of str to bytes
+        What is put in place of sound files, or beside them.
+    """
+
+    kind: str
+    call: tuple[str, ...]
+    files: dict[str, bytes] = field(default_factory=dict)
+
+    def as_json(self) -> str:
+        """Return it as it is kept."""
+        files = {name: _as_text(content) for name, content in self.files.items()}
+        content = {"kind": self.kind, "call": self.call, "files": files}
+        return json.dumps(content, indent=1) + "\n"
+
+    @staticmethod
+    def from_json(text: str) -> Given:
+        """Return an input that was kept."""
+        content = json.loads(text)
+        files = {name: _as_bytes(kept) for name, kept in content["files"].items()}
+        return Given(content["kind"], tuple(content["call"]), files)
+
+
+def _as_text(content: bytes) -> dict[str, str]:
+    # Readable where it can be: who mends it wants to see it.
+    try:
+        return {"text": content.decode("ascii")}
+    except UnicodeDecodeError:
+        return {"base64": base64.b64encode(content).decode()}
+
+
+def _as_bytes(kept: dict[str, str]) -> bytes:
+    return kept["text"].encode() if "text" in kept else base64.b64decode(kept["base64"])
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A class of inputs: which files are changed how, and who reads them.
+
+    Parameters
+    ----------
+    files : tuple of str
+        Sound files, as patterns below the bench; one of them is changed.
+    change : callable
+        Makes a file's new content of its old one.
+    calls : tuple of str
+        Command lines, or readers in brackets; `FILE` stands for the file, `ITEM` for what it lies
+        in.
+    """
+
+    files: tuple[str, ...]
+    change: Change
+    calls: tuple[str, ...]
+
+    def make(self, name: str, bench: Bench, random: Random, sound: int | None) -> Given:
+        """Return an input: that of a call and the sound file, or a spoiled one."""
+        pattern = random.choice(self.files) if sound is None else self.files[0]
+        item = bench.item(pattern.partition("/")[0])
+        below = pattern.partition("/")[2]
+        files = sorted(f for f in item.glob(below) if f.is_file()) if below else [item]
+        file = random.choice(files) if sound is None else files[0]
+        place = file.relative_to(bench.place).as_posix()
+        content = file.read_bytes()
+        call = random.choice(self.calls) if sound is None else self.calls[sound]
+        words = [w.replace("FILE", place).replace("ITEM", item.name) for w in call.split()]
+        changed = self.change(random, content) if sound is None else content
+        return Given(name, tuple(words), {place: changed})
+
+
+def _resealed(random: Random, content: bytes) -> bytes:
+    """Change a result, then mend averages and seal: more than those is to be looked at."""
+    from dfdbench.results.record_file import seal_of
+
+    value = m.changed_tree(random, json.loads(content))
+    if random.random() < 0.8 and isinstance(value, dict):
+        _repair(value)
+        if isinstance(value.get("submission"), dict):
+            with contextlib.suppress(TypeError, ValueError, RecursionError, AttributeError):
+                value["submission"]["seal"] = seal_of(value)
+    return m.as_json(value)
+
+
+def _repair(value: dict[str, Any]) -> None:
+    from dfdbench.results.record import Result, average
+
+    try:
+        loaded = Result.model_validate({**value, "averages": None})
+        whole = average(loaded.pairs, list(loaded.protocol_names)) if loaded.complete else None
+        value["averages"] = whole
+        value["dataset"]["evaluated"] = sum(pair.status == "ok" for pair in loaded.pairs)
+        value["dataset"]["expected"] = len(loaded.pairs)
+    except Exception:  # Whatever is wrong with it is for what is tested to tell.
+        return
+
+
+def _lines_of_json(random: Random, content: bytes) -> bytes:
+    lines = content.split(b"\n")
+    number = random.randrange(len(lines))
+    if lines[number].startswith(b"{") and random.random() < 0.8:
+        lines[number] = m.changed_json(random, lines[number])
+        return b"\n".join(lines)
+    return m.changed_bytes(random, content)
+
+
+#: What is put in place of a file, by the content that stands for it.
+OTHER_KINDS: dict[bytes, Callable[[Path], object]] = {
+    b"(folder)": Path.mkdir,
+    b"(pipe)": os.mkfifo,
+    b"(device)": lambda path: path.symlink_to("/dev/zero"),
+    b"(loop)": lambda path: path.symlink_to(path.name),
+}
+
+
+def _another_kind(random: Random, content: bytes) -> bytes:
+    return random.choice([*OTHER_KINDS])
+
+
+_REPORTS = (
+    "report ITEM --format table",
+    "report ITEM --out page",
+    "report ITEM --format markdown --out page",
+    "report ITEM other --format latex",
+    "compare ITEM other",
+    "compare other ITEM --format json",
+    "depths tiny.zarr --result ITEM",
+    "coverage tiny.zarr --result ITEM",
+)
+_STORES = (
+    "info ITEM",
+    "info ITEM --pairs test",
+    "verify ITEM --workers 1",
+    "export ITEM --png png --split test",
+    "run --method constant --dataset ITEM --out out --limit 2 --no-predictions",
+    "depths ITEM",
+    "coverage ITEM --train train --test test",
+    "difficulty ITEM --split Two",
+    "build tiny-1.toml --source site --store ITEM --workers 1",
+)
+_MAPS = ("[maps] FILE tiny.zarr",)
+_BOARD = ("leaderboard --folder ITEM", "leaderboard --folder ITEM --format json")
+# Without figures, which would take all of the time.
+_AGAIN = "run --method constant --dataset tiny.zarr --out ITEM --no-predictions"
+_SHOWN = (
+    "depths tiny.zarr --result ITEM",
+    "report ITEM --out page",
+    "compare ITEM other --out panels.png",
+)
+
+KINDS: dict[str, Kind] = {
+    "manifest": Kind(
+        ("tiny-1.toml", "demo-1.toml", "mine-1.toml", "realworld-2.toml"),
+        m.changed_toml,
+        ("info FILE", "info FILE --pairs all", "build FILE --source site --store out.zarr"),
+    ),
+    "manifest of captures": Kind(
+        ("mine-1.toml",), m.changed_toml, ("build FILE --source mine --store out.zarr --workers 1",)
+    ),
+    "store": Kind(("tiny.zarr/zarr.json", "tiny.zarr/*/zarr.json"), m.changed_json, _STORES),
+    "array of a store": Kind(("tiny.zarr/*/*/zarr.json",), m.changed_json, _STORES),
+    "chunk of a store": Kind(("tiny.zarr/*/*/c/**/[0-9]",), m.changed_bytes, _STORES),
+    "result": Kind(("run/result.json",), _resealed, _REPORTS),
+    "predictions of a run": Kind(("run/predictions.zarr/**/zarr.json",), m.changed_json, _SHOWN),
+    "run to go on with": Kind(
+        ("run/pairs.jsonl", "run/run.json", "run/store.txt"), _lines_of_json, (_AGAIN,)
+    ),
+    "fit": Kind(
+        ("fitted/fit.npz",),
+        m.changed_bytes,
+        ("run --method mine.py:Fitted --dataset tiny.zarr --out fitted --no-predictions",),
+    ),
+    "depth maps": Kind(("maps/**/*.npy",), m.changed_npy, _MAPS),
+    "depth maps as images": Kind(("maps/**/*.png", "maps/**/*.np[yz]"), m.changed_bytes, _MAPS),
+    "leaderboard": Kind(("board/results/*/thesis/*.json",), _resealed, _BOARD),
+    "tracks on the leaderboard": Kind(("board/results/*/tracks/*.json",), _resealed, _BOARD),
+    "lists of the leaderboard": Kind(
+        ("board/*.json", "board/published/*.json"), m.changed_json, _BOARD
+    ),
+    "kinds of files on the leaderboard": Kind(
+        ("board/*.json", "board/results/*/*/*.json", "board/published/*.json"),
+        _another_kind,
+        _BOARD,
+    ),
+    "configuration": Kind(("quick.toml",), m.changed_toml, ("[configuration] FILE",)),
+    "experiment": Kind(
+        ("quick.toml",),
+        m.changed_toml,
+        (
+            "experiment noise --dataset tiny.zarr --config FILE --values 1 --repeats 1 "
+            "--max-time 1s --device cpu --threads 1 --out out",
+        ),
+    ),
+    "weights": Kind(("weights.safetensors",), m.changed_safetensors, ("[weights] FILE",)),
+    "training to go on with": Kind(
+        ("training/checkpoint.pt", "training/losses.csv", "training/scores.csv"),
+        lambda random, content: (
+            m.changed_checkpoint(random, content)
+            if content[:2] == b"PK"
+            else m.of_text(m.changed_cells)(random, content)
+        ),
+        (TRAIN + " --resume",),
+    ),
+    "search to go on with": Kind(
+        ("search/positions.csv", "search/search.json"),
+        lambda random, content: (
+            m.changed_json(random, content)
+            if content[:1] == b"{"
+            else m.of_text(m.changed_cells)(random, content)
+        ),
+        (SEARCH + " --max-time 1s",),
+    ),
+    "lens table": Kind(
+        ("lens.csv",),
+        m.of_text(m.changed_cells),
+        ("[lens] FILE", "optics pairs --lens FILE --range 1.5 2.2"),
+    ),
+    "beams": Kind(("beams.csv",), m.of_text(m.changed_cells), ("[beams] FILE",)),
+    "ranges": Kind(("ranges.bin",), m.changed_bytes, ("[ranges] FILE",)),
+    "ranges as an array": Kind(("ranges.npy",), m.changed_npy, ("[ranges] FILE",)),
+    "registration": Kind(("registration.toml",), m.changed_toml, ("[registration] FILE",)),
+    "recipe": Kind(("told.toml", "law.toml"), m.changed_toml, ("[recipe] FILE",)),
+    "PNG": Kind(
+        ("sharp.png", "deep.png"), m.changed_png, ("[photograph] FILE", "[png-photograph] FILE")
+    ),
+    "PNG of depth": Kind(("depth.png",), m.changed_png, ("[depth] FILE", "[png-depth] FILE")),
+    "JPEG": Kind(("sharp.jpg",), m.changed_jpeg, ("[photograph] FILE",)),
+    "JPEG of depth": Kind(("depth.jpg",), m.changed_jpeg, ("[depth] FILE",)),
+    "TIFF": Kind(("sharp.tiff",), m.changed_bytes, ("[photograph] FILE",)),
+    "TIFF of depth": Kind(("depth.tiff",), m.changed_bytes, ("[depth] FILE",)),
+    "checksums": Kind(("tiny-1.lock",), m.of_text(m.changed_text), ("[checksums] FILE",)),
+}
+#: Classes that are no file of the bench.
+ARCHIVE, ARGUMENTS = "zip archive", "arguments"
+NAMES = (*KINDS, ARCHIVE, ARGUMENTS)
+# They also compile, once, what takes longer than any of the spoiled ones may.
+_SOUND_LINES = {
+    ARGUMENTS: (
+        "list",
+        "doctor",
+        "check-method local",
+        "run --method graph-cuts --dataset tiny.zarr --split Two --limit 1 --out out",
+        "score --predictions maps --dataset tiny.zarr --method mine --out out",
+        "split tiny.zarr --test-scenes 1",
+        "optics pairs --lens lens.csv --range 1.5 2.2",
+    )
+}
+
+
+def sound_inputs(name: str) -> range:
+    """Return the numbers of the inputs of a class that are sound, and must succeed."""
+    calls = KINDS[name].calls if name in KINDS else _SOUND_LINES.get(name, ("",))
+    return range(1 - len(calls), 1)
+
+
+def make(name: str, seed: int, number: int, bench: Bench) -> Given:
+    """Return an input of a class by its number; from 1 on they are spoiled."""
+    random = Random(f"{seed}/{name}/{number}")
+    if name == ARGUMENTS:
+        words = command_line(random) if number > 0 else _SOUND_LINES[name][-number].split()
+        return Given(name, tuple(words))
+    if name == ARCHIVE:
+        names = ["One/disp1.png", "One/view1.png", "One/Illum1/Exp0/view1.png"]
+        content = m.strange_zip(random, names) if number > 0 else m.sound_zip(names)
+        return Given(name, ("[archive]", "files.zip"), {"files.zip": content})
+    return KINDS[name].make(name, bench, random, None if number > 0 else -number)
+
+
+def is_reader(call: tuple[str, ...]) -> bool:
+    """Return whether an input calls a reader and not the command line."""
+    return call[0].strip("[]") in READERS and call[0].startswith("[")
+
+
+def read(call: tuple[str, ...], folder: Path) -> None:
+    """Call an input's reader on its file."""
+    READERS[call[0].strip("[]")](folder / call[1])

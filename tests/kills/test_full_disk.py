@@ -1,0 +1,116 @@
+"""A disk that is full at any write of a build or a run: told, and gone on with where there is room.
+
+The disk is a small tmpfs, which only root may make: elsewhere these tests are skipped.
+"""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from dfdbench.datasets.store import Store
+from dfdbench.results.record_file import load_result
+from tests.fuzz.bench import Bench
+from tests.fuzz.worker import call
+
+#: Sizes of the disk, from none to almost enough, at which the work is begun.
+SIZES = 12
+_PAGE = 4096
+
+
+class Disk:
+    """A file system of a size of one's own."""
+
+    def __init__(self, place: Path) -> None:
+        self.place = place
+        place.mkdir()
+
+    def mount(self, size: int) -> None:
+        """Make it, empty."""
+        options = f"size={max(size, _PAGE)}"
+        _told(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(self.place)])
+
+    def grow(self) -> None:
+        """Make room, as somebody does who was told that there is none."""
+        _told(["mount", "-o", "remount,size=64m", str(self.place)])
+
+    def unmount(self) -> None:
+        """Remove it with all on it."""
+        _told(["umount", str(self.place)])
+
+    def used(self) -> int:
+        """Return how many bytes of it are taken."""
+        told = subprocess.run(
+            ["df", "-B1", "--output=used", str(self.place)], capture_output=True, check=True
+        )
+        return int(told.stdout.split()[-1])
+
+
+def _told(command: list[str]) -> None:
+    subprocess.run(command, capture_output=True, check=True)
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Disk]:
+    disk = Disk(tmp_path / "disk")
+    try:
+        disk.mount(2**26)
+    except (OSError, subprocess.CalledProcessError) as error:
+        pytest.skip(f"no file system of one's own can be mounted here: {error}")
+    yield disk
+    disk.unmount()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    bench = Bench(tmp_path / "bench", call)
+    folder = tmp_path / "work"
+    folder.mkdir()
+    for item in ("tiny-1.toml", "site", "tiny.zarr"):
+        bench.copy(item, folder)
+    return folder
+
+
+def _fingerprint(place: Path) -> object:
+    return Store(place).fingerprint
+
+
+def _scores(place: Path) -> object:
+    return [(pair.prediction_sha256, pair.scores) for pair in load_result(place).pairs]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("command", "outcome"),
+    [
+        ("build tiny-1.toml --source site --workers 1 --store PLACE", _fingerprint),
+        ("run --method constant --dataset tiny.zarr --no-predictions --out PLACE", _scores),
+    ],
+    ids=["build", "run"],
+)
+def test_a_disk_full_at_any_write_is_told_and_gone_on_with(
+    command: str, outcome: object, disk: Disk, folder: Path
+) -> None:
+    assert callable(outcome)
+    place = disk.place / "made.zarr"
+    words = command.replace("PLACE", str(place)).split()
+    assert call(folder, words)[0] == 0
+    expected, needed = outcome(place), disk.used()
+    refused = 0
+    for part in range(SIZES):
+        disk.unmount()
+        disk.mount(needed * part // SIZES)
+        status, text = call(folder, words)
+        if status:
+            refused += 1
+            assert status == 2, text
+            assert "No space left on device" in text
+            assert "Traceback" not in text
+        disk.grow()
+        status, text = call(folder, words)
+        assert status == 0, text
+        assert outcome(place) == expected
+    assert refused >= SIZES // 2

@@ -1,0 +1,231 @@
+"""Each verb killed at random moments; the same command then ends as if nothing had happened.
+
+Six kills a verb, `make kills COUNT=100` more. Builds on disk and searches are killed in
+tests/building/test_kill.py and tests/training/search/test_run.py.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import os
+import random
+import shutil
+import sys
+import time
+import uuid
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.cli import main
+from dfdbench.datasets.integrity import verify_store
+from dfdbench.datasets.store import Store
+from dfdbench.methods.networks.weights import load_weights
+from dfdbench.results.record_file import load_result
+from tests.fuzz.bench import TRAIN, Bench
+from tests.fuzz.worker import call
+
+KILLS = int(os.environ.get("DFDBENCH_KILLS", "6"))
+#: Kills of one piece of work, before it is let end: the later ones hit what is left to do.
+_IN_A_ROW = 3
+
+
+def _result(folder: Path) -> object:
+    result = load_result(folder / "out")
+    pairs = [(pair.id, pair.prediction_sha256, pair.scores) for pair in result.pairs]
+    return pairs, result.averages
+
+
+def _fitted(folder: Path) -> object:
+    with np.load(folder / "out/fit.npz") as learned:
+        curve = learned["learned.level"].item(), learned["learned.curve"].tolist()
+    return _result(folder), curve
+
+
+def _trained(folder: Path) -> object:
+    network, card = load_weights(folder / "training/weights.safetensors", "dfd-net")
+    losses = (folder / "training/losses.csv").read_text()
+    weights = {name: values.tolist() for name, values in network.state_dict().items()}
+    return losses, weights, card.scores, card.steps
+
+
+def _page(folder: Path) -> object:
+    files = sorted(path for path in (folder / "page").rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): _sha256(path) for path in files}
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Work:
+    """A command, the files that it needs, and what is to be the same after kills."""
+
+    command: str
+    needs: tuple[str, ...]
+    outcome: Callable[[Path], object]
+
+    def words(self, folder: Path) -> str:
+        """Return the command as what lies in the folder asks for it: a training is told."""
+        training = folder / "training"
+        if (training / "checkpoint.pt").exists():
+            return f"{self.command} --resume"
+        return f"{self.command} --fresh" if training.exists() else self.command
+
+
+WORKS = {
+    "run": Work(
+        "run --method local --dataset tiny.zarr --out out --no-predictions", ("tiny.zarr",), _result
+    ),
+    "fit": Work(
+        "run --method mine.py:Fitted --dataset tiny.zarr --out out --no-predictions",
+        ("tiny.zarr", "mine.py"),
+        _fitted,
+    ),
+    "train": Work(
+        f"{TRAIN} --set steps=24 --set evaluate_every=6", ("tiny.zarr", "quick.toml"), _trained
+    ),
+    "score": Work(
+        "score --predictions maps --dataset tiny.zarr --method mine --out out",
+        ("tiny.zarr", "maps"),
+        _result,
+    ),
+    "report": Work("report run other --format markdown --out page", ("run", "other"), _page),
+    "leaderboard": Work(
+        "leaderboard --folder board", ("board",), lambda folder: _sha256(folder / "board/README.md")
+    ),
+}
+
+
+def _child(folder: str, arguments: list[str], environment: Mapping[str, str]) -> None:
+    os.environ.update(environment)
+    os.chdir(folder)
+    sys.path.insert(0, folder)
+    sys.argv = ["dfdbench", *arguments]
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    main()
+
+
+class Killer:
+    """Starts a command in children that have imported everything, and kills them.
+
+    A kill then hits the work and not the start.
+    """
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload([__name__])
+        self._environment = dict(environment)
+        self._moments = random.Random(7)
+        self._begun("list", Path()).join()
+
+    def _begun(self, command: str, folder: Path) -> Any:
+        words = (str(folder.resolve()), command.split(), self._environment)
+        process = self._context.Process(target=_child, args=words)
+        process.start()
+        return process
+
+    def seconds(self, command: str, folder: Path) -> float:
+        """Let a command end; return how long that took."""
+        begun = time.monotonic()
+        process = self._begun(command, folder)
+        process.join()
+        assert process.exitcode == 0
+        return time.monotonic() - begun
+
+    def kill(self, command: str, folder: Path, takes: float) -> bool:
+        """Begin a command and kill it; return whether it had not ended before."""
+        process = self._begun(command, folder)
+        process.join(self._moments.uniform(0.02, 0.9) * takes)
+        process.kill()
+        process.join()
+        return bool(process.exitcode)
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    return Bench(tmp_path_factory.mktemp("sound") / "bench", call)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WORKS)
+def test_killed_at_random_moments_it_ends_the_same(name: str, bench: Bench, tmp_path: Path) -> None:
+    work = WORKS[name]
+
+    def laid_out(place: str) -> Path:
+        folder = tmp_path / place
+        folder.mkdir()
+        for item in work.needs:
+            bench.copy(item, folder)
+        return folder
+
+    killer = Killer({"DFDBENCH_CACHE": str(tmp_path / "cache")})
+    whole = laid_out("whole")
+    takes = killer.seconds(work.command, whole)
+    expected = work.outcome(whole)
+    killed = 0
+    for number in range(0, KILLS, _IN_A_ROW):
+        folder = laid_out(f"killed-{number}")
+        for _ in range(_IN_A_ROW):
+            killed += killer.kill(work.words(folder), folder, takes)
+        killer.seconds(work.words(folder), folder)
+        assert work.outcome(folder) == expected
+        shutil.rmtree(folder)
+    assert killed >= KILLS // 3
+
+
+@pytest.mark.slow
+def test_a_build_in_an_object_store_ends_the_same(
+    object_store: str, bench: Bench, tmp_path: Path
+) -> None:
+    for item in ("site", "tiny-1.toml"):
+        bench.copy(item, tmp_path)
+    aws = {name: value for name, value in os.environ.items() if name.startswith("AWS_")}
+    killer = Killer({**aws, "DFDBENCH_CACHE": str(tmp_path / "cache")})
+    expected = Store(bench.item("tiny.zarr")).fingerprint
+    base = f"{object_store}/{uuid.uuid4().hex}"
+    command = "build tiny-1.toml --source site --workers 1 --store"
+    takes = killer.seconds(f"{command} {base}/whole.zarr", tmp_path)
+    killed = 0
+    for number in range(0, KILLS, _IN_A_ROW):
+        place = f"{base}/{number}.zarr"
+        for _ in range(_IN_A_ROW):
+            killed += killer.kill(f"{command} {place}", tmp_path, takes)
+        killer.seconds(f"{command} {place}", tmp_path)
+        store = Store(place)
+        assert store.fingerprint == expected
+        assert verify_store(store).sound
+    assert killed >= KILLS // 3
+
+
+@pytest.mark.slow
+def test_a_registration_ends_the_same(captures: Path, tmp_path: Path) -> None:
+    killer = Killer({"DFDBENCH_CACHE": str(tmp_path / "cache")})
+    command = "register k03 --source raw --fresh"
+
+    def laid_out(place: str) -> Path:
+        folder = tmp_path / place
+        shutil.copytree(captures / "k03", folder / "raw/k03")
+        return folder
+
+    whole = laid_out("whole")
+    takes = killer.seconds(command, whole)
+    expected = (whole / "raw/k03/registration.toml").read_text()
+    killed = 0
+    for number in range(0, KILLS, _IN_A_ROW):
+        folder = laid_out(f"killed-{number}")
+        for _ in range(_IN_A_ROW):
+            killed += killer.kill(command, folder, takes)
+        killer.seconds(command, folder)
+        assert (folder / "raw/k03/registration.toml").read_text() == expected
+        shutil.rmtree(folder)
+    assert killed >= KILLS // 3

@@ -1,0 +1,35 @@
+from typing import Any
+
+import pytest
+
+from dfdbench.errors import UnknownNameError
+from tests.made_results import make_result
+
+SCORES = {("One", 1, 1, 0): 0.2, ("One", 1, 1, 1): None, ("Two", 5, 1, 0): 0.1}
+
+
+def test_a_row_a_pair_with_its_place_and_scores() -> None:
+    frame = make_result(SCORES).to_frame()
+    assert list(frame.columns) == [
+        *("scene", "view", "illumination", "exposure"),
+        *("status", "nrmse", "nmae", "ssim", "seconds"),
+    ]
+    assert frame.index.name == "pair"
+    assert frame.loc["One/view1/illumination1/exposure0", "nmae"] == 0.1
+    assert frame["nrmse"].isna().tolist() == [False, True, False]
+    assert frame.groupby("scene")["nrmse"].mean().to_dict() == {"One": 0.2, "Two": 0.1}
+
+
+def test_pairs_that_were_not_run_are_there_without_numbers() -> None:
+    result = make_result(SCORES)
+    blank: dict[str, Any] = {"status": "not-run", "scores": {}, "seconds": None}
+    first = result.pairs[0].model_copy(update=blank)
+    frame = result.model_copy(update={"pairs": [first, *result.pairs[1:]]}).to_frame("thesis")
+    assert frame["status"].tolist() == ["not-run", "ok", "ok"]
+    assert frame["nrmse"].isna().tolist() == [True, True, False]
+    assert frame["seconds"].dtype == float
+
+
+def test_a_protocol_it_was_not_scored_under_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="valid"):
+        make_result(SCORES).to_frame("valid")

@@ -1,0 +1,328 @@
+"""No file that somebody hands over runs code when it is read: each is told as no such file."""
+
+from __future__ import annotations
+
+import ast
+import io
+import itertools
+import json
+import os
+import pickle
+import signal
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.datasets.manifest_file import read_manifest
+from dfdbench.datasets.store import Store
+from dfdbench.errors import DfdbenchError
+from dfdbench.evaluation.fitting import FIT, read_fit
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.prediction_files import find_predictions
+from dfdbench.evaluation.run import run_method
+from dfdbench.leaderboard.folder import known_fingerprints
+from dfdbench.leaderboard.published import load_published
+from dfdbench.leaderboard.submission import load_submission
+from dfdbench.leaderboard.tracks_submission import read_tracks
+from dfdbench.leaderboard.verification_file import load_verification
+from dfdbench.methods.parameters import read_fields
+from dfdbench.optics.lens_table import read_lens_table
+from dfdbench.results.folder import PREDICTIONS, read_prediction
+from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.saved_run import open_run
+from dfdbench.rig.lidar_files import read_beams, read_ranges
+from dfdbench.rig.registration_file import read_registration
+
+PACKAGE = Path(__file__).parents[1] / "dfdbench"
+
+
+class Trap:
+    """Touches a file where its pickle is read."""
+
+    def __init__(self, marker: Path) -> None:
+        self.marker = marker
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.marker,)
+
+
+@pytest.fixture
+def trap(tmp_path: Path) -> Iterator[Trap]:
+    """A trap that went off in no test that uses it."""
+    made = Trap(tmp_path / "sprung")
+    yield made
+    assert not made.marker.exists()
+
+
+def as_pickle(trap: Trap) -> bytes:
+    return pickle.dumps(trap)
+
+
+def as_npy(trap: Trap) -> bytes:
+    file = io.BytesIO()
+    np.save(file, np.array([trap], object), allow_pickle=True)
+    return file.getvalue()
+
+
+def as_npz(trap: Trap) -> bytes:
+    file = io.BytesIO()
+    names = ("fitted_on", "seconds", "learned.level", "depth")
+    np.savez(file, **dict.fromkeys(names, np.array(trap, object)))  # type: ignore[arg-type]
+    return file.getvalue()
+
+
+def as_torch(trap: Trap) -> bytes:
+    torch = pytest.importorskip("torch", reason="needs the extra nets")
+    file = io.BytesIO()
+    torch.save({"version": 1, "identity": "{}", "state": trap}, file)
+    return file.getvalue()
+
+
+def as_zip(trap: Trap) -> bytes:
+    # As a checkpoint of PyTorch, which reads data.pkl.
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("archive/data.pkl", as_pickle(trap))
+        archive.writestr("archive/version", "3")
+    return file.getvalue()
+
+
+BAITS = [as_pickle, as_npy, as_npz, as_torch, as_zip]
+
+
+@pytest.mark.parametrize(
+    ("bait", "read"),
+    [
+        (as_pickle, pickle.loads),
+        (as_npy, lambda content: np.load(io.BytesIO(content), allow_pickle=True)),
+        (as_npz, lambda content: np.load(io.BytesIO(content), allow_pickle=True)["learned.level"]),
+        (
+            as_torch,
+            lambda content: __import__("torch").load(io.BytesIO(content), weights_only=False),
+        ),
+    ],
+)
+def test_the_traps_go_off_where_they_are_read_carelessly(
+    tmp_path: Path, bait: Callable[[Trap], bytes], read: Callable[[bytes], object]
+) -> None:
+    read(bait(Trap(tmp_path / "sprung")))
+    assert (tmp_path / "sprung").exists()
+
+
+def _weights(path: Path) -> object:
+    pytest.importorskip("torch", reason="needs the extra nets")
+    from dfdbench.methods.networks.weights import load_weights
+
+    return load_weights(path, "dfd-net")
+
+
+def _checkpoint(path: Path) -> object:
+    pytest.importorskip("torch", reason="needs the extra nets")
+    from dfdbench.training.checkpoint import TrainingFolder
+
+    return TrainingFolder(path.parent).load({})
+
+
+def _configuration(path: Path) -> object:
+    pytest.importorskip("torch", reason="needs the extra nets")
+    from dfdbench.training.configuration_file import read_configuration
+
+    return read_configuration(str(path))
+
+
+def _experiment(path: Path) -> object:
+    from dfdbench.training.experiments import find_experiment
+
+    return find_experiment(str(path))
+
+
+#: The name that a file has, and what reads it.
+READERS: dict[str, Callable[[Path], object]] = {
+    RESULT: load_result,
+    "result.json of the board": lambda path: load_submission(path, path.parent),
+    "tracks.json": read_tracks,
+    "run/result.json": lambda path: open_run(path.parent),
+    "published/table.json": lambda path: load_published(path.parents[1]),
+    "fingerprints.json": lambda path: known_fingerprints(path.parent),
+    "mine.reproduced.json": lambda path: load_verification(None, path.parent / "mine.json"),  # type: ignore[arg-type]
+    "mine.toml": read_manifest,
+    "recipe.toml": read_fields,
+    "lens.csv": read_lens_table,
+    "registration.json": read_registration,
+    "beams.csv": read_beams,
+    "ranges.npy": read_ranges,
+    "ranges.txt": read_ranges,
+    "ranges.bin": read_ranges,
+    FIT: lambda path: read_fit(path.parent),
+    "weights.safetensors": _weights,
+    "checkpoint.pt": _checkpoint,
+    "training.toml": _configuration,
+    "experiment.toml": _experiment,
+}
+
+
+@pytest.mark.filterwarnings("ignore:Detected pickle protocol")
+@pytest.mark.parametrize("name", READERS)
+def test_a_file_is_read_as_what_it_should_be_or_not_at_all(
+    tmp_path: Path, trap: Trap, name: str
+) -> None:
+    path = tmp_path / "theirs" / name
+    path.parent.mkdir(parents=True)
+    for bait in BAITS:
+        path.write_bytes(bait(trap))
+        with pytest.raises(DfdbenchError):
+            READERS[name](path)
+
+
+class StillWaitingError(BaseException):
+    """What no reader takes for a file's fault."""
+
+
+@pytest.fixture
+def impatient() -> Iterator[None]:
+    """An error where a test still waits after ten seconds."""
+
+    def end(*_: object) -> None:
+        raise StillWaitingError
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.alarm(10)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_what_is_no_file_is_not_waited_for(
+    tmp_path: Path, impatient: None, name: str, kind: str
+) -> None:
+    path = tmp_path / "theirs" / name
+    path.parent.mkdir(parents=True)
+    os.mkfifo(path) if kind == "pipe" else path.symlink_to("/dev/zero")
+    with pytest.raises(DfdbenchError):
+        READERS[name](path)
+
+
+def test_depth_maps_that_are_handed_in_run_nothing(
+    tmp_path: Path, tiny_store: Store, trap: Trap
+) -> None:
+    for bait, suffix in itertools.product(BAITS, (".npy", ".npz", ".png", ".tif")):
+        folder = tmp_path / f"{bait.__name__}{suffix}"
+        for pair in tiny_store.pairs("One"):
+            path = folder / f"{pair.id}{suffix}"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(bait(trap))
+        with pytest.raises(DfdbenchError, match="cannot be read"):
+            find_predictions(folder, tiny_store, "One", "levels")
+
+
+def make_old_zarr(folder: Path, trap: Trap, codecs: dict[str, Any]) -> None:
+    """Write arrays of zarr's second format, whose codecs are named by the file: pickle is one."""
+    folder.mkdir(parents=True)
+    (folder / ".zgroup").write_text('{"zarr_format": 2}')
+    (folder / ".zattrs").write_text('{"format": "dfdbench store", "format_version": 1}')
+    array = folder / "depth"
+    array.mkdir()
+    description = {"zarr_format": 2, "shape": [1], "chunks": [1], "fill_value": None, "order": "C"}
+    description |= {"dtype": "|u1", "compressor": None, "filters": None}
+    (array / ".zarray").write_text(json.dumps(description | codecs))
+    (array / ".zattrs").write_text('{"axes": {"view": [1]}}')
+    (array / "0").write_bytes(as_pickle(trap))
+
+
+PICKLE = {"id": "pickle", "protocol": 4}
+
+
+@pytest.mark.parametrize(
+    "codecs", [{"compressor": PICKLE}, {"filters": [PICKLE]}, {"filters": [PICKLE], "dtype": "|O"}]
+)
+def test_a_store_and_a_run_of_an_older_zarr_run_nothing(
+    tmp_path: Path, tiny_store: Store, trap: Trap, codecs: dict[str, Any]
+) -> None:
+    make_old_zarr(tmp_path / "old.zarr", trap, codecs)
+    with pytest.raises(DfdbenchError, match="not a data set built by dfdbench"):
+        Store(tmp_path / "old.zarr")
+    pair = tiny_store.pairs("One")[0]
+    make_old_zarr(tmp_path / "run" / PREDICTIONS / pair.scene, trap, codecs)
+    with pytest.raises(DfdbenchError, match="no depth maps of a run"):
+        read_prediction(tmp_path / "run", pair, tiny_store.shape_of(pair.scene))
+
+
+@pytest.mark.parametrize("name", ["pickle", "numcodecs.pickle", "numcodecs.Pickle"])
+def test_a_store_names_no_codec_that_runs_code(tiny_store: Store, trap: Trap, name: str) -> None:
+    pair = tiny_store.pairs("One")[0]
+    folder = Path(str(tiny_store.path)) / "One/infocus"
+    content = json.loads((folder / "zarr.json").read_text())
+    content["codecs"] = [{"name": name, "configuration": {"id": "pickle"}}]
+    (folder / "zarr.json").write_text(json.dumps(content))
+    for chunk in (folder / "c").rglob("*"):
+        if chunk.is_file():
+            chunk.write_bytes(as_pickle(trap))
+    with pytest.raises(DfdbenchError, match="cannot be read"):
+        Store(tiny_store.path).read(pair)
+
+
+def test_a_run_goes_on_without_what_is_no_text(
+    tmp_path: Path, tiny_store: Store, trap: Trap
+) -> None:
+    method = load_for(tiny_store, "constant", {"training_mean": 90.0})
+    folder = tmp_path / "out"
+    for name in ("pairs.jsonl", "run.json"):
+        run_method(tiny_store, method, "One", folder)
+        (folder / name).write_bytes(as_pickle(trap))
+        again = run_method(tiny_store, method, "One", folder)
+        assert (again.reused, again.result.complete) == (0, True)
+
+
+#: Modules that may import pickle, and why.
+MAY_PICKLE = {
+    # To the method's process, never from it.
+    "methods/isolated.py",
+    "methods/isolated_process.py",
+    # For the name of the exception that a checkpoint raises that is none.
+    "training/checkpoint.py",
+}
+#: What runs code that a file holds.
+RUNNING = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib", "yaml", "runpy"}
+#: By the end of a call's name: the argument that keeps it from running code, and its value.
+CAREFUL = {
+    "np.load": ("allow_pickle", False),
+    "torch.load": ("weights_only", True),
+    "zarr.open_group": ("zarr_format", 3),
+    "xarray.open_zarr": ("zarr_format", 3),
+}
+
+
+WORDS = [*RUNNING, *(name.rpartition(".")[2] for name in CAREFUL), "eval", "exec"]
+
+
+def test_nothing_in_the_house_reads_a_file_carelessly() -> None:
+    imports, careless, seen = set(), [], set()
+    for path in sorted(PACKAGE.rglob("*.py")):
+        name, text = path.relative_to(PACKAGE).as_posix(), path.read_text("utf-8")
+        if not any(word in text for word in WORDS):
+            continue
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Import):
+                roots = {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                roots = {(node.module or "").partition(".")[0]}
+            else:
+                roots = set()
+            if roots & RUNNING:
+                imports.add(name)
+            if isinstance(node, ast.Call):
+                called = ast.unparse(node.func)
+                given = {word.arg: ast.unparse(word.value) for word in node.keywords}
+                if called in ("eval", "exec") or called.startswith("pickle.load"):
+                    seen.add((called, name))
+                if called in CAREFUL and given.get(CAREFUL[called][0]) != str(CAREFUL[called][1]):
+                    careless.append(f"{name}:{node.lineno}: {called}")
+    assert imports == MAY_PICKLE
+    assert not careless
+    assert seen == {("pickle.loads", "methods/isolated_process.py")}

@@ -1,0 +1,59 @@
+"""What a release rests on: its tag, the versions that the files name, the changelog's notes."""
+
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SCRIPT = ROOT / ".github/release_notes.py"
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """The files that a release looks at, as they are when 0.1.0 is to be released."""
+    for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md"):
+        shutil.copy(ROOT / name, tmp_path / name)
+    changes = tmp_path / "CHANGELOG.md"
+    text = changes.read_text("utf-8").replace("## [Unreleased]", "## [0.1.0] - 2026-12-01", 1)
+    changes.write_text(f"{text}\n## [0.0.1] - 2026-01-01\n\nThe first.\n", "utf-8")
+    return tmp_path
+
+
+def script() -> dict[str, Any]:
+    return runpy.run_path(str(SCRIPT))
+
+
+def test_a_tag_that_all_files_bear_gets_the_changelogs_notes(checkout: Path) -> None:
+    assert script()["problems_of"]("v0.1.0", checkout) == []
+    notes = script()["notes_of"]("0.1.0", checkout)
+    assert notes.startswith("### Added")
+    assert "The first." not in notes
+    assert script()["notes_of"]("0.0.1", checkout) == "The first."
+
+
+def test_what_a_tag_lacks_is_told_together(checkout: Path) -> None:
+    found = script()["problems_of"]("v0.2.0", checkout)
+    assert [text.partition(":")[0] for text in found] == [
+        "pyproject.toml",
+        "CITATION.cff",
+        "CHANGELOG.md",
+    ]
+    assert script()["problems_of"]("0.1", checkout)[0] == "the tag: expected as v1.2.3, got 0.1"
+
+
+def test_the_versions_agree_today() -> None:
+    found = script()["problems_of"]("v0.1.0")
+    assert [text for text in found if not text.startswith("CHANGELOG.md")] == []
+
+
+def test_the_script_ends_with_a_status() -> None:
+    for arguments, status in ((["v9.9.9"], 1), ([], 2)):
+        done = subprocess.run(
+            [sys.executable, SCRIPT, *arguments], capture_output=True, check=False
+        )
+        assert (done.returncode, b"expected" in done.stderr) == (status, True)

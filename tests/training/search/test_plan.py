@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the extra nets")
+
+from dfdbench.datasets.store import Store
+from dfdbench.errors import InputError, StoreError, UnknownNameError
+from dfdbench.methods.networks.widths import FILTERS
+from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.search.evaluation import training_seed
+from dfdbench.training.search.particle import PATCHES, Bounds, particle_at, position_of
+from dfdbench.training.search.plan import Choices, plan_search
+from tests.training.search.made_searches import BOUNDS, small_plan
+
+
+def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Store) -> None:
+    plan = small_plan(tiny_store)
+    assert {plan.train, plan.other} == {("Two",), ("Three",)}
+    assert plan.selected_on == f"scenes held out of test, drawn from seed 0: {plan.other[0]}"
+    assert small_plan(tiny_store).other == plan.other
+    others = {small_plan(tiny_store, seed=seed).other for seed in range(8)}
+    assert others == {("Two",), ("Three",)}
+    assert plan.work("cpu", 1, 0).trained_on == f"tiny-1, split test, less {plan.other[0]}"
+
+
+def test_as_the_thesis_the_test_selects_and_that_is_told(tiny_store: Store) -> None:
+    plan = small_plan(tiny_store, split="train", as_thesis=True)
+    assert (plan.train, plan.other) == (("One",), ("Two", "Three"))
+    assert "the TEST scenes, as the thesis did: Two, Three" in plan.selected_on
+    assert plan.work("cpu", 1, 0).trained_on == "tiny-1, split train"
+    tiny_store.scenes = ("One",)
+    with pytest.raises(StoreError, match="no pair to select on"):
+        small_plan(tiny_store, split="train", as_thesis=True)
+
+
+def test_patches_a_step_are_the_author_s_where_the_base_has_28(tiny_store: Store) -> None:
+    plan = small_plan(tiny_store, {"crop": 32, "crops_per_step": 28})
+    for crop, patches in PATCHES.items():
+        particle = particle_at(position_of(FILTERS["original"], crop=crop))
+        assert plan.configuration_of(particle).crops_per_step == patches
+    few = small_plan(tiny_store, {"crop": 32, "crops_per_step": 1})
+    particle = particle_at(position_of(FILTERS["original"], crop=64))
+    assert few.configuration_of(particle).crops_per_step == 1
+
+
+def test_a_job_is_what_a_position_means(tiny_store: Store, tmp_path: Any) -> None:
+    plan = small_plan(tiny_store)
+    position = position_of(FILTERS["pso"], first_activation="sigmoid")
+    job = plan.job(plan.work("cpu", 1, 0), 3, 1, position, tmp_path)
+    expected = TrainingConfiguration(filters="pso", first_activation="sigmoid", narrow=64)
+    assert job.configuration.architecture("dfd-net") == expected.architecture("dfd-net")
+    assert job.seed == training_seed(0, 3, 1)
+    seeds = {training_seed(s, i, p) for s in range(3) for i in range(3) for p in range(3)}
+    assert len(seeds) == 27
+
+
+def test_only_the_author_s_first_particle_is_known(tiny_store: Store) -> None:
+    assert small_plan(tiny_store).known is None
+    known = small_plan(tiny_store, variant="author", bounds=Bounds(crop=(12, 16))).known
+    assert known is not None
+    assert np.array_equal(known, position_of(FILTERS["original"]))
+
+
+def test_every_choice_makes_another_search(tiny_store: Store) -> None:
+    plans = [
+        small_plan(tiny_store, configuration, **choices)
+        for configuration, choices in [
+            ({}, {}),
+            ({"noise": 1.0}, {}),
+            *(
+                ({}, choice)
+                for choice in (
+                    {"gamma": 0.5},
+                    {"variant": "author"},
+                    {"particles": 3},
+                    {"pairs": 2},
+                    {"seed": 1},
+                    {"bounds": Bounds(crop=(12, 12))},
+                    {"split": "train", "as_thesis": True},
+                )
+            ),
+        ]
+    ]
+    assert len({str(plan.identity) for plan in plans}) == len(plans)
+
+
+@pytest.mark.parametrize(
+    ("configuration", "choices", "told"),
+    [
+        ({}, {"bounds": Bounds()}, "at most 24"),
+        ({}, {"split": "train"}, "too few training scenes"),
+        ({}, {"held_out": 2}, "more than 2"),
+        ({"filters": "pso"}, {}, "chooses this itself"),
+        ({"crop": 68}, {}, "how patches of this size are counted"),
+        ({"sampling_size": 3}, {}, "2 x 2"),
+    ],
+)
+def test_what_cannot_be_searched_is_told(
+    tiny_store: Store, configuration: dict[str, Any], choices: dict[str, Any], told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        small_plan(tiny_store, configuration, **choices)
+
+
+def test_a_choice_of_the_particles_is_not_set(tiny_store: Store) -> None:
+    base = TrainingConfiguration.model_validate({"crop": 16})
+    with pytest.raises(InputError, match="chooses this itself"):
+        plan_search(tiny_store, base, {"crop": 16}, Choices(split="test"))
+    with pytest.raises(UnknownNameError, match="did you mean author"):
+        small_plan(tiny_store, variant="autor")
+    assert set(BOUNDS) == set(Bounds.model_fields)

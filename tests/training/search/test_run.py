@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import multiprocessing
+import os
+import random
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the extra nets")
+import torch
+
+from dfdbench.datasets.store import Store
+from dfdbench.errors import InputError, ResultError
+from dfdbench.methods.networks.weights import load_weights
+from dfdbench.system.location import as_location
+from dfdbench.system.lock import hold
+from dfdbench.system.parallel import Cluster, Processes
+from dfdbench.training.search import run as module
+from dfdbench.training.search.evaluation import Job, Outcome, evaluate
+from dfdbench.training.search.run import SearchOutcome, run_search
+from tests.conftest import ON_SERVERS
+from tests.training.search.made_searches import losses, small_plan
+
+ITERATIONS = 2
+#: `make kills` asks for more.
+MANY = int(os.environ.get("DFDBENCH_KILLS", "16"))
+
+
+def searched(store: Store, folder: Path, particles: int = 2) -> SearchOutcome:
+    plan = small_plan(store, particles=particles)
+    return run_search(plan, folder, ITERATIONS, device="cpu", threads=1)
+
+
+def same(one: SearchOutcome, other: SearchOutcome) -> bool:
+    assert one.swarm is not None
+    assert other.swarm is not None
+    arrays = ("positions", "velocities", "own", "own_values", "best")
+    return one.swarm.best_at == other.swarm.best_at and all(
+        np.array_equal(getattr(one.swarm, name), getattr(other.swarm, name)) for name in arrays
+    )
+
+
+@pytest.mark.slow
+def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Store, tmp_path: Path) -> None:
+    told: list[tuple[int, int]] = []
+    plan = small_plan(tiny_store)
+    outcome = run_search(
+        plan, tmp_path / "s", 1, None, "cpu", 1, on_done=lambda *done: told.append(done)
+    )
+    assert told == [(done, 4) for done in range(5)]
+    assert (outcome.finished, outcome.trainings) == (True, 4)
+    assert outcome.best is not None
+    assert [item.number for item in outcome.course] == [0, 1]
+    rows = (tmp_path / "s/positions.csv").read_text().splitlines()
+    assert len(rows) == 5
+    objectives = [float(row.split(",")[2]) for row in rows[1:]]
+    assert outcome.best.outcome.value == min(objectives) == outcome.course[-1].best
+    # The weights of all but the best are gone.
+    (kept,) = (tmp_path / "s/particles").iterdir()
+    assert kept.name == "{:03}-{:03}".format(*outcome.best.place)
+    card = load_weights(kept / "weights.safetensors", "dfd-net")[1]
+    assert card.parameters == outcome.best.outcome.parameters
+    # Asked for more, it goes on; asked for the same again, it trains nothing.
+    more = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
+    assert same(more, searched(tiny_store, tmp_path / "at-once"))
+    assert losses(tmp_path / "s") == losses(tmp_path / "at-once")
+
+
+def search_here(place: str, folder: Path) -> None:
+    """What `dfdbench search architecture` does; run in a process that is killed."""
+    torch.set_num_threads(1)
+    searched(Store(place), folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kills", "hits"), [(4, 2), pytest.param(MANY, MANY // 2, marks=pytest.mark.slow)]
+)
+def test_killed_at_random_moments_it_ends_with_the_same_swarm(
+    tiny_store: Store, tmp_path: Path, kills: int, hits: int
+) -> None:
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    process = context.Process(target=time.sleep, args=(0,))
+    process.start()
+    process.join()
+    begun = time.monotonic()
+    process = context.Process(target=search_here, args=(str(tiny_store.path), tmp_path / "whole"))
+    process.start()
+    process.join()
+    takes = time.monotonic() - begun
+    expected = searched(tiny_store, tmp_path / "whole")
+    assert expected.trainings == 2 * (ITERATIONS + 1)
+    moments, killed = random.Random(7), 0
+    for number in range(kills):
+        # Two kills to each place: the second hits what is left to do.
+        folder = tmp_path / f"in{number // 2}"
+        process = context.Process(target=search_here, args=(str(tiny_store.path), folder))
+        process.start()
+        time.sleep(moments.uniform(0.2 * takes, 0.8 * takes))
+        process.kill()
+        process.join()
+        killed += process.exitcode != 0
+    assert killed >= hits
+    for number in range(kills // 2):
+        assert same(searched(tiny_store, tmp_path / f"in{number}"), expected)
+        assert losses(tmp_path / f"in{number}") == losses(tmp_path / "whole")
+        assert len(list((tmp_path / f"in{number}/particles").iterdir())) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["processes", pytest.param("cluster", marks=ON_SERVERS)])
+def test_elsewhere_it_ends_with_the_same_swarm(
+    kind: str, tiny_store: Store, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    pool = Processes(2) if kind == "processes" else Cluster(request.getfixturevalue("cluster"))
+    here = searched(tiny_store, tmp_path / "here")
+    there = run_search(small_plan(tiny_store), tmp_path / "there", ITERATIONS, pool, "cpu", 1)
+    assert same(here, there)
+    assert losses(tmp_path / "here") == losses(tmp_path / "there")
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away_loses_nothing(tiny_store: Store, tmp_path: Path) -> None:
+    class Gone:
+        def map(self, function, items, on_outcome=None, on_done=None):  # type: ignore[no-untyped-def]
+            on_outcome(items[0], function(items[0]))
+            raise InputError("the scheduler went away", where="--scheduler")
+
+    plan = small_plan(tiny_store)
+    for done in (1, 2):
+        with pytest.raises(InputError, match="went away"):
+            run_search(plan, tmp_path / "s", ITERATIONS, Gone(), "cpu", 1)
+        assert len((tmp_path / "s/positions.csv").read_text().splitlines()) == done + 1
+    found = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
+    assert same(found, searched(tiny_store, tmp_path / "whole"))
+
+
+def test_a_failed_training_is_told_and_searched_past(
+    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def sometimes(job: Job) -> Outcome | None:
+        if job.particle == 0:
+            return Outcome(failed="diverged: the loss is no number any more, step 2")
+        return evaluate(job)
+
+    monkeypatch.setattr(module, "evaluate", sometimes)
+    outcome = searched(tiny_store, tmp_path / "s")
+    assert [row.place for row in outcome.failures] == [(0, 0), (1, 0), (2, 0)]
+    assert [item.failed for item in outcome.course] == [1, 1, 1]
+    assert outcome.best is not None
+    assert outcome.best.place[1] == 1
+    assert same(searched(tiny_store, tmp_path / "s"), outcome)
+    monkeypatch.setattr(module, "evaluate", lambda job: Outcome(failed="failed: no memory"))
+    nothing = searched(tiny_store, tmp_path / "t")
+    assert (nothing.best, nothing.finished) == (None, True)
+
+
+@pytest.mark.slow
+def test_time_is_up_and_more_time_goes_on(
+    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = small_plan(tiny_store)
+    early = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1, max_seconds=0)
+    assert (early.finished, early.swarm, early.course, early.trainings) == (False, None, (), 0)
+    asked = []
+
+    def three(job: Job) -> Outcome | None:
+        asked.append(job)
+        return evaluate(job) if len(asked) <= 3 else None
+
+    monkeypatch.setattr(module, "evaluate", three)
+    some = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
+    assert (some.finished, len(some.course), some.trainings) == (False, 1, 3)
+    monkeypatch.undo()
+    assert same(searched(tiny_store, tmp_path / "s"), searched(tiny_store, tmp_path / "t"))
+
+
+def test_one_search_a_folder(tiny_store: Store, tmp_path: Path) -> None:
+    with (
+        hold(as_location(tmp_path / ".s.lock"), ResultError("taken")),
+        pytest.raises(ResultError, match="another search is writing"),
+    ):
+        searched(tiny_store, tmp_path / "s")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
+def test_a_place_that_cannot_be_written_is_told(tiny_store: Store, tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(ResultError, match="cannot write the search"):
+        searched(tiny_store, tmp_path / "s")
