@@ -124,7 +124,7 @@ def run(
     summary = summarise(done.result, shown)
     if forms:
         draw_run(data, summary, folder, also=forms)
-    _keep_law(loaded.predict, folder, forms)
+    _keep_law(loaded.attribute("calibration"), folder, forms)
     print_run_tables(summary, data.manifest, format)
     tell_where_it_lies(done, figures=bool(forms))
     if submit:
@@ -176,8 +176,7 @@ def _forms_of(
     return ()
 
 
-def _keep_law(predict: Any, folder: Path, forms: Sequence[str]) -> None:
-    calibration = getattr(predict, "calibration", None)
+def _keep_law(calibration: Any, folder: Path, forms: Sequence[str]) -> None:
     if calibration is None:
         return
     from dfdbench.figures.calibration import law_figure

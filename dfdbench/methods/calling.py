@@ -17,6 +17,8 @@ from dfdbench.methods.isolation import process_kept
 from dfdbench.methods.method import Image, Predict, Prediction, writable
 from dfdbench.metrics.scores import LARGEST_NUMBER
 
+# Each becomes a row of every table of a run.
+_MOST_NUMBERS = 100
 # A level this far out of 0..255 is rounding, not a mistake.
 _ROUNDING = 1e-3
 
@@ -41,7 +43,7 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
     Notes
     -----
     Numbers that a result is to keep, an energy for example, are read after the call from the
-    method's attribute ``numbers``, a mapping of names to what the last call came to.
+    method's attribute ``numbers``, a mapping of at most 100 names to what the last call came to.
 
     What the method changes of the process is put back: see `process_kept`.
 
@@ -152,6 +154,10 @@ def in_unit_range(depth: NDArray[np.float32]) -> bool:
 
 
 def _finite_numbers(given: Any) -> dict[str, float]:
+    if isinstance(given, Mapping) and len(given) > _MOST_NUMBERS:
+        raise NoDepthError(
+            f"keeps {len(given):,} values in `numbers`; expected {_MOST_NUMBERS} at most"
+        )
     # Strings, infinities and the like are no numbers that a result could average: left out.
     numbers = {}
     for name, value in given.items() if isinstance(given, Mapping) else ():

@@ -127,7 +127,7 @@ def restore(method: Method, learned: Learned) -> None:
     MethodError
         Where it has no `restore`, or that raises.
     """
-    give = getattr(method.predict, "restore", None)
+    give = method.attribute("restore")
     if not callable(give):
         raise MethodError(
             "the method's fit returns what it learned, and nothing takes it back",

@@ -18,6 +18,8 @@ from typing import Any
 from dfdbench.errors import MethodError, unknown_name
 from dfdbench.system.extras import absent, extra_of
 
+_NOTHING = object()
+
 
 def import_entry(entry: str) -> tuple[Any, str | None]:
     """Return what an entry names, and the SHA-256 of the file that it is defined in.
@@ -37,7 +39,8 @@ def import_entry(entry: str) -> tuple[Any, str | None]:
     module = _import_file(Path(place)) if place.endswith(".py") else _import_module(place)
     found: Any = module
     for part in attribute.split("."):
-        if not hasattr(found, part):
+        below = attribute_of(found, part, entry, _NOTHING)
+        if below is _NOTHING:
             names = [key for key, value in vars(module).items() if callable(value)]
             public = [key for key in names if not key.startswith("_")] or ["nothing to call"]
             near = unknown_name("attribute", part, public).problems[0]
@@ -48,10 +51,49 @@ def import_entry(entry: str) -> tuple[Any, str | None]:
                 got=part,
                 fix=near.fix,
             )
-        found = getattr(found, part)
+        found = below
     file = getattr(module, "__file__", None)
     source = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else None
     return found, source
+
+
+def attribute_of(target: Any, name: str, entry: str, default: Any = None) -> Any:
+    """Return an attribute of what a user wrote, whose own code may be what answers.
+
+    Parameters
+    ----------
+    target : object
+        A module, class, function or object.
+    name : str
+        Of the attribute.
+    entry : str
+        What an error calls the target.
+    default : object
+        What is returned where it has none.
+
+    Raises
+    ------
+    MethodError
+        Where reading it raises.
+
+    Examples
+    --------
+    >>> attribute_of(str, "lower", "builtins:str"), attribute_of(str, "fit", "builtins:str")
+    (<method 'lower' of 'str' objects>, None)
+    """
+    try:
+        return getattr(target, name, default)
+    except (Exception, SystemExit) as error:
+        raise unreadable(entry, name, error) from error
+
+
+def unreadable(entry: str, name: str, error: BaseException) -> MethodError:
+    """Return the error that says why an attribute of what a user wrote cannot be read."""
+    return MethodError(
+        "an attribute of the method cannot be read",
+        where=f"{entry}: {name}",
+        got=describe(error) + place_of(error),
+    )
 
 
 def near_entry(name: str) -> str:

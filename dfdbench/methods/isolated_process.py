@@ -129,6 +129,7 @@ def _serve(way: _Way) -> None:
     seed = int(facts["seed"])
     try:
         method = _loaded(way, pickle.loads(arrays["order"].tobytes()))
+        says = _says(method)
     except DfdbenchError as error:
         way.answer({"problems": _told(error)})
         return
@@ -140,7 +141,7 @@ def _serve(way: _Way) -> None:
         "fits": method.fit is not None,
         "warms_up": method.warm_up is not None,
     }
-    way.answer({"loaded": loaded, "says": _says(method)})
+    way.answer({"loaded": loaded, "says": says})
     doing: dict[str, Callable[[_Facts, Arrays], None]] = {
         "predict": lambda _, images: _predict(way, method, method.predict, images, seed),
         "warm_up": lambda _, images: _predict(way, method, method.warm_up, images, seed),
@@ -185,10 +186,11 @@ def _predict(way: _Way, method: Method, predict: Any, images: Arrays, seed: int)
 def _fit(way: _Way, method: Method, count: int, seed: int) -> None:
     try:
         learned = teach(method, _Pairs(way, range(count)), seed).learned
+        says = _says(method)
     except DfdbenchError as error:
         way.answer({"problems": _told(error)})
     else:
-        way.answer({"kept": learned is None, "says": _says(method)}, learned)
+        way.answer({"kept": learned is None, "says": says}, learned)
 
 
 def _restore(way: _Way, method: Method, arrays: Arrays) -> None:
@@ -197,10 +199,11 @@ def _restore(way: _Way, method: Method, arrays: Arrays) -> None:
     }
     try:
         restore(method, learned)
+        says = _says(method)
     except DfdbenchError as error:
         way.answer({"problems": _told(error)})
     else:
-        way.answer({"says": _says(method)})
+        way.answer({"says": says})
 
 
 def _told(error: DfdbenchError) -> list[dict[str, str]]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError, steering_nothing
+from dfdbench.methods.importing import attribute_of, unreadable
 from dfdbench.methods.parameters import files_sha256
 
 Image = NDArray[np.uint8]
@@ -52,24 +53,24 @@ class Method:
     @property
     def warm_up(self) -> Predict | None:
         """What to call once, untimed, before the first pair."""
-        return getattr(self.predict, "warm_up", None)
+        warm_up: Predict | None = self.attribute("warm_up")
+        return warm_up
 
     @property
     def fit(self) -> Callable[[Sequence[Any]], Any] | None:
         """What to call once with training pairs before a run; None where nothing is fitted."""
-        return getattr(self.predict, "fit", None)
+        fit: Callable[[Sequence[Any]], Any] | None = self.attribute("fit")
+        return fit
 
     @property
     def trained_on(self) -> str | None:
         """The data it was trained on, where it says so."""
-        trained_on = getattr(self.predict, "trained_on", None)
-        return _shown(trained_on) if trained_on else None
+        return self._said("trained_on")
 
     @property
     def paper(self) -> str | None:
         """The publication it comes from, where it says so."""
-        paper = getattr(self.predict, "paper", None)
-        return _shown(paper) if paper else None
+        return self._said("paper")
 
     @property
     def weights_sha256(self) -> str | None:
@@ -80,15 +81,15 @@ class Method:
         MethodError
             Where what it says is none.
         """
-        digest = getattr(self.predict, "weights_sha256", None)
-        if digest and not re.fullmatch("[0-9a-f]{64}", str(digest)):
+        digest = self._said("weights_sha256")
+        if digest and not re.fullmatch("[0-9a-f]{64}", digest):
             raise MethodError(
                 "not the SHA-256 of weights",
                 where=f"{self.name}: weights_sha256",
                 expected="64 hexadecimal digits, or None",
-                got=_shown(digest)[:100],
+                got=digest[:100],
             )
-        return str(digest) if digest else None
+        return digest
 
     @functools.cached_property
     def files_sha256(self) -> dict[str, str]:
@@ -98,7 +99,39 @@ class Method:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a result should say of how it is used here."""
-        return tuple(_shown(text) for text in getattr(self.predict, "warnings", ()))
+        said = self.attribute("warnings")
+        try:
+            return tuple(_shown(text) for text in said or ())
+        except (Exception, SystemExit) as error:
+            raise unreadable(self.entry, "warnings", error) from error
+
+    def attribute(self, name: str) -> Any:
+        """Return an attribute of what is called, None where it has none.
+
+        Raises
+        ------
+        MethodError
+            Where reading it raises.
+        """
+        return attribute_of(self.predict, name, self.entry)
+
+    def require_readable(self) -> None:
+        """Do nothing where all that a result asks of the method besides depth can be read.
+
+        Raises
+        ------
+        MethodError
+            Where reading one of them raises.
+        """
+        for name in ("warm_up", "fit", "trained_on", "paper", "weights_sha256", "warnings"):
+            getattr(self, name)
+
+    def _said(self, name: str) -> str | None:
+        said = self.attribute(name)
+        try:
+            return _shown(said) if said else None
+        except (Exception, SystemExit) as error:
+            raise unreadable(self.entry, name, error) from error
 
 
 def _shown(said: Any) -> str:

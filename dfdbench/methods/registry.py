@@ -11,12 +11,13 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from dfdbench.errors import MethodError, Problem, unknown_name
-from dfdbench.methods.importing import describe, import_entry, near_entry, place_of
+from dfdbench.methods.importing import attribute_of, describe, import_entry, near_entry, place_of
 
 if TYPE_CHECKING:
     from dfdbench.methods.method import Method, Predict
 
 ENTRY_POINT_GROUP = "dfdbench.methods"
+_NO_FIT = object()
 _BUILT_IN = {
     "constant": "dfdbench.methods.baselines:Constant",
     "dfd-net": "dfdbench.methods.learned:DfDNetMethod",
@@ -174,13 +175,14 @@ def make_method(
     Raises
     ------
     MethodError
-        Where it cannot be constructed or called, or does not take these parameters.
+        Where it cannot be constructed or called, does not take these parameters, or what it says
+        of itself cannot be read.
     """
     # Here, so that a list of the names needs no numpy.
     from dfdbench.methods.method import Method
     from dfdbench.methods.parameters import read_parameters
 
-    fits = hasattr(target, "fit")
+    fits = attribute_of(target, "fit", entry, _NO_FIT) is not _NO_FIT
     given, recorded = read_parameters(parameters, fits)
     if fits:
         offers = {**offers, **for_fits}
@@ -214,7 +216,10 @@ def make_method(
             expected="something to call as predict(infocus, defocus)",
             got=type(predict).__name__,
         )
-    return Method(name, entry, predict, recorded, uses, source)
+    method = Method(name, entry, predict, recorded, uses, source)
+    # Now, not after the hours of a run.
+    method.require_readable()
+    return method
 
 
 def entry_of(target: Callable[..., Any]) -> str:
@@ -248,14 +253,14 @@ def entry_of(target: Callable[..., Any]) -> str:
 def _parameters(target: Callable[..., Any]) -> set[str]:
     try:
         return set(inspect.signature(target).parameters)
-    except (TypeError, ValueError):
+    except Exception:  # a signature of its own may raise anything
         return set()
 
 
 def _check_parameters(entry: str, target: Callable[..., Any], arguments: dict[str, Any]) -> None:
     try:
         signature = inspect.signature(target)
-    except (TypeError, ValueError):
+    except Exception:
         return
     kinds = {parameter.kind for parameter in signature.parameters.values()}
     names = [name for name in signature.parameters if name not in ("infocus", "defocus")]

@@ -59,6 +59,18 @@ def test_numbers_of_the_last_call_are_kept_if_they_are_numbers() -> None:
     assert call(lambda *_: np.zeros((4, 6)), IMAGE, IMAGE).numbers == {}
 
 
+def test_more_numbers_than_a_table_has_room_for_are_refused() -> None:
+    def predict(infocus: Any, defocus: Any) -> Any:
+        return np.zeros((4, 6))
+
+    predict.numbers = {str(index): index for index in range(100)}  # type: ignore[attr-defined]
+    assert len(call(predict, IMAGE, IMAGE).numbers) == 100
+    predict.numbers["101"] = 1  # type: ignore[attr-defined]
+    prediction = call(predict, IMAGE, IMAGE)
+    assert prediction.error == "keeps 101 values in `numbers`; expected 100 at most"
+    assert prediction.depth is None
+
+
 def test_numbers_beside_the_depth_are_refused_with_what_to_do() -> None:
     prediction = call(lambda *_: (np.zeros((4, 6)), {"energy": 1.0}), IMAGE, IMAGE)
     assert prediction.depth is None

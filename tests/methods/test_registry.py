@@ -77,3 +77,53 @@ def test_what_is_loaded_returns_a_depth_map(name: str) -> None:
     depth = load(name, **given)(image, image)
     assert isinstance(depth, np.ndarray)
     assert (depth.shape, depth.dtype) == ((24, 30), np.float32)
+
+
+RAISING = {
+    "a property": """
+class Predict:
+    @property
+    def trained_on(self):
+        raise RuntimeError("boom")
+    def __call__(self, infocus, defocus):
+        return infocus[..., 0]
+predict = Predict()
+""",
+    "a fit": """
+class Predict:
+    def __getattr__(self, name):
+        raise RuntimeError("boom")
+    def __call__(self, infocus, defocus):
+        return infocus[..., 0]
+predict = Predict()
+""",
+    "a module": """
+def __getattr__(name):
+    raise RuntimeError("boom")
+""",
+}
+
+
+@pytest.mark.parametrize("what", RAISING)
+def test_an_attribute_that_raises_is_the_method_s_mistake(tmp_path: Path, what: str) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(RAISING[what])
+    with pytest.raises(MethodError, match="cannot be read") as told:
+        load_method(f"{path}:predict", {}, {})
+    assert "boom" in told.value.problems[0].got
+
+
+def test_a_signature_that_raises_is_not_looked_at(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "class Predict:\n"
+        "    @property\n"
+        "    def __signature__(self):\n"
+        "        raise RuntimeError('boom')\n"
+        "    def __call__(self, infocus, defocus, extra=0):\n"
+        "        return infocus[..., 0] * 0 + extra\n"
+        "predict = Predict()\n"
+    )
+    predict = load_method(f"{path}:predict", {"extra": 3}, {}).predict
+    image = np.zeros((2, 2, 3), np.uint8)
+    assert np.asarray(predict(image, image)).tolist() == [[3, 3], [3, 3]]
