@@ -35,7 +35,7 @@ class RoundedGraphCuts(Calibrated):
     recipe : BlurRecipe, BlurLaw or None
         How the defocus images were made; in a run, the data set's recipe. Where that is not told,
         the method is fitted: see `dfdbench.methods.calibration`. The interval of a law is as wide
-        as its noise.
+        as its noise, and no level is proposed beyond those whose blur training showed.
     truncation : int
         Difference in levels from which neighbours count as different surfaces.
 
@@ -85,6 +85,10 @@ class RoundedGraphCuts(Calibrated):
         blur = self.blur
         if isinstance(blur, BlurLaw):
             unary = law_misfits(blurred_by(blur, infocus, defocus))
+            # There a fitted curve only goes on as it ended, maybe back to widths of other levels:
+            # free for the same pixels, they would win wherever that is smoother.
+            shown = self._shown()
+            unary[..., : shown.start] = unary[..., shown.stop :] = np.iinfo(np.uint16).max
             offset = costs_of_misfits(unary, infocus.shape[2], _UNIT, limit)
         else:
             unary, offset = rounded_cost(infocus, defocus, blur.kernels(), _UNIT, limit)
@@ -92,3 +96,10 @@ class RoundedGraphCuts(Calibrated):
         # The cheapest labels start, so that no pixel ever has a forbidden one.
         labels = mrf.expansion(energy, unary.argmin(axis=2), max_sweeps=1).labels
         return np.asarray(blur.depth_of_level(labels.astype(np.int64)), np.float32)
+
+    def _shown(self) -> slice:
+        """Levels from the first to the last that was measured; all of a law that was told."""
+        if self.calibration is None:
+            return slice(0, self.levels)
+        measured = np.flatnonzero(self.calibration.pixels)
+        return slice(int(measured[0]), int(measured[-1]) + 1)

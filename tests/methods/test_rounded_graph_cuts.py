@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.blur.recipe import RECIPES, BlurRecipe
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import LEVELS, RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import InputError, MethodError
 from dfdbench.methods.check import check_method
@@ -36,6 +37,31 @@ def test_other_errors_than_rounding_soften_it() -> None:
     noisy = np.clip(np.rint(defocus + random.normal(0, 2, defocus.shape)), 0, 255)
     found = RoundedGraphCuts()(infocus, noisy.astype(np.uint8))
     assert np.abs(found - depth).mean() < 15
+
+
+def test_no_level_is_proposed_that_training_did_not_show() -> None:
+    infocus = np.random.default_rng(5).integers(0, 256, (40, 60, 3)).astype(np.uint8)
+    depth = np.full((40, 60), 90, np.uint8)
+    depth[:, 30:] = 150
+    defocus = synthesize(infocus, depth, RECIPES["published"])
+    widths = RECIPES["published"].sigmas[::-1]
+    # Beyond what was measured the curve turns back: each width has two levels.
+    turned = np.where(np.arange(LEVELS) < 80, widths[160 - np.arange(LEVELS)], widths)
+    pixels = np.zeros(LEVELS, np.int64)
+    measured = {
+        **{name: np.asarray(value) for name, value in BlurLaw(tuple(turned)).as_dict().items()},
+        "measured": widths,
+        "residual": np.zeros(LEVELS),
+    }
+    found = {}
+    for first in (0, 80):
+        pixels[:] = 0
+        pixels[first:200] = 100
+        method = RoundedGraphCuts(None)
+        method.restore({**measured, "pixels": pixels.copy()})
+        found[first] = method(infocus, defocus)
+    assert np.abs(found[80] - depth).mean() < 1
+    assert np.abs(found[0] - depth).mean() > 2
 
 
 @pytest.mark.slow
