@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import pickle
+import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +16,9 @@ import torch
 
 from dfdbench.errors import InputError, Problem
 from dfdbench.system.files import require_file, write_whole
-from dfdbench.system.json_text import differences
+from dfdbench.system.json_text import differences, parse_json
+from dfdbench.training.saved_numbers import whole_number
+from dfdbench.training.saved_tensors import require_plain_archive
 
 #: Of the checkpoint's layout.
 VERSION = 1
@@ -50,6 +53,7 @@ DAMAGED = (
     LookupError,
     AttributeError,
     OSError,
+    zipfile.BadZipFile,
 )
 #: Of a step, at most: Python reads no number of thousands.
 _DIGITS = 18
@@ -124,20 +128,26 @@ class TrainingFolder:
         path = self.path / _CHECKPOINT
         try:
             require_file(path)
+            require_plain_archive(path)
             state = dict(torch.load(path, weights_only=True))
-            if state["version"] == VERSION and not state.keys() >= _LEAST:
-                raise KeyError("it lacks what a checkpoint holds")
+            version = whole_number(state, "version")
+            if version == VERSION:
+                if not state.keys() >= _LEAST:
+                    raise KeyError("it lacks what a checkpoint holds")
+                step = whole_number(state, "step")
+                before = parse_json(state["identity"])
+                if not isinstance(before, dict):
+                    raise TypeError("it does not say of which training it is")
         except DAMAGED as error:
             raise self.unreadable(error) from error
-        if state.get("version") != VERSION:
+        if version != VERSION:
             raise InputError(
                 "a checkpoint of another version",
                 where=str(path),
                 expected=str(VERSION),
-                got=str(state.get("version")),
+                got=str(version),
                 fix="go on with the dfdbench that wrote it, or --fresh starts anew",
             )
-        before = json.loads(state["identity"])
         now = json.loads(json.dumps(identity))
         problems = [
             Problem(
@@ -153,7 +163,9 @@ class TrainingFolder:
             raise InputError.of(problems)
         for name, needed in _NEEDED.items():
             file = self.path / name
-            rows = _up_to(state["step"], _read(file), needed, str(file))
+            rows = _up_to(step, _read(file), needed, str(file))
+            if name == _LOSSES and len(rows) != step:
+                raise _damaged_log(str(file), f"{len(rows):,} of the checkpoint's {step:,} steps")
             _write(file, rows)
         return state
 

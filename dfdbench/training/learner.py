@@ -14,6 +14,8 @@ from dfdbench.methods.networks.preparation import start_from_differences
 from dfdbench.methods.networks.weights import build_network, load_weights, weights_sha256
 from dfdbench.training.crops import Cropper, Redraw, TrainingImages, count_levels
 from dfdbench.training.loss import LevelLoss
+from dfdbench.training.saved_numbers import whole_number
+from dfdbench.training.saved_tensors import counts, moments_of
 from dfdbench.training.schedule import schedule_of
 from dfdbench.training.task import Task, require_trainable, tracks_of
 
@@ -123,12 +125,24 @@ class Learner:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        self.step = state["step"]
+        """Go on from a checkpoint.
+
+        Raises
+        ------
+        ValueError, TypeError, LookupError, RuntimeError
+            Where it holds what this training cannot have left.
+        """
+        self.step = whole_number(state, "step", self._choices.steps)
         self.network.load_state_dict(state["network"])
-        self._optimizer.load_state_dict(state["optimizer"])
-        self.schedule.restore(state["schedule"])
-        self.trained = state["trained"].numpy()
+        # Of the optimizer what it has summed up, not how it is set: that is the configuration's.
+        own = self._optimizer.state_dict()["param_groups"]
+        parameters = [each for group in self._optimizer.param_groups for each in group["params"]]
+        kept = moments_of(state["optimizer"], parameters)
+        if bool(kept) != bool(self.step):
+            raise ValueError("the optimizer's state is of another step")
+        self._optimizer.load_state_dict({"state": kept, "param_groups": own})
+        self.schedule.restore(state["schedule"], self.step)
+        self.trained = counts(state, "trained", LEVELS).numpy()
 
 
 def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str]:

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.ending import EndedBy
+from dfdbench.training.saved_numbers import finite_number, finite_numbers, whole_number
 from dfdbench.training.slope_test import (
     SURE,
     probability_of_fall,
@@ -37,8 +38,8 @@ class Schedule(Protocol):
     def state(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+    def restore(self, state: dict[str, Any], step: int) -> None:
+        """Go on from a checkpoint of that step; a `ValueError` says what it cannot have left."""
 
 
 class ProgressSchedule:
@@ -69,7 +70,7 @@ class ProgressSchedule:
         self._steps = configuration.steps
         self._losses: list[float] = []
         self._step = 0
-        self.rate = configuration.learning_rate
+        self._highest = self.rate = configuration.learning_rate
 
     def after(self, step: int, loss: float) -> None:
         """Take note of a loss; lower the rate where the slope test says so."""
@@ -94,10 +95,11 @@ class ProgressSchedule:
         """Return what a checkpoint keeps."""
         return {"step": self._step, "rate": self.rate, "losses": list(self._losses)}
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        self._step, self.rate = state["step"], state["rate"]
-        self._losses = list(state["losses"])
+    def restore(self, state: dict[str, Any], step: int) -> None:
+        """Go on from a checkpoint of that step; a `ValueError` says what it cannot have left."""
+        self._step = _same(state, step)
+        self.rate = finite_number(state, "rate", self._highest)
+        self._losses = finite_numbers(state, "losses", step)
 
 
 class DlibSchedule(ProgressSchedule):
@@ -185,9 +187,15 @@ class CosineSchedule:
         """Return what a checkpoint keeps."""
         return {"step": self._step}
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
-        self._step = state["step"]
+    def restore(self, state: dict[str, Any], step: int) -> None:
+        """Go on from a checkpoint of that step; a `ValueError` says what it cannot have left."""
+        self._step = _same(state, step)
+
+
+def _same(state: dict[str, Any], step: int) -> int:
+    if whole_number(state, "step") != step:
+        raise ValueError("the schedule is of another step")
+    return step
 
 
 def schedule_of(configuration: TrainingConfiguration) -> Schedule:

@@ -21,10 +21,13 @@ from dfdbench.training.crops import Cropper
 from dfdbench.training.ending import EndedBy
 from dfdbench.training.learner import Learner
 from dfdbench.training.precision import settled
+from dfdbench.training.saved_numbers import finite_number
 from dfdbench.training.scoring import PROTOCOL, evenly_spaced, mean_scores, same_threads
 from dfdbench.training.task import Task
 
 _SAVE_SECONDS = 60.0
+# Of a training, in seconds: thirty years.
+_LONGEST = 1e9
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,7 @@ class _Session:
         if folder.started and not fresh:
             state = folder.load(task.identity)
             try:
-                self._seconds = float(state["seconds"])
+                self._seconds = finite_number(state, "seconds", _LONGEST)
                 self._learner.restore(state)
             except DAMAGED as error:
                 raise folder.unreadable(error) from error

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -66,6 +67,54 @@ def test_damaged_checkpoints_and_those_of_another_version(folder: TrainingFolder
     torch.save({"version": 0, "identity": "{}"}, path)
     with pytest.raises(InputError, match="another version"):
         folder.load(IDENTITY)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"version": "1"},
+        {"version": [[1] * 9] * 9},
+        {"step": None},
+        {"step": -1},
+        {"step": 4.0},
+        {"identity": None},
+        {"identity": "[" * 100_000},
+        {"identity": "1" * 10_000},
+        {"identity": "[]"},
+    ],
+)
+def test_what_a_checkpoint_says_is_of_its_kind(
+    folder: TrainingFolder, changes: dict[str, object]
+) -> None:
+    state = {"version": 1, "identity": "{}", "step": 4, **changes}
+    torch.save(state, folder.path / "checkpoint.pt")
+    with pytest.raises(InputError, match="the checkpoint cannot be read"):
+        folder.load({})
+
+
+def test_a_compressed_checkpoint_is_not_unpacked(folder: TrainingFolder) -> None:
+    path = folder.path / "checkpoint.pt"
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    with pytest.raises(InputError, match="the checkpoint cannot be read") as told:
+        folder.load(IDENTITY)
+    assert "compressed" in told.value.problems[0].got
+
+
+@pytest.mark.parametrize("step", [3, 5, 10**12])
+def test_the_log_has_a_row_for_each_step_of_the_checkpoint(
+    folder: TrainingFolder, step: int
+) -> None:
+    torch.save({"version": 1, "identity": "{}", "step": step}, folder.path / "checkpoint.pt")
+    if step <= 4:
+        assert folder.load({})["step"] == step
+        return
+    with pytest.raises(InputError, match="the log of the training cannot be read") as told:
+        folder.load({})
+    assert told.value.problems[0].got == f"4 of the checkpoint's {step:,} steps"
 
 
 def test_a_checkpoint_runs_no_code(folder: TrainingFolder) -> None:

@@ -163,7 +163,29 @@ def test_a_restored_schedule_goes_on_alike(kind: str) -> None:
     for step, loss in enumerate(losses[:170], 1):
         half.after(step, float(loss))
     again = schedule_of(choices)
-    again.restore(half.state())
+    again.restore(half.state(), half.state()["step"])
     for step, loss in enumerate(losses[170:], 171):
         again.after(step, float(loss))
         assert again.rate == rates[step - 1]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"rate": float("nan")},
+        {"rate": 1e9},
+        {"rate": "0.1"},
+        {"losses": [1.0] * 6},
+        {"losses": [float("inf")]},
+        {"losses": ["1"]},
+        {"losses": None},
+        {"step": None},
+        {"step": 4},
+    ],
+)
+def test_what_no_schedule_left_is_refused(changes: dict[str, object]) -> None:
+    schedule = schedule_of(TrainingConfiguration(schedule="progress"))
+    with pytest.raises(ValueError, match=r"rate|losses|step"):
+        schedule.restore({"step": 5, "rate": 1e-4, "losses": [1.0] * 5, **changes}, 5)
+    schedule.restore({"step": 5, "rate": 1e-4, "losses": [1.0] * 5}, 5)
+    assert schedule.rate == 1e-4
