@@ -1,5 +1,6 @@
 """The start of the command line, before anything of it is loaded."""
 
+import os
 import subprocess
 import sys
 import tomllib
@@ -21,6 +22,17 @@ from dfdbench.__main__ import main
 main()
 """
 
+DRAWING = """
+import sys
+from dfdbench.cli import main
+
+sys.argv = ["dfdbench", "--version"]
+try:
+    main()
+except SystemExit:
+    import matplotlib.figure
+"""
+
 
 @pytest.mark.parametrize("module", ["dfdbench.system.version", "dfdbench.cli"])
 def test_ctrl_c_while_it_loads_is_told_in_a_line(module: str) -> None:
@@ -40,3 +52,15 @@ def test_a_closed_stream_is_no_mistake(closed: str) -> None:
 def test_the_command_starts_there() -> None:
     text = (Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8")
     assert tomllib.loads(text)["project"]["scripts"]["dfdbench"] == "dfdbench.__main__:main"
+
+
+def test_a_variable_that_a_library_would_stumble_over_is_told() -> None:
+    command = (sys.executable, "-m", "dfdbench", "info", "demo")
+    odd = {**os.environ, "OMP_NUM_THREADS": "0", "MPLBACKEND": "nonsense"}
+    ended = subprocess.run(command, env=odd, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "where     OMP_NUM_THREADS" in ended.stderr
+    odd = {**os.environ, "MPLBACKEND": "nonsense"}
+    command = (sys.executable, "-c", DRAWING)
+    ended = subprocess.run(command, env=odd, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")

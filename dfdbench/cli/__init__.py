@@ -12,6 +12,7 @@ import typer
 from dfdbench.cli.screen import say, spell_out_what_cannot_be_shown
 from dfdbench.cli.verbs import LazyGroup
 from dfdbench.errors import DfdbenchError, Problem, reason_of
+from dfdbench.system.variables import require_thread_counts
 from dfdbench.system.version import PACKAGE_VERSION
 
 __all__ = ["app", "main"]
@@ -38,8 +39,11 @@ def version_option(
 def main() -> None:
     """Run the command line; a user's mistake ends with a message and status 2."""
     spell_out_what_cannot_be_shown()
+    # Figures go into files: no variable names a screen for them.
+    os.environ["MPLBACKEND"] = "agg"
     try:
         try:
+            require_thread_counts(os.environ)
             app()
         finally:
             # Here and not at the interpreter's end, where a full disk can no longer be told.

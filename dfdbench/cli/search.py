@@ -77,7 +77,7 @@ def architecture(
             help="Narrower bounds than width=8:512, kernel=1:9, crop=12:64; repeatable.",
         ),
     ] = None,
-    particles: Annotated[int, typer.Option(min=1, help="Networks in the swarm.")] = 20,
+    particles: Annotated[int, typer.Option(min=1, max=10_000, help="Networks in the swarm.")] = 20,
     iterations: Annotated[int, typer.Option(min=0, help="Moves after the start.")] = 50,
     steps: Annotated[
         int | None, typer.Option(min=1, help="Steps of each training at most; as --set steps=N.")

@@ -12,6 +12,8 @@ import typer
 from dfdbench.errors import InputError
 
 RESUMED = "--resume goes on from the last checkpoint, at most a minute back"
+#: More than any machine has; a library that is asked for millions of them is killed.
+MOST_THREADS = 1024
 _SECONDS = {"h": 3600, "m": 60, "s": 1}
 
 
@@ -50,7 +52,8 @@ MaxTime = Annotated[
     typer.Option(metavar="30m", help="Stop a training after this time, as 90s, 30m, 1h30m."),
 ]
 Threads = Annotated[
-    int | None, typer.Option(min=1, help="Processor threads; default: one per core.")
+    int | None,
+    typer.Option(min=1, max=MOST_THREADS, help="Processor threads; default: one per core."),
 ]
 Device = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
 

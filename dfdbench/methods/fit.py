@@ -176,9 +176,17 @@ def check_learned(returned: Any, entry: str) -> Learned:
             expected=_EXPECTED,
             got=type(returned).__name__,
         )
+    try:
+        items = list(returned.items())
+    except (Exception, SystemExit) as error:
+        raise MethodError(
+            "what the fit learned cannot be read",
+            where=f"{entry}: fit",
+            got=describe(error) + place_of(error),
+        ) from error
     learned: Learned = {}
     problems = []
-    for name, value in returned.items():
+    for name, value in items:
         array = _as_numbers(value)
         problem = _what_is_wrong(name, value, array, entry)
         if problem:

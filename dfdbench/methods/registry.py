@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import sys
 from collections.abc import Callable, Mapping
-from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from dfdbench.errors import MethodError, Problem, unknown_name
+from dfdbench.errors import MethodError, unknown_name
 from dfdbench.methods.importing import attribute_of, describe, import_entry, near_entry, place_of
+from dfdbench.methods.signature import check_parameters, is_class, parameters_of
+from dfdbench.system.plugins import offered_as
 
 if TYPE_CHECKING:
     from dfdbench.methods.method import Method, Predict
@@ -46,7 +46,7 @@ def registered_methods() -> dict[str, str]:
     >>> registered_methods()["local"]
     'dfdbench.methods.baselines:Local'
     """
-    offered = {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
+    offered = {name: point.value for name, point in offered_as(ENTRY_POINT_GROUP).items()}
     return {**offered, **_BUILT_IN}
 
 
@@ -186,28 +186,19 @@ def make_method(
     given, recorded = read_parameters(parameters, fits)
     if fits:
         offers = {**offers, **for_fits}
-    if inspect.isclass(target):
-        accepted = _parameters(target)
+    if is_class(target):
+        accepted = parameters_of(target)
         asked = [key for key in offers if key in accepted and key not in given]
         facts = {key: offers[key]() for key in asked}
         uses = tuple(key for key in asked if facts[key] is not None)
         arguments = given | facts
-        _check_parameters(entry, target, arguments)
-        try:
-            predict = target(**arguments)
-        except MethodError:
-            raise
-        except (Exception, SystemExit) as error:
-            raise MethodError(
-                "the method cannot be constructed",
-                where=entry,
-                got=describe(error) + place_of(error),
-            ) from error
+        check_parameters(entry, target, arguments)
+        predict = _constructed(entry, target, arguments)
     else:
         uses = ()
         predict = target
         if given:
-            _check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
+            check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
             predict = functools.partial(target, **given)
     if not callable(predict):
         raise MethodError(
@@ -220,6 +211,17 @@ def make_method(
     # Now, not after the hours of a run.
     method.require_readable()
     return method
+
+
+def _constructed(entry: str, target: type, arguments: Mapping[str, Any]) -> Any:
+    try:
+        return target(**arguments)
+    except MethodError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise MethodError(
+            "the method cannot be constructed", where=entry, got=describe(error) + place_of(error)
+        ) from error
 
 
 def entry_of(target: Callable[..., Any]) -> str:
@@ -248,51 +250,3 @@ def entry_of(target: Callable[..., Any]) -> str:
             "go beside it",
         )
     return f"{place}:{name}"
-
-
-def _parameters(target: Callable[..., Any]) -> set[str]:
-    try:
-        return set(inspect.signature(target).parameters)
-    except Exception:  # a signature of its own may raise anything
-        return set()
-
-
-def _check_parameters(entry: str, target: Callable[..., Any], arguments: dict[str, Any]) -> None:
-    try:
-        signature = inspect.signature(target)
-    except Exception:
-        return
-    kinds = {parameter.kind for parameter in signature.parameters.values()}
-    names = [name for name in signature.parameters if name not in ("infocus", "defocus")]
-    unknown = [name for name in arguments if name not in signature.parameters]
-    if unknown and inspect.Parameter.VAR_KEYWORD not in kinds:
-        unknown = [name for name in unknown if name not in ("infocus", "defocus")]
-        if unknown:
-            raise MethodError.of(
-                [
-                    Problem(
-                        "unknown parameter",
-                        where=entry,
-                        expected="one of: " + ", ".join(names) if names else "no parameters",
-                        got=name,
-                    )
-                    for name in unknown
-                ]
-            )
-    empty = inspect.Parameter.empty
-    missing = [
-        name
-        for name, parameter in signature.parameters.items()
-        if parameter.default is empty
-        and parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
-        and name not in arguments
-    ]
-    if inspect.isclass(target) and missing:
-        raise MethodError.of(
-            [
-                Problem(
-                    "parameter is needed", where=entry, expected=name, fix=f"--param {name}=VALUE"
-                )
-                for name in missing
-            ]
-        )

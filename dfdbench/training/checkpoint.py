@@ -57,7 +57,6 @@ DAMAGED = (
 )
 #: Of a step, at most: Python reads no number of thousands.
 _DIGITS = 18
-_LEAST = {"identity", "step"}
 #: The columns of a log that have a number in every row.
 _NEEDED = {_LOSSES: ("step", "learning_rate", "loss"), _SCORES: ("step",)}
 
@@ -125,29 +124,14 @@ class TrainingFolder:
         InputError
             Where it cannot be read, or is of another training; what differs is named.
         """
+        state = self._state()
         path = self.path / _CHECKPOINT
         try:
-            require_file(path)
-            require_plain_archive(path)
-            state = dict(torch.load(path, weights_only=True))
-            version = whole_number(state, "version")
-            if version == VERSION:
-                if not state.keys() >= _LEAST:
-                    raise KeyError("it lacks what a checkpoint holds")
-                step = whole_number(state, "step")
-                before = parse_json(state["identity"])
-                if not isinstance(before, dict):
-                    raise TypeError("it does not say of which training it is")
+            step, before = whole_number(state, "step"), parse_json(state["identity"])
+            if not isinstance(before, dict):
+                raise TypeError("it does not say of which training it is")
         except DAMAGED as error:
             raise self.unreadable(error) from error
-        if version != VERSION:
-            raise InputError(
-                "a checkpoint of another version",
-                where=str(path),
-                expected=str(VERSION),
-                got=str(version),
-                fix="go on with the dfdbench that wrote it, or --fresh starts anew",
-            )
         now = json.loads(json.dumps(identity))
         problems = [
             Problem(
@@ -169,12 +153,31 @@ class TrainingFolder:
             _write(file, rows)
         return state
 
+    def _state(self) -> dict[str, Any]:
+        path = self.path / _CHECKPOINT
+        try:
+            require_file(path)
+            require_plain_archive(path)
+            state = dict(torch.load(path, weights_only=True))
+            version = whole_number(state, "version")
+        except DAMAGED as error:
+            raise self.unreadable(error) from error
+        if version != VERSION:
+            raise InputError(
+                "a checkpoint of another version",
+                where=str(path),
+                expected=str(VERSION),
+                got=str(version),
+                fix="go on with the dfdbench that wrote it, or --fresh starts anew",
+            )
+        return state
+
     def unreadable(self, error: Exception) -> InputError:
         """Return the error for a checkpoint that is damaged, or holds another network's state."""
         return InputError(
             "the checkpoint cannot be read",
             where=str(self.path / _CHECKPOINT),
-            got=str(error).partition("\n")[0][:100] or "no content",
+            got=_said(error),
             fix="--fresh starts anew",
         )
 
@@ -197,6 +200,12 @@ class TrainingFolder:
     def write_patches(self, rows: list[Row]) -> None:
         """Write how often patches were drawn from each pair."""
         _write(self.path / PATCHES, rows)
+
+
+def _said(error: Exception) -> str:
+    if isinstance(error, KeyError):
+        return f"no {error}"
+    return str(error).partition("\n")[0][:100] or "no content"
 
 
 def _up_to(step: int, rows: list[Row], needed: tuple[str, ...], where: str) -> list[Row]:

@@ -110,7 +110,7 @@ class TrainingConfiguration(Record):
         Annotated[list[bool], Field(min_length=len(SITES), max_length=len(SITES))] | None
     ) = None
     crop: Annotated[int, Field(ge=12)] = 32
-    crops_per_step: Count = 28
+    crops_per_step: Annotated[int, Field(ge=1, le=65_536)] = 28
     expansion: Expansion = "eight"
     noise: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = 0.0
     redraw_depth: bool = False

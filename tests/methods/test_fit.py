@@ -134,3 +134,13 @@ def test_a_fit_that_raises_says_in_which_line() -> None:
 
 def test_what_training_did_not_show_may_be_unknown() -> None:
     assert check_learned({"measured": np.array([1.0, np.nan]), "none": np.array([])}, "m:f")
+
+
+def test_a_mapping_that_breaks_when_it_is_read_is_the_fit_s_mistake() -> None:
+    class Broken(dict[str, float]):
+        def items(self) -> Any:
+            raise RuntimeError("boom")
+
+    with pytest.raises(MethodError, match="cannot be read") as told:
+        check_learned(Broken(a=1.0), "m:f")
+    assert told.value.problems[0].got.startswith("RuntimeError: boom")

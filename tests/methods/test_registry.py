@@ -62,9 +62,7 @@ def test_packages_register_through_entry_points(
         EntryPoint("mine", "mine:predict", "dfdbench.methods"),
         EntryPoint("local", "mine:predict", "dfdbench.methods"),
     ]
-    monkeypatch.setattr(
-        "dfdbench.methods.registry.entry_points", lambda group: EntryPoints(offered)
-    )
+    monkeypatch.setattr("dfdbench.system.plugins.entry_points", lambda group: EntryPoints(offered))
     assert registered_methods()["mine"] == "mine:predict"
     assert registered_methods()["local"].startswith("dfdbench.")
     assert load("mine")(IMAGE, IMAGE)[0, 0] == 7
@@ -97,6 +95,12 @@ class Predict:
         return infocus[..., 0]
 predict = Predict()
 """,
+    "a class": """
+class Predict:
+    __class__ = property(lambda self: 1 / 0)
+    __getattr__ = lambda self, name: 1 / 0
+predict = Predict()
+""",
     "a module": """
 def __getattr__(name):
     raise RuntimeError("boom")
@@ -110,7 +114,7 @@ def test_an_attribute_that_raises_is_the_method_s_mistake(tmp_path: Path, what: 
     path.write_text(RAISING[what])
     with pytest.raises(MethodError, match="cannot be read") as told:
         load_method(f"{path}:predict", {}, {})
-    assert "boom" in told.value.problems[0].got
+    assert any(word in told.value.problems[0].got for word in ("boom", "ZeroDivisionError"))
 
 
 def test_a_signature_that_raises_is_not_looked_at(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from dfdbench.building.sources.demo import DemoScenes
@@ -16,6 +15,7 @@ from dfdbench.building.sources.simulated_rig import SimulatedRig
 from dfdbench.datasets.captured_checks import FOLDER
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
+from dfdbench.system.plugins import offered_as
 
 __all__ = [
     "ENTRY_POINT_GROUP",
@@ -101,7 +101,7 @@ def open_source(
 
 
 def _offered(manifest: Manifest, folder: Path | None) -> Source:
-    offered = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
+    offered = offered_as(ENTRY_POINT_GROUP)
     if manifest.reader not in offered:
         raise SourceError(
             f"this version cannot build {manifest.stem}: it has no reader for its files",
@@ -111,11 +111,11 @@ def _offered(manifest: Manifest, folder: Path | None) -> Source:
     point = offered[manifest.reader]
     try:
         reader = point.load()
-    except (ImportError, AttributeError) as error:
+    except (Exception, SystemExit) as error:
         raise SourceError(
             "the reader cannot be imported",
             where=f"{ENTRY_POINT_GROUP}: {point.name} = {point.value}",
-            got=str(error),
+            got=str(error) or type(error).__name__,
         ) from error
     source: Source = reader(manifest, folder)
     return source
