@@ -61,6 +61,6 @@ def test_a_variable_that_a_library_would_stumble_over_is_told() -> None:
     assert ended.returncode == 2
     assert "where     OMP_NUM_THREADS" in ended.stderr
     odd = {**os.environ, "MPLBACKEND": "nonsense"}
-    command = (sys.executable, "-c", DRAWING)
-    ended = subprocess.run(command, env=odd, capture_output=True, text=True, check=False)
+    drawing = (sys.executable, "-c", DRAWING)
+    ended = subprocess.run(drawing, env=odd, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
