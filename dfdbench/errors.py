@@ -81,6 +81,17 @@ def steering_nothing(text: str) -> str:
     return _STEERING.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
+def writable(text: str) -> str:
+    r"""Return a text with what no file can hold, a lone surrogate, spelt out.
+
+    Examples
+    --------
+    >>> print(writable("depth \ud800"))
+    depth \ud800
+    """
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
 class DfdbenchError(Exception):
     """A mistake that a user can mend; carries every problem that was found.
 

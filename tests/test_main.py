@@ -6,8 +6,12 @@ import sys
 import tomllib
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
+SLOPE = np.arange(2400, dtype=np.uint8).reshape(40, 60)
+PICTURE = cv2.imencode(".png", SLOPE)[1].tobytes()
 STOPPED_WHILE_LOADING = """
 import sys
 from importlib.abc import MetaPathFinder
@@ -64,3 +68,23 @@ def test_a_variable_that_a_library_would_stumble_over_is_told() -> None:
     drawing = (sys.executable, "-c", DRAWING)
     ended = subprocess.run(drawing, env=odd, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_a_folder_that_is_gone_and_a_name_that_is_no_text_are_told(tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    build = f'cd "{gone}" && rmdir "{gone}" && "{sys.executable}" -P -m dfdbench'
+    command = f"{build} build demo --store rel.zarr --cache {tmp_path}"
+    ended = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "the current folder is no longer there" in ended.stderr
+    folder = os.fsencode(tmp_path / "odd") + b"\xff"
+    os.makedirs(folder + b"/a\xff")
+    for name in (b"sharp.png", b"blurred.png", b"depth.png"):
+        with open(folder + b"/a\xff/" + name, "wb") as file:
+            file.write(PICTURE)
+    command_line = (sys.executable, "-m", "dfdbench", "new-dataset", folder)
+    ended = subprocess.run(command_line, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "not UTF-8" in ended.stderr
+    assert "Traceback" not in ended.stderr

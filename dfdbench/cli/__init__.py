@@ -17,6 +17,9 @@ from dfdbench.system.version import PACKAGE_VERSION
 
 __all__ = ["app", "main"]
 
+# The errors of a disk, or of a user's part of one, that has no room left.
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
 app = typer.Typer(
     cls=LazyGroup,
     help="Build depth-from-defocus data sets, run methods on them, and compare.",
@@ -51,22 +54,45 @@ def main() -> None:
     except DfdbenchError as error:
         say(f"error: {error}")
         sys.exit(2)
+    except UnicodeEncodeError as error:
+        if "surrogates" not in error.reason:
+            raise
+        # A name may have come in by any option, argument, folder or variable.
+        got = ascii(error.object)[:100]
+        say(f"error: {Problem('a name that is not UTF-8', got=got, fix='rename it')}")
+        sys.exit(2)
     except BrokenPipeError:
         # The reader of a pipe (head, say) has enough: that is no mistake.
         sys.stderr.close()
         os._exit(0)
     except OSError as error:
-        if error.errno == errno.ENAMETOOLONG:
-            # It may have come in by any option, argument, manifest or variable.
-            name = str(error.filename or "")
-            say(f"error: {Problem(what='too long a name for this file system', where=name)}")
-            sys.exit(2)
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        problem = _of_the_system(error)
+        if problem is None:
             raise
-        say(
-            "error: "
-            + str(Problem("cannot write", where=str(error.filename or ""), got=reason_of(error)))
-        )
+        say(f"error: {problem}")
         sys.stderr.flush()
-        # What standard output still holds cannot be written either.
-        os._exit(2)
+        if error.errno in _FULL:
+            # What standard output still holds cannot be written either.
+            os._exit(2)
+        sys.exit(2)
+
+
+def _of_the_system(error: OSError) -> Problem | None:
+    """Return what the system refuses wherever a name or a byte goes; None for anything else."""
+    name = str(error.filename or "")
+    if error.errno == errno.ENAMETOOLONG:
+        # It may have come in by any option, argument, manifest or variable.
+        return Problem(what="too long a name for this file system", where=name)
+    if error.errno == errno.ENOENT and not name and _nowhere():
+        return Problem("the current folder is no longer there", fix="cd to another")
+    if error.errno in _FULL:
+        return Problem("cannot write", where=name, got=reason_of(error))
+    return None
+
+
+def _nowhere() -> bool:
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return True
+    return False

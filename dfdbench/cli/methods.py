@@ -83,7 +83,9 @@ def run(
     ] = 0,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Run so many pairs at once; times are then not comparable."),
+        typer.Option(
+            min=1, max=1024, help="Run so many pairs at once; times are then not comparable."
+        ),
     ] = None,
     scheduler: Scheduler = None,
     isolate: Isolate = False,

@@ -24,7 +24,8 @@ Cache = Annotated[
     ),
 ]
 Workers = Annotated[
-    int | None, typer.Option(min=1, help="How many at once; default: one per processor core.")
+    int | None,
+    typer.Option(min=1, max=1024, help="How many at once; default: one per processor core."),
 ]
 Scheduler = Annotated[
     str | None,

@@ -101,7 +101,8 @@ def architecture(
         Path | None, typer.Option(help="Folder; default: training/DATASET-search/VARIANT-CONFIG.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Trainings at once; default: one, in this process.")
+        int | None,
+        typer.Option(min=1, max=1024, help="Trainings at once; default: one, in this process."),
     ] = None,
     scheduler: Scheduler = None,
     device: Device = "auto",

@@ -39,7 +39,9 @@ def simulate_realworld(
         str,
         typer.Option(help="Rotation of the LIDAR against the camera: yaw,pitch,roll in degrees."),
     ] = f"{MOUNTED.yaw},{MOUNTED.pitch},{MOUNTED.roll}",
-    workers: Annotated[int, typer.Option(min=1, help="Scenes made at once.")] = os.cpu_count() or 1,
+    workers: Annotated[
+        int, typer.Option(min=1, max=1024, help="Scenes made at once.")
+    ] = os.cpu_count() or 1,
 ) -> None:
     """Simulate raw captures of the real-world set: frames, LIDAR scans, and the truth beside."""
     manifest = find_manifest("realworld")

@@ -26,6 +26,8 @@ SUFFIXES = (".npy", ".npz", ".png", ".tif", ".tiff")
 SIXTEEN_BIT = {"levels": 256.0, "metres": 1000.0}
 _RULE = {"levels": "levels times 256", "metres": "millimetres"}
 _NAMED = 10
+# In bytes, of a compressed array: 32 million pixels of float64.
+_LARGEST = 2**28
 # Of what is wrong with single files, so much is told: a wrong unit is wrong in all of them.
 _TOLD = 20
 
@@ -216,7 +218,11 @@ def _read(path: Path, unit: Unit) -> NDArray[Any]:
         return np.asarray(load_array(path))
     if suffix == ".npz":
         with np.load(path, allow_pickle=False) as arrays:
-            return np.asarray(arrays[_only(arrays.files)])
+            name = _only(arrays.files)
+            size = arrays.zip.NameToInfo[f"{name}.npy"].file_size
+            if size > _LARGEST:
+                raise ValueError(f"{size:,} bytes once it is unpacked")
+            return np.asarray(arrays[name])
     with Image.open(path) as image:
         image.load()
         # A PNG file has no more than 16 bits, which older versions of Pillow widen to 32.

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.errors import writable
 from dfdbench.methods.importing import describe, place_of
 from dfdbench.methods.isolation import process_kept
-from dfdbench.methods.method import Image, Predict, Prediction, writable
+from dfdbench.methods.method import Image, Predict, Prediction
 from dfdbench.metrics.scores import LARGEST_NUMBER
 
 # Each becomes a row of every table of a run.
@@ -87,7 +88,7 @@ class _Printed(io.StringIO):
 def _checked(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float32] | None, str]:
     try:
         return check_depth(returned, shape)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return None, f"returned a {type(returned).__name__} that breaks: {describe(error)}"
 
 
@@ -122,7 +123,7 @@ def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float
         )
     try:
         array = np.asarray(returned)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return None, f"returned a {type(returned).__name__} that is no array: {describe(error)}"
     if array.dtype.kind not in "uif":
         return None, f"returned {array.dtype} values; expected real numbers"

@@ -228,6 +228,6 @@ def _what_is_wrong(
 def _as_numbers(value: Any) -> NDArray[Any] | None:
     try:
         array = np.array(value)
-    except Exception:
+    except (Exception, SystemExit):
         return None
     return array if array.dtype.kind in "biuf" else None

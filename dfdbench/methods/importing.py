@@ -188,7 +188,7 @@ def describe(error: BaseException) -> str:
     """
     try:
         text = str(error).strip()
-    except Exception:
+    except (Exception, SystemExit):
         text = "its text cannot be told"
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 

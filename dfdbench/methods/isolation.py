@@ -23,9 +23,9 @@ _THREADS = {
 def process_kept() -> Iterator[None]:
     """Put back what the block changed of the process, however it ends.
 
-    That is the working directory, the environment, NumPy's print options and error handling, the
-    filters of warnings, and the numbers of threads of OpenCV, Numba and PyTorch where they are
-    loaded.
+    That is the working directory, the environment, Python's limit of recursion, NumPy's print
+    options and error handling, the filters of warnings, and the numbers of threads of OpenCV, Numba
+    and PyTorch where they are loaded.
 
     Examples
     --------
@@ -38,11 +38,13 @@ def process_kept() -> Iterator[None]:
     folder = _working_directory()
     environment = dict(os.environ)
     filters = list(warnings.filters)
+    depth = sys.getrecursionlimit()
     threads = _threads()
     try:
         with np.printoptions(), np.errstate():
             yield
     finally:
+        sys.setrecursionlimit(depth)
         if folder and folder != _working_directory():
             # A method may even have removed it.
             with contextlib.suppress(FileNotFoundError):

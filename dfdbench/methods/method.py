@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import MethodError, steering_nothing
+from dfdbench.errors import MethodError, steering_nothing, writable
 from dfdbench.methods.importing import attribute_of, unreadable
 from dfdbench.methods.parameters import files_sha256
 
@@ -137,17 +137,6 @@ class Method:
 def _shown(said: Any) -> str:
     # A result keeps it, and a terminal shows it.
     return steering_nothing(writable(str(said)))
-
-
-def writable(text: str) -> str:
-    r"""Return a text with what no file can hold, a lone surrogate, spelt out.
-
-    Examples
-    --------
-    >>> print(writable("depth \ud800"))
-    depth \ud800
-    """
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 @dataclass(frozen=True)

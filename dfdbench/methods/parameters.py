@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -19,6 +20,7 @@ from dfdbench.errors import (
     UnknownNameError,
     reason_of,
     unknown_name,
+    writable,
 )
 from dfdbench.system.files import read_text
 from dfdbench.system.toml_text import parse_toml
@@ -45,7 +47,8 @@ def read_parameters(
     UnknownNameError
         Where no blur recipe has that name.
     MethodError
-        Where fields of a recipe are unknown, lacking or wrong, or its file cannot be read.
+        Where fields of a recipe are unknown, lacking or wrong, or its file cannot be read; where
+        a number is none, or a text is not UTF-8, which no result can keep.
 
     Examples
     --------
@@ -53,6 +56,8 @@ def read_parameters(
     >>> taken["recipe"].levels, recorded
     (256, {'recipe': {'sigma_min': 0.2, 'sigma_step': 0.006}})
     """
+    # A recipe says itself what is wrong with it.
+    _require_kept({name: value for name, value in given.items() if name != "recipe"})
     taken = dict(given)
     recorded = {name: _plain(value) for name, value in given.items()}
     withheld = fits and given.get("recipe") is None
@@ -158,13 +163,39 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _strings(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
-    if isinstance(value, str):
-        yield name, value
-    elif isinstance(value, Mapping | list):
+def _require_kept(parameters: Mapping[str, Any]) -> None:
+    problems = []
+    for name, value in _leaves(parameters):
+        number = isinstance(value, float | np.floating)
+        if number and not math.isfinite(value):
+            expected = "a finite number"
+        elif isinstance(value, str) and writable(value) != value:
+            expected = "text in UTF-8"
+        else:
+            continue
+        problems.append(
+            Problem(
+                "a parameter that no result can keep",
+                where=f"parameter {writable(name)}",
+                expected=expected,
+                got=writable(str(value))[:80],
+            )
+        )
+    if problems:
+        raise MethodError.of(problems)
+
+
+def _strings(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    return ((name, text) for name, text in _leaves(parameters) if isinstance(text, str))
+
+
+def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping | list):
         parts = value.items() if isinstance(value, Mapping) else enumerate(value)
         for key, part in parts:
-            yield from _strings(part, f"{name}.{key}" if name else str(key))
+            yield from _leaves(part, f"{name}.{key}" if name else str(key))
+    else:
+        yield name, value
 
 
 def _is_there(text: str) -> bool:

@@ -1,4 +1,6 @@
 import struct
+import tracemalloc
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -229,3 +231,21 @@ def test_a_head_that_claims_what_the_file_does_not_hold(
     path.write_bytes(content[:10] + head.ljust(117) + b"\n" + content[128:])
     with pytest.raises(ResultError, match="cannot be read"):
         find_predictions(tmp_path, tiny_store, "Two", "levels")
+
+
+def test_an_archive_is_not_unpacked_where_it_is_larger_than_any_depth_map(
+    tiny_store: Store, folder: Path
+) -> None:
+    write_all(tiny_store, "Two", folder, lambda stem, depth: np.save(f"{stem}.npy", depth))
+    path = min(folder.rglob("*.npy"))
+    path.unlink()
+    bomb = zipfile.ZipFile(path.with_suffix(".npz"), "w", zipfile.ZIP_DEFLATED)
+    with bomb, bomb.open("depth.npy", "w") as member:
+        for _ in range(257):
+            member.write(bytes(2**20))
+    tracemalloc.start()
+    with pytest.raises(ResultError, match="cannot be read") as told:
+        find_predictions(folder, tiny_store, "Two", "levels")
+    assert tracemalloc.get_traced_memory()[1] < 2**27
+    tracemalloc.stop()
+    assert "once it is unpacked" in told.value.problems[0].what

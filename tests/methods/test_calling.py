@@ -196,3 +196,25 @@ def test_ctrl_c_in_a_method_stops_the_run() -> None:
 def test_an_answer_that_breaks_when_looked_at_costs_the_pair_alone() -> None:
     found = call(lambda infocus, defocus: (Unlike(),), IMAGE, IMAGE)
     assert found.error == "returned a tuple that breaks: RuntimeError: no class"
+
+
+class Leaves:
+    """Ends the program where it is looked at."""
+
+    def __array__(self, *_: object, **__: object) -> Any:
+        raise SystemExit(0)
+
+
+class LeavingError(Exception):
+    def __str__(self) -> str:
+        raise SystemExit(0)
+
+
+def test_what_ends_the_program_when_it_is_looked_at_costs_the_pair_alone() -> None:
+    found = call(lambda infocus, defocus: Leaves(), IMAGE, IMAGE)
+    assert found.error.startswith("returned a Leaves that is no array: SystemExit")
+
+    def predict(infocus: Any, defocus: Any) -> Any:
+        raise LeavingError
+
+    assert call(predict, IMAGE, IMAGE).error.startswith("raised LeavingError: its text cannot")

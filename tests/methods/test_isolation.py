@@ -25,6 +25,7 @@ def test_a_method_cannot_spoil_the_process(tmp_path: Path, monkeypatch: pytest.M
         np.set_printoptions(precision=1)
         np.seterr(all="raise")
         warnings.simplefilter("error")
+        sys.setrecursionlimit(200)
         if infocus.max():
             raise RuntimeError("boom")
         return infocus[..., 0]
@@ -34,7 +35,8 @@ def test_a_method_cannot_spoil_the_process(tmp_path: Path, monkeypatch: pytest.M
 
     def state() -> tuple[Any, ...]:
         filters = list(warnings.filters)
-        return Path.cwd(), dict(os.environ), np.get_printoptions(), np.geterr(), filters
+        numpy = np.get_printoptions(), np.geterr()
+        return Path.cwd(), dict(os.environ), *numpy, filters, sys.getrecursionlimit()
 
     before = state()
     for image in (IMAGE, IMAGE + np.uint8(1)):

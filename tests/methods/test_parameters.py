@@ -67,6 +67,17 @@ def test_the_blur_is_withheld_only_from_who_can_find_it_out(tmp_path: Path) -> N
         load(f"{tmp_path / 'solver.py'}:Solver", recipe=None)
 
 
+def test_what_no_result_can_keep_is_refused_before_a_run(module: Path) -> None:
+    given = {"level": float("nan"), "deep": [1, {"a": float("-inf")}], "text": "a\udcff", "b": 1.5}
+    with pytest.raises(MethodError, match="no result can keep") as told:
+        load_method(f"{module}:predict", given, {})
+    assert [problem.where for problem in told.value.problems] == [
+        "parameter level",
+        "parameter deep.1.a",
+        "parameter text",
+    ]
+
+
 def test_a_recipe_nested_too_deep_is_told(tmp_path: Path) -> None:
     (tmp_path / "deep.toml").write_text("sigmas = " + "[" * 3000)
     with pytest.raises(MethodError, match="nested too deep"):

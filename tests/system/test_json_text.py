@@ -18,6 +18,12 @@ def test_what_is_no_json_is_a_value_error(text: str | bytes) -> None:
         parse_json(text)
 
 
+@pytest.mark.parametrize("text", ['{"a": 1, "a": 1}', '{"b": [{"a": 0.0, "c": 2, "a": 1}]}'])
+def test_a_key_twice_is_refused_for_others_would_read_the_other(text: str) -> None:
+    with pytest.raises(ValueError, match="the key 'a' twice"):
+        parse_json(text)
+
+
 @pytest.mark.parametrize(
     "text", [r'"\ud800"', r'{"a": ["\uDfff"]}', r'{"\ud83d": 1}', rb'"\ud800"']
 )

@@ -19,6 +19,7 @@ from dfdbench.system.files import require_file, write_whole
 from dfdbench.system.record import Record, problems_of
 
 NETWORKS: dict[str, type[nn.Module]] = {"dfd-net": DfDNet, "u-net": UNet}
+_VARIANCE = "running_var"
 _METADATA = "dfdbench-card"
 #: What a network's arguments come to that are none.
 _UNBUILDABLE = (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError)
@@ -194,8 +195,8 @@ def _read_card(text: str, path: Path) -> Card:
 
 
 def _check_tensors(network: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
-    expected = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
-    found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
+    expected = {name: _outline(tensor) for name, tensor in network.state_dict().items()}
+    found = {name: _outline(tensor) for name, tensor in tensors.items()}
     if expected != found:
         differ = sorted(
             name for name in expected.keys() | found.keys() if expected.get(name) != found.get(name)
@@ -205,13 +206,23 @@ def _check_tensors(network: nn.Module, tensors: dict[str, Tensor], path: Path) -
                 Problem(
                     "weights do not fit the architecture of their card",
                     where=f"{path}: {name}",
-                    expected=str(expected.get(name, "nothing")),
-                    got=str(found.get(name, "nothing")),
+                    expected=expected.get(name, "nothing"),
+                    got=found.get(name, "nothing"),
                 )
                 for name in differ[:5]
             ]
         )
     broken = sorted(name for name, tensor in tensors.items() if not bool(tensor.isfinite().all()))
+    negative = [name for name, tensor in tensors.items() if name.endswith(_VARIANCE)]
+    negative = [name for name in negative if bool((tensors[name] < 0).any())]
+    if negative:
+        raise MethodError(
+            "the weights hold a variance below 0",
+            where=f"{path}: {negative[0]}",
+            expected="0 or more",
+            got=f"{float(tensors[negative[0]].min()):g}",
+            fix="copy or download it again; dfdbench train writes a new one",
+        )
     if broken:
         raise MethodError(
             "the weights hold what is no number",
@@ -220,6 +231,10 @@ def _check_tensors(network: nn.Module, tensors: dict[str, Tensor], path: Path) -
             got=f"nan or infinity in {', '.join(broken[:3])}",
             fix="train again, with a lower learning_rate",
         )
+
+
+def _outline(tensor: Tensor) -> str:
+    return f"{tuple(tensor.shape)} {str(tensor.dtype).removeprefix('torch.')}"
 
 
 def card_as_markdown(card: Card) -> str:

@@ -70,6 +70,25 @@ def test_numbers_that_are_none_are_refused(tmp_path: Path) -> None:
         load("dfd-net", weights=5)
 
 
+def test_tensors_of_another_kind_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "odd.safetensors"
+    network = build_network("dfd-net", {"filters": list(SMALL)})
+    save_weights(path, network, card())
+    tensors = safetensors.torch.load_file(path)
+    with safetensors.safe_open(path, "pt") as file:
+        metadata = file.metadata()
+    name = next(name for name in tensors if name.endswith("weight"))
+    odd = {**tensors, name: tensors[name].view(torch.int32)}
+    safetensors.torch.save_file(odd, path, metadata)
+    with pytest.raises(MethodError, match="do not fit the architecture") as told:
+        load_weights(path, "dfd-net")
+    assert told.value.problems[0].got.endswith("int32")
+    name = next(name for name in tensors if name.endswith("running_var"))
+    safetensors.torch.save_file({**tensors, name: -tensors[name]}, path, metadata)
+    with pytest.raises(MethodError, match="a variance below 0"):
+        load_weights(path, "dfd-net")
+
+
 def test_an_architecture_of_another_version_is_told(tmp_path: Path) -> None:
     path = tmp_path / "bogus.safetensors"
     made = card().model_copy(update={"architecture": {"bogus": 1}})
