@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -150,18 +151,30 @@ def _unmeasured(result: Result, where: str) -> Iterator[Problem]:
                 expected=f"{wrong}, for its status is ok" if evaluated else f"no {wrong}",
                 got=f"no {wrong}" if evaluated else f"{wrong}, and status {pair.status}",
             )
+        if evaluated and pair.error is not None:
+            yield Problem(
+                "an error of a pair that was evaluated",
+                where=f"{where}: {pair.id}",
+                expected="no error, for its status is ok",
+                got=ascii(pair.error)[:80],
+            )
 
 
 def _other_protocols(result: Result, where: str) -> Iterator[Problem]:
     for protocol in result.protocols:
         released = RELEASED.get(label_of(protocol))
-        if released is None or released.as_dict() != protocol:
+        if released is None or _as_json(released.as_dict()) != _as_json(protocol):
             yield Problem(
                 "not a released protocol",
                 where=f"{where}: protocols",
                 expected=str(released.as_dict()) if released else ", ".join(RELEASED),
                 got=str(protocol),
             )
+
+
+def _as_json(protocol: Mapping[str, Any]) -> str:
+    # Python takes true for 1.
+    return json.dumps(protocol, sort_keys=True)
 
 
 def _released(name: str) -> Manifest:
@@ -174,7 +187,7 @@ def _released(name: str) -> Manifest:
 
 
 def _other_facts(result: Result, manifest: Manifest, where: str) -> Iterator[Problem]:
-    facts = {
+    facts: dict[str, Any] = {
         "short": manifest.short,
         "degradation": manifest.degradation,
         "axes": list(manifest.axes),
@@ -182,6 +195,9 @@ def _other_facts(result: Result, manifest: Manifest, where: str) -> Iterator[Pro
         "rows": manifest.table.rows,
         "simulated": manifest.simulated,
     }
+    if manifest.capture is None:
+        # Only a rig leaves a choice: which lens steps make a pair.
+        facts["options"] = {}
     for field, value in facts.items():
         got = getattr(result.dataset, field)
         if got != value:

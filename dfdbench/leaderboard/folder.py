@@ -35,9 +35,11 @@ def require_leaderboard(folder: Path) -> None:
     Raises
     ------
     ResultError
-        Where there are neither results nor published tables, or where a README would be
-        replaced that `dfdbench leaderboard` did not write.
+        Where there are neither results nor published tables, where one of them is a link to
+        elsewhere, or where a README would be replaced that `dfdbench leaderboard` did not write.
     """
+    for name in (RESULTS, PUBLISHED):
+        refuse_link(folder / name)
     if not any((folder / name).is_dir() for name in (RESULTS, PUBLISHED)):
         raise ResultError(
             "no leaderboard here",
@@ -104,7 +106,7 @@ def _unreadable(path: Path, reason: str) -> ResultError:
     return ResultError(
         "cannot read a file of the leaderboard",
         where=str(path),
-        expected="a regular file of at most 64 MB, text in UTF-8, no link",
+        expected="a regular file of at most 64 MB, text in UTF-8; no link, file or folder",
         got=reason,
         fix="put the file itself there, as `dfdbench` or `git` wrote it, or delete what is there",
     )
@@ -114,7 +116,9 @@ def result_files(folder: Path) -> tuple[list[Path], list[Problem]]:
     """Return the files in a leaderboard's folder of results, and what is none of its kind."""
     paths: list[Path] = []
     problems: list[Problem] = []
-    for path in sorted((folder / RESULTS).rglob("*.json")):
+    # What a linked folder holds is not looked for: nothing of it may go unseen.
+    found = sorted((folder / RESULTS).rglob("*"))
+    for path in (each for each in found if each.suffix == ".json" or each.is_symlink()):
         try:
             refuse_link(path)
             paths.append(path)

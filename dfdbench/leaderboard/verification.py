@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from dfdbench.datasets.store import Store
@@ -24,7 +24,7 @@ from dfdbench.leaderboard.verification_file import (
     sample,
     tracks_sample,
 )
-from dfdbench.methods.registry import registered_methods
+from dfdbench.methods.registry import built_in_methods, registered_methods
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import RELEASED, Protocol
 from dfdbench.results.folder import require_pairs_of
@@ -254,7 +254,7 @@ def entry_problems(method: MethodRecord, path: Path) -> list[Problem]:
         return []
     entry = method.name if ":" in method.name else registered_methods().get(method.name)
     if entry is None or without_folder(entry) == method.entry:
-        return []
+        return list(_without_hash(method, path))
     return [
         Problem(
             "the method's name leads to another entry",
@@ -264,6 +264,17 @@ def entry_problems(method: MethodRecord, path: Path) -> list[Problem]:
             fix="submit the run again with this version",
         )
     ]
+
+
+def _without_hash(method: MethodRecord, path: Path) -> Iterator[Problem]:
+    if method.entry in built_in_methods().values() and method.source_sha256 is None:
+        yield Problem(
+            "the hash of the method's source is lacking",
+            where=f"{path}: method.source_sha256",
+            expected="64 hexadecimal digits: a built-in method has a source",
+            got="null",
+            fix="submit the run again with this version",
+        )
 
 
 def _difference(claim: PairResult, rerun: PairResult) -> float | None:

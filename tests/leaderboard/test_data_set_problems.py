@@ -52,6 +52,7 @@ def test_a_row_leaves_out_no_score_that_the_data_define(tmp_path: Path) -> None:
         ("blocks", "view"),
         ("degradation", "noise"),
         ("simulated", True),
+        ("options", {"pair": [129, 141]}),
     ],
 )
 def test_a_row_says_of_its_data_what_the_manifest_says(
@@ -142,6 +143,7 @@ def test_a_name_on_a_track_is_safe_in_a_path(name: str) -> None:
         ({"seconds": None}, "what was measured is lacking"),
         ({"prediction_sha256": None}, "what was measured is lacking"),
         ({"status": "failed", "error": "no"}, "nothing can have been measured"),
+        ({"error": "no"}, "an error of a pair that was evaluated"),
         ({"status": "not-run", "scores": {}, "prediction_sha256": None}, "nothing can have been"),
     ],
 )
@@ -158,6 +160,16 @@ def test_a_row_leaves_out_no_time_and_no_hash(
     none = [pair.model_copy(update={"seconds": None}) for pair in result.pairs]
     scored = result.model_copy(update={"pairs": none, "method": method})
     assert not data_set_problems(scored, tmp_path, "here")
+
+
+@pytest.mark.parametrize("version", [True, 1.0, "1", 2])
+def test_a_protocol_is_the_released_one_to_the_letter(tmp_path: Path, version: Any) -> None:
+    result = make_demo_result(lambda pair: 0.1)
+    (protocol,) = result.protocols
+    protocols = [{**protocol, "version": version}]
+    other = result.model_copy(update={"protocols": protocols})
+    problems = data_set_problems(other, tmp_path, "here")
+    assert "not a released protocol" in [problem.what for problem in problems]
 
 
 def test_known_data_are_of_the_recipe_that_made_them(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from dfdbench.leaderboard.folder import (
     known_undefined,
     place_of,
     require_leaderboard,
+    result_files,
 )
 from tests.made_results import make_result
 
@@ -33,6 +34,27 @@ def test_results_or_printed_tables_make_a_leaderboard(tmp_path: Path, name: str)
     (tmp_path / README).write_bytes(b"# Somebody's \xff")
     with pytest.raises(ResultError, match="left as it is"):
         require_leaderboard(tmp_path)
+
+
+@pytest.mark.parametrize("name", [RESULTS, PUBLISHED])
+def test_no_folder_of_a_leaderboard_is_a_link_to_elsewhere(tmp_path: Path, name: str) -> None:
+    elsewhere, folder = tmp_path / "elsewhere", tmp_path / "leaderboard"
+    (elsewhere / "demo-1-test").mkdir(parents=True)
+    folder.mkdir()
+    (folder / name).symlink_to(elsewhere)
+    with pytest.raises(ResultError, match="no link"):
+        require_leaderboard(folder)
+
+
+def test_what_lies_behind_a_link_does_not_go_unseen(tmp_path: Path) -> None:
+    elsewhere, results = tmp_path / "elsewhere", tmp_path / "leaderboard" / RESULTS
+    elsewhere.mkdir()
+    (elsewhere / "local.json").write_text("{}")
+    (results / "demo-1-test").mkdir(parents=True)
+    (results / "demo-1-test" / "valid").symlink_to(elsewhere)
+    paths, (problem,) = result_files(results.parent)
+    assert not paths
+    assert problem.where.endswith("demo-1-test/valid")
 
 
 def test_results_lie_by_data_set_split_and_protocol(tmp_path: Path) -> None:
