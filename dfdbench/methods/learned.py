@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.errors import MethodError
+from dfdbench.methods.fitted import odd_window
 from dfdbench.methods.networks.inference import Precision, Predictor, Readout, find_device
 from dfdbench.methods.networks.weights import find_weights, load_weights, weights_sha256
 
@@ -26,7 +29,12 @@ class _Learned:
         precision: Precision = "float32",
         tile: int | None = None,
         readout: Readout | None = None,
+        median_window: int = 1,
     ) -> None:
+        problems = odd_window("median_window", median_window)
+        if problems:
+            raise MethodError.of(problems)
+        self._median_window = median_window
         path = find_weights(self.method, weights)
         network, self.card = load_weights(path, self.method)
         if readout is None:
@@ -51,6 +59,8 @@ class _Learned:
         levels = self._predict(infocus, defocus)
         if self._predict.tile != before:
             print(f"out of memory: went on in tiles of {self._predict.tile} pixels")
+        if self._median_window > 1:
+            levels = np.asarray(cv2.medianBlur(levels, self._median_window))
         return levels.astype(np.float32)
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
@@ -78,11 +88,15 @@ class DfDNetMethod(_Learned):
     readout : {"mode", "median"}, optional
         Which level of a pixel's distribution over all levels is the answer: the likeliest, as in
         the thesis, or its median. By default what the weights were made for.
+    median_window : int
+        Side of the square window over which the answer's median is taken, in pixels, odd; 1 leaves
+        the answer as it is, as the thesis does. A network looks at less than most surfaces are
+        large: in real captures a wide window helps.
 
     Raises
     ------
     MethodError
-        Where the weights are absent, damaged, or of another architecture.
+        Where the weights are absent, damaged, or of another architecture, or the window is even.
 
     Examples
     --------

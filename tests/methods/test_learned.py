@@ -12,6 +12,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.datasets.store import Store
+from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.networks.weights import build_network, load_weights, save_weights
@@ -70,6 +71,24 @@ def test_weights_are_read_out_as_they_were_made_for(weights: Path, tmp_path: Pat
     assert not np.array_equal(mode, median)
     assert np.array_equal(levels(weights, readout="median"), median)
     assert np.array_equal(levels(other, readout="mode"), mode)
+
+
+def test_the_median_over_a_window_is_taken_of_the_answer(weights: Path) -> None:
+    random = np.random.default_rng(4)
+    pair = random.integers(0, 256, (2, 24, 30, 3)).astype(np.uint8)
+
+    def levels(**parameters: Any) -> Any:
+        return load("dfd-net", weights=str(weights), device="cpu", **parameters)(*pair)
+
+    plain, smooth = levels(), levels(median_window=5)
+    assert np.array_equal(levels(median_window=1), plain)
+    assert smooth[10, 10] == np.median(plain[8:13, 8:13])
+    assert smooth.std() < plain.std()
+    # Of an image smaller than the window, its edge is repeated.
+    assert levels(median_window=61).shape == plain.shape
+    for wrong in (0, 4, 257, 2.5, True):
+        with pytest.raises(MethodError, match="median_window"):
+            levels(median_window=wrong)
 
 
 def test_falling_back_to_tiles_is_said(
