@@ -9,10 +9,10 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.cli.screen import say, spell_out_what_cannot_be_shown
+from dfdbench.cli.screen import end_unread, say, spell_out_what_cannot_be_shown
 from dfdbench.cli.verbs import LazyGroup
 from dfdbench.errors import DfdbenchError, Problem, reason_of
-from dfdbench.system.variables import require_thread_counts
+from dfdbench.system.variables import require_sound_start
 from dfdbench.system.version import PACKAGE_VERSION
 
 __all__ = ["app", "main"]
@@ -46,7 +46,7 @@ def main() -> None:
     os.environ["MPLBACKEND"] = "agg"
     try:
         try:
-            require_thread_counts(os.environ)
+            require_sound_start(os.environ)
             app()
         finally:
             # Here and not at the interpreter's end, where a full disk can no longer be told.
@@ -62,9 +62,7 @@ def main() -> None:
         say(f"error: {Problem('a name that is not UTF-8', got=got, fix='rename it')}")
         sys.exit(2)
     except BrokenPipeError:
-        # The reader of a pipe (head, say) has enough: that is no mistake.
-        sys.stderr.close()
-        os._exit(0)
+        end_unread()
     except OSError as error:
         problem = _of_the_system(error)
         if problem is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -9,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import typer
 from rich.console import Console
@@ -63,6 +64,13 @@ def say_stopped(stopped: KeyboardInterrupt, resumed: str = "") -> None:
     none, it is as `resumed` has it.
     """
     say("; ".join(("stopped", *(getattr(stopped, "__notes__", ()) or [resumed] * bool(resumed)))))
+
+
+def end_unread() -> NoReturn:
+    """End the command where the reader of a pipe, head for example, has enough: no mistake."""
+    # Nothing more may be written, not even what Python would say of that as it ends.
+    sys.stderr.close()
+    os._exit(0)
 
 
 class _Console(Console):

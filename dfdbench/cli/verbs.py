@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from dfdbench.cli.screen import GOES_ON, INTERRUPTED, say_stopped
+from dfdbench.cli.screen import GOES_ON, INTERRUPTED, end_unread, say_stopped
 
 
 @dataclass(frozen=True)
@@ -200,9 +200,14 @@ class LazyGroup(TyperGroup):
             raise typer.Exit(INTERRUPTED) from None
 
     def invoke(self, ctx: Any) -> Any:
-        """Call the verb; Ctrl-C anywhere in it is told, and ends the command with status 130."""
+        """Call the verb; Ctrl-C anywhere in it is told, and ends the command with status 130.
+
+        A reader of a pipe that has enough, head for example, ends it with status 0.
+        """
         try:
             return super().invoke(ctx)
+        except BrokenPipeError:
+            end_unread()
         except KeyboardInterrupt as stopped:
             verb = VERBS.get(ctx.invoked_subcommand)
             say_stopped(stopped, GOES_ON if verb and verb.goes_on else "")

@@ -12,6 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.results.record import DatasetRecord
 from dfdbench.system.files import read_whole
+from dfdbench.system.record import problems_of
 
 T = TypeVar("T")
 #: The leaderboard's folder in a clone.
@@ -200,4 +201,5 @@ def _read(path: Path, kind: TypeAdapter[dict[str, T]]) -> dict[str, T]:
     try:
         return kind.validate_json(content, strict=True)
     except ValidationError as error:
-        raise ResultError(what="cannot read the list", where=str(path), got=str(error)) from error
+        problems = problems_of(error, "cannot read the list", file=path, fix=f"git restore {path}")
+        raise ResultError.of(problems) from error

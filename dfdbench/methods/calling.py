@@ -121,6 +121,9 @@ def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float
             "returned a depth map and numbers; expected the depth map alone: "
             "keep numbers in the method's attribute `numbers`, from which a result takes them"
         )
+    if isinstance(returned, np.ma.MaskedArray) and np.ma.is_masked(returned):
+        count = np.count_nonzero(returned.mask)
+        return None, f"returned an array with {count} masked pixels; expected a level for each"
     try:
         array = np.asarray(returned)
     except (Exception, SystemExit) as error:

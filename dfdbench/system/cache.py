@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,14 +44,30 @@ class CacheEntry:
 def cache_folder(folder: Path | None = None) -> Path:
     """Return a folder if one is given, else ``DFDBENCH_CACHE``, else the platform's cache folder.
 
+    ``~`` stands for the home folder, also where no shell saw it.
+
+    Raises
+    ------
+    InputError
+        Where it is an address: what is fetched and built lies on this machine first.
+
     Examples
     --------
     >>> cache_folder(Path("mine")) == Path("mine")
     True
     """
-    return folder or Path(
-        os.environ.get("DFDBENCH_CACHE") or platformdirs.user_cache_dir("dfdbench")
-    )
+    named = os.environ.get("DFDBENCH_CACHE") or platformdirs.user_cache_dir("dfdbench")
+    found = folder or Path(os.path.expanduser(named))
+    # A Path has one of an address's two slashes left.
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(found)):
+        raise InputError(
+            "the cache is no folder of this machine",
+            where="--cache" if folder else "DFDBENCH_CACHE",
+            expected="a folder",
+            got=str(folder or named),
+            fix="`dfdbench build NAME --store URL` builds a store elsewhere",
+        )
+    return found
 
 
 def cache_entries(folder: Path) -> tuple[CacheEntry, ...]:

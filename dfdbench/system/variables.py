@@ -1,4 +1,4 @@
-"""Environment variables that libraries read as they are imported: checked before they do."""
+"""What was set before Python began and breaks libraries: told before they are imported."""
 
 from __future__ import annotations
 
@@ -8,22 +8,37 @@ from collections.abc import Mapping
 from dfdbench.errors import InputError, Problem
 
 _COUNT = r"[1-9]\d{0,5}"
-#: What numba takes; OpenMP takes a count for each depth of nesting, with commas.
-_FORMS = {"NUMBA_NUM_THREADS": _COUNT, "OMP_NUM_THREADS": rf"{_COUNT}(,{_COUNT})*"}
+_THREADS = "a number of threads, 1 or more"
+#: What a variable has to look like, and how that is told.
+_FORMS = {
+    "NUMBA_NUM_THREADS": (_COUNT, _THREADS),
+    # OpenMP takes a count for each depth of nesting.
+    "OMP_NUM_THREADS": (rf"{_COUNT}(,{_COUNT})*", _THREADS),
+    # Compilers date what they write by it, seconds since 1970.
+    "SOURCE_DATE_EPOCH": (r"\d{1,11}", "a number of seconds"),
+}
 
 
-def require_thread_counts(environment: Mapping[str, str]) -> None:
-    """Do nothing where the numbers of threads in an environment are such.
+def require_sound_start(environment: Mapping[str, str], assertions: bool = __debug__) -> None:
+    """Do nothing where libraries can work with what an environment sets.
+
+    Parameters
+    ----------
+    environment : mapping of str
+        The environment's variables.
+    assertions : bool, optional
+        Whether Python was started with assertions; default: whether this one was.
 
     Raises
     ------
     InputError
-        Naming each variable that is none.
+        Naming each variable that no library could read, and a Python without assertions: zarr
+        reads a store's groups inside of one.
 
     Examples
     --------
-    >>> require_thread_counts({"OMP_NUM_THREADS": "4"})
-    >>> require_thread_counts({"OMP_NUM_THREADS": "0"})
+    >>> require_sound_start({"OMP_NUM_THREADS": "4"}, assertions=True)
+    >>> require_sound_start({"OMP_NUM_THREADS": "0"}, assertions=True)
     Traceback (most recent call last):
     dfdbench.errors.InputError: wrong environment variable
       where     OMP_NUM_THREADS
@@ -35,12 +50,21 @@ def require_thread_counts(environment: Mapping[str, str]) -> None:
         Problem(
             "wrong environment variable",
             where=name,
-            expected="a number of threads, 1 or more",
+            expected=expected,
             got=environment[name][:80],
             fix=f"unset {name}",
         )
-        for name, form in _FORMS.items()
+        for name, (form, expected) in _FORMS.items()
         if environment.get(name) and not re.fullmatch(form, environment[name].strip())
     ]
+    if not assertions:
+        problems.append(
+            Problem(
+                "Python was started without assertions, and zarr cannot do without",
+                where="PYTHONOPTIMIZE, or python -O",
+                expected="a Python as it starts by itself",
+                fix="unset PYTHONOPTIMIZE",
+            )
+        )
     if problems:
         raise InputError.of(problems)

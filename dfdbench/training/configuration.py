@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.errors import InputError, Problem
@@ -137,6 +137,15 @@ class TrainingConfiguration(Record):
     readout: Readout = "mode"
     evaluate_every: Count = 2500
     evaluate_pairs: Count = 6
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_switch(cls, value: Any, info: ValidationInfo) -> Any:
+        # Python takes true for 1.
+        default = cls.model_fields[str(info.field_name)].default
+        if isinstance(value, bool) and not isinstance(default, bool):
+            raise ValueError("a number or a name, not true or false")
+        return value
 
     @model_validator(mode="after")
     def _fits(self) -> TrainingConfiguration:

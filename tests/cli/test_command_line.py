@@ -46,6 +46,12 @@ def test_a_closed_pipe_is_no_mistake() -> None:
     assert outcome.stderr == ""
 
 
+def test_a_pipe_that_nobody_reads_ends_a_command_with_status_0() -> None:
+    command = f"({sys.executable} -m dfdbench info demo; echo $? >&2) | true"
+    outcome = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    assert outcome.stderr == "0\n"
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_full_disk_is_told() -> None:
     command = f"{sys.executable} -m dfdbench list > /dev/full"

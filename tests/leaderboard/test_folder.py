@@ -97,4 +97,5 @@ def test_a_list_that_cannot_be_read_is_told(tmp_path: Path, content: str) -> Non
     (tmp_path / FINGERPRINTS).write_text(content)
     with pytest.raises(ResultError, match="cannot read the list") as caught:
         known_fingerprints(tmp_path)
-    assert caught.value.problems[0].where == str(tmp_path / FINGERPRINTS)
+    assert caught.value.problems[0].where.startswith(str(tmp_path / FINGERPRINTS))
+    assert "pydantic" not in str(caught.value)

@@ -28,6 +28,7 @@ def raising(*_: object) -> None:
         (np.zeros((4, 6), complex), "complex128"),
         (np.zeros((4, 6), bool), "bool"),
         ([[1, 2], [3]], "no array"),
+        (np.ma.masked_less(np.arange(24).reshape(4, 6), 3), "3 masked pixels"),
     ],
 )
 def test_a_bad_answer_is_said_not_scored(answer: object, told: str) -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.errors import InputError
 from dfdbench.system.cache import cache_entries, cache_folder, remove_entries
 
 
@@ -11,8 +12,22 @@ def test_where_the_cache_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "named"))
     assert cache_folder() == tmp_path / "named"
     assert cache_folder(tmp_path / "given") == tmp_path / "given"
+    # No shell has seen what a file of variables or a container says.
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("DFDBENCH_CACHE", "~/cache")
+    assert cache_folder() == tmp_path / "cache"
     monkeypatch.delenv("DFDBENCH_CACHE")
     assert "dfdbench" in str(cache_folder())
+
+
+@pytest.mark.parametrize("address", ["s3://bucket/cache", "file:///tmp/cache"])
+def test_an_address_is_no_cache(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
+    with pytest.raises(InputError, match="--cache"):
+        cache_folder(Path(address))
+    monkeypatch.setenv("DFDBENCH_CACHE", address)
+    with pytest.raises(InputError, match="DFDBENCH_CACHE") as told:
+        cache_folder()
+    assert told.value.problems[0].got == address
 
 
 def test_what_is_in_it_and_removal(tmp_path: Path) -> None:

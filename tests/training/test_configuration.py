@@ -36,6 +36,13 @@ def test_the_captures_are_trained_with_more_patience_and_nothing_else() -> None:
     assert read_configuration("published-realworld") == changed
 
 
+@pytest.mark.parametrize("name", ["steps", "crop", "noise", "filters", "sampling_size"])
+def test_a_switch_is_no_number(name: str) -> None:
+    with pytest.raises(InputError, match=f"{name}(.|\\n)*not true or false"):
+        read_configuration("published", {name: True})
+    assert read_configuration("published", {"redraw_depth": True}).redraw_depth
+
+
 def test_unet_refuses_what_only_dfd_net_has() -> None:
     choices = TrainingConfiguration(sampling_size=3, first_activation="sigmoid", filters="F-02-02")
     with pytest.raises(InputError) as caught:

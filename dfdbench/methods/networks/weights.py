@@ -118,7 +118,10 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
         return shipped[str(weights)]
     path = Path(weights)
     if not path.is_file():
-        raise MethodError("no such weights", where=str(weights), fix=fix)
+        there = "something that is no regular file" if path.exists() else "nothing of that name"
+        raise MethodError(
+            "no such weights", where=str(weights), expected="a file", got=there, fix=fix
+        )
     return path
 
 
@@ -148,6 +151,7 @@ def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
         raise MethodError(
             "the model card's architecture cannot be built",
             where=str(path),
+            expected="what dfdbench train writes there",
             got=str(error).partition("\n")[0][:200],
             fix=_OTHER_VERSION,
         ) from error

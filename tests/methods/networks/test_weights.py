@@ -110,8 +110,10 @@ def test_no_weights_says_how_to_come_by_some(tmp_path: Path) -> None:
     with pytest.raises(MethodError, match="dfdbench train dfd-net") as caught:
         load("dfd-net")
     assert "--param weights=demo" in str(caught.value)
-    with pytest.raises(MethodError, match="no such weights"):
+    with pytest.raises(MethodError, match="nothing of that name"):
         load("u-net", weights=str(tmp_path / "nowhere.safetensors"))
+    with pytest.raises(MethodError, match="no regular file"):
+        load("u-net", weights=str(tmp_path))
 
 
 @pytest.mark.parametrize(
