@@ -11,11 +11,11 @@ from pathlib import Path
 from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import ResultError
+from dfdbench.leaderboard.entry_problems import entry_problems
 from dfdbench.leaderboard.folder import require_leaderboard, result_files
 from dfdbench.leaderboard.ranks import order_of, tied_ranks
 from dfdbench.leaderboard.submission import TIME_FORMAT, load_submission
 from dfdbench.leaderboard.tracks_submission import is_tracks_file
-from dfdbench.leaderboard.verification import entry_problems
 from dfdbench.leaderboard.verification_file import (
     SUFFIX,
     Reproduction,

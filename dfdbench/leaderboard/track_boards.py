@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.errors import ResultError
+from dfdbench.leaderboard.entry_problems import entry_problems
 from dfdbench.leaderboard.folder import require_leaderboard, result_files
 from dfdbench.leaderboard.ranks import order_of, tied_ranks
 from dfdbench.leaderboard.tracks_submission import (
@@ -16,7 +17,6 @@ from dfdbench.leaderboard.tracks_submission import (
     load_tracks,
     tracks_label,
 )
-from dfdbench.leaderboard.verification import entry_problems
 from dfdbench.leaderboard.verification_file import (
     SUFFIX,
     Reproduction,

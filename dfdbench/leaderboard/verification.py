@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
 from dfdbench.datasets.store import Store
@@ -10,13 +10,14 @@ from dfdbench.errors import InputError, Problem, ResultError, unknown_name
 from dfdbench.evaluation.fitting import fit_method
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
-from dfdbench.evaluation.result import trained_on_of, without_folder
+from dfdbench.evaluation.result import trained_on_of
 from dfdbench.leaderboard.claimed_method import (
     ClaimedMethod,
     claimed_method,
     other_claims,
     parameters_to_run,
 )
+from dfdbench.leaderboard.entry_problems import entry_problems
 from dfdbench.leaderboard.verification_file import (
     SCORE_TOLERANCE,
     VerifiedSample,
@@ -24,11 +25,10 @@ from dfdbench.leaderboard.verification_file import (
     sample,
     tracks_sample,
 )
-from dfdbench.methods.registry import built_in_methods, registered_methods
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import RELEASED, Protocol
 from dfdbench.results.folder import require_pairs_of
-from dfdbench.results.record import MethodRecord, PairResult, Result
+from dfdbench.results.record import PairResult, Result
 
 
 def claim_of(result: Result, path: Path) -> ClaimedMethod:
@@ -241,40 +241,6 @@ def _protocols_of(result: Result, path: Path) -> list[Protocol]:
     if unknown:
         raise unknown_name(f"protocol of {path}", unknown[0], RELEASED)
     return [RELEASED[label] for label in result.protocol_names]
-
-
-def entry_problems(method: MethodRecord, path: Path) -> list[Problem]:
-    """Return what is wrong where a result's method is not found by its name.
-
-    The name is what runs, the entry what a reader takes for its origin: they must be one. A
-    name that is not registered here is another package's, of which nothing is known. Depth maps
-    made elsewhere have no entry; their title keeps them apart from a method of the same name.
-    """
-    if method.scored:
-        return []
-    entry = method.name if ":" in method.name else registered_methods().get(method.name)
-    if entry is None or without_folder(entry) == method.entry:
-        return list(_without_hash(method, path))
-    return [
-        Problem(
-            "the method's name leads to another entry",
-            where=f"{path}: method.entry",
-            expected=without_folder(entry),
-            got=method.entry,
-            fix="submit the run again with this version",
-        )
-    ]
-
-
-def _without_hash(method: MethodRecord, path: Path) -> Iterator[Problem]:
-    if method.entry in built_in_methods().values() and method.source_sha256 is None:
-        yield Problem(
-            "the hash of the method's source is lacking",
-            where=f"{path}: method.source_sha256",
-            expected="64 hexadecimal digits: a built-in method has a source",
-            got="null",
-            fix="submit the run again with this version",
-        )
 
 
 def _difference(claim: PairResult, rerun: PairResult) -> float | None:

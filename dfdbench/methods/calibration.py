@@ -21,7 +21,7 @@ from dfdbench.errors import MethodError
 from dfdbench.methods.calibration_parts import KERNEL_SIZE, Part, Sample, Way, parts_of
 from dfdbench.methods.fit import Learned, TrainingPair
 from dfdbench.methods.light import grey_of, rounding_at
-from dfdbench.methods.width_curve import LADDER, best_widths, left_at, width_curve
+from dfdbench.methods.width_curve import LADDER, best_widths, held_at_ends, left_at, width_curve
 
 Array = NDArray[Any]
 
@@ -102,8 +102,9 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     same, is a curve over the width, and its least value tells the width. What noise of the
     in-focus image adds, which blur lessens, is taken off. The widths of all levels are smoothed by
     a curve of least bending (Whittaker), each weighted by how sharp its minimum is, so that levels
-    that training lacks lie on the curve through their neighbours. Of the shapes, and of blur in
-    grey levels or in linear light, that with the least difference is taken.
+    that training lacks lie on the curve through their neighbours; beyond all that it shows they
+    have no width of others (`held_at_ends`). Of the shapes, and of blur in grey levels or in linear
+    light, that with the least difference is taken.
     """
     if not len(pairs):
         raise MethodError("no pair to calibrate with", expected="one training pair or more")
@@ -123,6 +124,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     _, noise = _residuals(samples[:: len(parts) // len(few)], way, rough)
     sums, pixels = _sums(samples, way, noise)
     sigmas, infocus_noise = _cleared_curve(sums, pixels, way)
+    sigmas = held_at_ends(sigmas, pixels)
     residual, noise = _residuals(samples, way, sigmas)
     # What is left holds what came with the in-focus image: see `BlurLaw.noise`.
     shares = np.interp(sigmas, LADDER, _shares(way))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.point_spread import point_spread_functions
-from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.methods.alignment import Alignment, find_alignment
 from dfdbench.methods.fit import TrainingPair
 from dfdbench.methods.law_cost import blur
@@ -28,6 +28,12 @@ _WINDOW = 11
 _SPAN = 10
 # The defocus image may be cut off above.
 _BRIGHT = 253
+# Texture is what blurs of two widths, in pixels, differ by, so many grey levels or more.
+_NARROW, _WIDE = 1.0, 3.0
+_LEAST_TEXTURE = 1.0
+# A level with less texture, as a part of its pixels, does not count; few pixels mislead nobody.
+_TEXTURED = 0.1
+_MANY_PIXELS = 200
 
 
 @dataclass(frozen=True)
@@ -97,13 +103,30 @@ class Sample:
 def parts_of(pairs: Sequence[TrainingPair]) -> list[Part]:
     """Return a part of each of some pairs, evenly among all; the same ones each time.
 
+    Of a depth level that is seen on bare surfaces alone no pixel counts: how grey levels happen to
+    be rounded there looks like a width, the same one in every pixel.
+
     Parameters
     ----------
     pairs : sequence of TrainingPair
         One or more.
     """
     places = np.unique(np.linspace(0, len(pairs) - 1, min(_PAIRS, len(pairs))).round().astype(int))
-    return [_part(pairs[int(place)], number) for number, place in enumerate(places)]
+    parts = [_part(pairs[int(place)], number) for number, place in enumerate(places)]
+    bare = _bare_levels(parts)
+    return [replace(part, counts=part.counts & ~bare[part.depth]) for part in parts]
+
+
+def _bare_levels(parts: Sequence[Part]) -> NDArray[np.bool_]:
+    """Return of which depth levels many pixels are seen, and hardly one with texture: (level,)."""
+    pixels, textured = np.zeros(LEVELS), np.zeros(LEVELS)
+    for part in parts:
+        grey = part.infocus[..., 0].astype(np.float32)
+        narrow, wide = (cv2.GaussianBlur(grey, (0, 0), sigma) for sigma in (_NARROW, _WIDE))
+        texture = np.abs(narrow - wide) >= _LEAST_TEXTURE
+        pixels += np.bincount(part.depth[part.counts], minlength=LEVELS)
+        textured += np.bincount(part.depth[part.counts & texture], minlength=LEVELS)
+    return np.asarray((pixels >= _MANY_PIXELS) & (textured < _TEXTURED * pixels))
 
 
 def _part(pair: TrainingPair, number: int) -> Part:

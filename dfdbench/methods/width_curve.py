@@ -78,6 +78,35 @@ def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
     return np.clip(sigmas, LADDER[0], LADDER[-1])
 
 
+def held_at_ends(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
+    """Return a curve of widths whose ends, which no pixel shows, come back to no other's width.
+
+    Beyond the levels that training shows a smooth curve goes on as it ended. Where that leads back
+    among the widths of other levels, two depths would look alike: the last width shown is kept.
+
+    Parameters
+    ----------
+    sigmas : ndarray of float, shape (level,)
+        Standard deviations in pixels.
+    pixels : ndarray of int, shape (level,)
+        How many pixels show each level; some level is shown.
+
+    Examples
+    --------
+    >>> held_at_ends(np.array([2.0, 2.5, 3.0, 2.0, 1.0, 0.5]), np.array([0, 0, 9, 9, 9, 0]))
+    array([3. , 3. , 3. , 2. , 1. , 0.5])
+    """
+    shown = np.flatnonzero(pixels)
+    first, last = int(shown[0]), int(shown[-1])
+    inside = sigmas[first : last + 1]
+    held = np.asarray(sigmas, np.float64).copy()
+    for end, beyond in ((first, slice(0, first)), (last, slice(last + 1, None))):
+        outside = held[beyond]
+        if ((outside >= inside.min()) & (outside <= inside.max())).any():
+            outside[:] = held[end]
+    return held
+
+
 def left_at(sums: Array, sigmas: Array) -> NDArray[np.float64]:
     """Return the squared differences by depth level at one width each.
 

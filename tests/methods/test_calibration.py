@@ -138,6 +138,19 @@ def test_pairs_that_show_nothing_are_refused(made: Sequence[MadePair]) -> None:
         calibrate(made)
 
 
+def test_a_bare_surface_does_not_bend_the_curve_at_its_end() -> None:
+    law = BlurLaw(tuple(RISING.tolist()))
+    seen = [MadePair(p.infocus, p.defocus, p.depth, p.depth > 40) for p in pairs(law, count=3)]
+    # Nearly flat: of what little there is, rounding leaves a pattern that fits another width.
+    noise = np.random.default_rng(0).normal(size=(160, 200, 3))
+    bare = np.rint(100.3 + 0.7 * cv2.GaussianBlur(noise, (0, 0), 1)).astype(np.uint8)
+    depth = np.full(bare.shape[:2], 20, np.uint8)
+    blurred = blur_by_level(bare.astype(np.float64), depth.astype(np.int64), law.kernels())
+    seen.append(MadePair(bare, np.rint(blurred).astype(np.uint8), depth, depth > 0))
+    found = calibrate(seen).law.sigmas
+    assert np.abs(np.array(found) - RISING)[:60].max() < 0.1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["local", "graph-cuts", "graph-cuts-rounded"])
 def test_a_method_that_is_fitted_finds_depth_where_no_line_would(name: str) -> None:

@@ -53,3 +53,17 @@ def test_the_width_that_blurred_a_plane_leaves_least() -> None:
     left = [float(np.square(trial - sample.aim).mean()) for trial in sample.trials(Way())]
     # As published: 0.32 + 0.01125 pixels a level, farther is blurred more.
     assert abs(LADDER[int(np.argmin(left))] - (0.32 + 0.01125 * 155)) < 0.12
+
+
+def test_a_level_seen_on_bare_surfaces_alone_does_not_count() -> None:
+    made = plane(100, 3, 96, 96)
+    # Of what is left of the texture rounding keeps a grey level here and there.
+    bare = np.rint(120 + (made.infocus - 120.0) / 100).astype(np.uint8)
+    hidden = pair_of(bare, np.full(bare.shape[:2], 20, np.uint8))
+    textured, flat = parts_of([made, hidden])
+    assert np.unique(flat.infocus).size > 1
+    assert textured.counts.sum() == (96 - 2 * (KERNEL_SIZE // 2)) ** 2
+    assert not flat.counts.any()
+    # The same surface counts where others at its depth have texture.
+    seen = plane(20, 4, 96, 96)
+    assert [part.counts.any() for part in parts_of([made, hidden, seen])] == [True, True, True]

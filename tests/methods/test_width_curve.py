@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
-from dfdbench.methods.width_curve import LADDER, best_widths, left_at, smooth_curve, width_curve
+from dfdbench.methods.width_curve import (
+    LADDER,
+    best_widths,
+    held_at_ends,
+    left_at,
+    smooth_curve,
+    width_curve,
+)
 
 LEVEL = np.arange(LEVELS)
 LINE = 0.4 + 0.01 * LEVEL
@@ -63,3 +70,18 @@ def test_where_every_width_leaves_as_much_nothing_is_made_up() -> None:
         width_curve(np.full((LEVELS, LADDER.size), 100.0), PIXELS)
     with pytest.raises(MethodError, match="0 pixels"):
         width_curve(np.zeros((LEVELS, LADDER.size)), np.zeros(LEVELS, int))
+
+
+def test_ends_that_nobody_saw_do_not_come_back_to_the_widths_of_others() -> None:
+    pixels = np.where((LEVEL >= 40) & (LEVEL <= 200), 9, 0)
+    # What goes on beyond all that was seen is left alone.
+    assert_allclose(held_at_ends(LINE, pixels), LINE)
+    bent = LINE.copy()
+    bent[:60] = LINE[60] + (LINE[60] - LINE[:60])
+    held = held_at_ends(bent, pixels)
+    assert_allclose(held[40:], bent[40:])
+    assert_allclose(held[:40], bent[40])
+    # A lens that focuses inside the range, seen on one side of the focus more than on the other.
+    held = held_at_ends(VALLEY, pixels)
+    assert_allclose(held[200:], VALLEY[200])
+    assert_allclose(held[:201], VALLEY[:201])
