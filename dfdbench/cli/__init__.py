@@ -12,6 +12,7 @@ import typer
 from dfdbench.cli.screen import end_unread, say, spell_out_what_cannot_be_shown
 from dfdbench.cli.verbs import LazyGroup
 from dfdbench.errors import DfdbenchError, Problem, reason_of
+from dfdbench.system.abandoned import keep_quiet_of_abandoned_tasks
 from dfdbench.system.variables import require_sound_start
 from dfdbench.system.version import PACKAGE_VERSION
 
@@ -42,6 +43,7 @@ def version_option(
 def main() -> None:
     """Run the command line; a user's mistake ends with a message and status 2."""
     spell_out_what_cannot_be_shown()
+    keep_quiet_of_abandoned_tasks()
     # Figures go into files: no variable names a screen for them.
     os.environ["MPLBACKEND"] = "agg"
     try:

@@ -15,6 +15,7 @@ from multiprocessing.connection import wait
 from typing import Any, Generic, Protocol, TypeVar
 
 from dfdbench.errors import InputError
+from dfdbench.system.abandoned import keep_quiet_of_abandoned_tasks
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
@@ -105,7 +106,7 @@ class Processes:
         """Return what a function gives for each item; see `Pool`."""
         # Forking a process that has threads (numba's, zarr's) can hang: start afresh.
         pool = ProcessPoolExecutor(
-            self.workers, mp_context=get_context("spawn"), initializer=_end_with_parent
+            self.workers, mp_context=get_context("spawn"), initializer=_begin_worker
         )
         return _compute(pool, function, items, _Listener(items, on_outcome, on_done))
 
@@ -153,6 +154,11 @@ class Cluster:
                 if client.status == "running":
                     client.cancel(futures)
         return [outcomes[number] for number in range(len(items))]
+
+
+def _begin_worker() -> None:
+    keep_quiet_of_abandoned_tasks()
+    _end_with_parent()
 
 
 def _end_with_parent() -> None:
