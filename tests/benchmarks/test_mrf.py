@@ -6,6 +6,8 @@ the ratios, which are of CPU time. Nothing here asserts a time.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -111,6 +113,34 @@ def test_method_against_blurring_whole(benchmark: Any, scene: Any, method: Any) 
     benchmark.extra_info["of the blur"] = sorted(ratios)[1]
     benchmark.pedantic(method, (infocus, defocus), rounds=1)
     print(f"\n{type(method).__name__}: {sorted(ratios)[1]:.2f} of 256 filterings of the image")
+
+
+# One method in a process of its own, so that nothing but it counts.
+_PEAK = """
+import resource, sys
+import numpy as np
+from dfdbench.blur import synthesize
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.methods.registry import load
+rng = np.random.default_rng(0)
+infocus = np.kron(rng.integers(0, 256, (37, 47, 3)), np.ones((10, 10, 1))).astype(np.uint8)[:, :465]
+depth = np.tile(np.linspace(60, 250, 465).astype(np.uint8), (370, 1))
+method = load(sys.argv[1], recipe=RECIPES["published"])
+method(infocus, synthesize(infocus, depth, RECIPES["published"]))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+@pytest.mark.parametrize("method", ["graph-cuts", "graph-cuts-rounded"])
+def test_peak_memory(benchmark: Any, method: str) -> None:
+    """Measure what a process holds at most that solves an image of Middlebury's largest size."""
+    pytest.importorskip("resource", reason="no peak memory is told here")
+    command = [sys.executable, "-c", _PEAK, method]
+    run = partial(subprocess.run, command, capture_output=True, text=True, check=True)
+    peak = float(benchmark.pedantic(run, rounds=1).stdout)
+    benchmark.extra_info["peak, MB"] = peak
+    print(f"\n{method}: at most {peak:.0f} MB")
+    assert peak < 450
 
 
 @pytest.mark.parametrize("quality", ["fast", "default", "high"])
