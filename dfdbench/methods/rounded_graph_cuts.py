@@ -85,8 +85,8 @@ class RoundedGraphCuts(Calibrated):
         blur = self.blur
         if isinstance(blur, BlurLaw):
             unary = law_misfits(blurred_by(blur, infocus, defocus))
-            # There a fitted curve only goes on as it ended, maybe back to widths of other levels:
-            # free for the same pixels, they would win wherever that is smoother.
+            # Beyond the levels shown, a fitted curve has the widths of its ends: free for the same
+            # pixels as the end itself, those levels would win wherever that is smoother.
             shown = self._shown()
             unary[..., : shown.start] = unary[..., shown.stop :] = np.iinfo(np.uint16).max
             offset = costs_of_misfits(unary, infocus.shape[2], _UNIT, limit)
