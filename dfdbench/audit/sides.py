@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.audit.depth_histogram import DepthHistogram, Mask, depth_histogram
+from dfdbench.datasets.damage import scene_record
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.folds import require_fold, training_of
 from dfdbench.datasets.manifest import Manifest
@@ -101,14 +102,14 @@ def depth_maps(store: Store, scene: str) -> tuple[NDArray[np.uint8], Mask]:
     with store.reading(f"{scene}/depth or valid"):
         arrays = store.scene(scene)
         found = {name: np.asarray(arrays[name].values) for name in ("depth", "valid")}
-    recorded = arrays.attrs.get("array_digests", {})
+    recorded = scene_record(arrays.attrs, f"{store.path}, {scene}").array_digests
     for name, values in found.items():
         digest = array_digest(name, tuple(map(str, arrays[name].dims)), values)
         if digest != recorded.get(name):
             raise StoreError(
                 "the store is damaged: an array holds other values than were built",
                 where=f"{store.path}, {scene}/{name}",
-                expected=str(recorded.get(name)),
+                expected=recorded.get(name, "no such array"),
                 got=digest,
                 fix=f"dfdbench verify {store.path} tells all that is damaged",
             )

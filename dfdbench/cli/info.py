@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,6 +22,9 @@ from dfdbench.tables.wording import counted
 
 if TYPE_CHECKING:
     from dfdbench.datasets.store import Store
+
+# Of what a source found out about a scene, so much is shown.
+_LONGEST = 100
 
 
 def info(
@@ -104,29 +108,41 @@ def _show_store(store: Store) -> None:
 
 
 def _show_scenes(store: Store) -> None:
+    from dfdbench.datasets.damage import scene_record
+
     rows = []
-    told: list[tuple[str, dict[str, float]]] = []
+    placed: list[tuple[str, dict[str, float]]] = []
+    others: list[tuple[str, str, str]] = []
     for scene in store.scenes:
-        found = store.scene(scene).attrs
-        told += found.get("found", {}).items()
-        rows_, columns = store.shape_of(scene)
+        record = scene_record(store.scene(scene).attrs, f"{store.path}, {scene}")
+        for name, value in record.found.items():
+            # Other packages' sources may keep whatever fits into JSON.
+            if _places(value) and (not placed or value.keys() == placed[0][1].keys()):
+                placed.append((name, value))
+            else:
+                text = json.dumps(value, ensure_ascii=False)
+                others.append((scene, name, f"{text[:_LONGEST]}…" if text[_LONGEST:] else text))
+        size = " × ".join(map(str, store.shape_of(scene)))
         pairs = str(len(store.pairs(scene)))
-        rows.append(
-            (
-                scene,
-                f"{rows_} × {columns}",
-                pairs,
-                found["source_sha256"][:16],
-                found["digest"][:16],
-            )
-        )
+        rows.append((scene, size, pairs, record.source_sha256[:16], record.digest[:16]))
     heading = ("scene", "y × x", "pairs", "made from", "digest")
     print_table(Table("scenes", heading, tuple(rows), "lrrll"))
-    if told:
-        names = tuple(told[0][1])
-        matched = tuple((pair, *(f"{found[name]:g}" for name in names)) for pair, found in told)
+    if placed:
+        names = tuple(placed[0][1])
+        matched = tuple((pair, *(f"{value[name]:g}" for name in names)) for pair, value in placed)
         title = "what lays one image on the other"
         print_table(Table(title, ("pair", *names), matched, "l" + "r" * len(names)))
+    if others:
+        columns = ("scene", "what", "value")
+        print_table(Table("what the source found out", columns, tuple(others), "lll"))
+
+
+def _places(value: object) -> bool:
+    return (
+        isinstance(value, dict)
+        and bool(value)
+        and all(isinstance(number, float) for number in value.values())
+    )
 
 
 def _recipe_text(manifest: Manifest) -> str:

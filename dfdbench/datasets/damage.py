@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import zarr
@@ -46,6 +46,47 @@ class _Attributes(BaseModel):
     recipe: _Recipe
     options: dict[str, Any]
     missing_pairs: list[str] = Field(default_factory=list)
+
+
+_Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class SceneRecord(BaseModel):
+    """What a store says of one scene.
+
+    Attributes
+    ----------
+    array_digests : dict
+        The digest of each array, by its name.
+    source_sha256 : str
+        What its source says of the files that it was made from.
+    digest : str
+        Of the array digests together.
+    found : dict
+        What its source found out about it.
+    """
+
+    array_digests: dict[str, _Digest]
+    source_sha256: str
+    digest: _Digest
+    found: dict[str, Any] = Field(default_factory=dict)
+
+
+def scene_record(attributes: Mapping[Any, Any], where: str) -> SceneRecord:
+    """Return a scene's attributes as a build writes them.
+
+    Raises
+    ------
+    StoreError
+        With every field that is absent or wrong.
+    """
+    try:
+        return SceneRecord.model_validate(attributes)
+    except ValidationError as error:
+        fix = "`dfdbench build` writes the scene again"
+        raise StoreError.of(
+            problems_of(error, "a scene's record is damaged", file=where, fix=fix)
+        ) from error
 
 
 def check_attributes(attributes: Mapping[str, Any], where: str) -> None:

@@ -1,6 +1,7 @@
 import json
 from pathlib import Path
 
+from dfdbench.datasets.store import Store
 from tests.cli.command import Command
 
 
@@ -35,3 +36,24 @@ def test_info_prints_croissant_of_a_name_and_of_a_store(
     store = str(tmp_path / "tiny.zarr")
     dfdbench("build", tiny_toml, "--source", str(tiny_folder), "--store", store)
     assert json.loads(dfdbench("info", store, "--croissant").out)["name"] == "tiny-1"
+
+
+def test_info_shows_whatever_another_packages_source_found_out(
+    tiny_store: Store, dfdbench: Command
+) -> None:
+    about = Path(str(tiny_store.path)) / "One/zarr.json"
+    content = json.loads(about.read_text())
+    content["attributes"]["found"] = {
+        "view1": {"down": 0.5, "right": -1.25},
+        "view5": {"down": 0.5},
+        "lens": ["f/2.8", 10**400],
+        "note": "\u202e" + 300 * "a",
+    }
+    about.write_text(json.dumps(content))
+    shown = dfdbench("info", str(tiny_store.path)).out
+    assert "what lays one image on the other" in shown
+    assert "-1.25" in shown
+    assert "what the source found out" in shown
+    assert '["f/2.8", 1000' in shown
+    assert "\u202e" not in shown
+    assert "…" in shown

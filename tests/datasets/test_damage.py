@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from dfdbench.datasets.damage import scene_record
 from dfdbench.datasets.integrity import verify_store
 from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
@@ -67,3 +68,15 @@ def test_a_scene_that_cannot_be_opened_is_one_difference(tiny_store: Store) -> N
     found = verify_store(tiny_store)
     assert [item.scene for item in found.differences] == ["Two"]
     assert found.recomputed == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("array_digests", "\u202e"), ("digest", 3), ("source_sha256", None), ("found", [])],
+)
+def test_a_scene_record_of_another_kind_is_told_by_name(
+    tiny_store: Store, name: str, value: object
+) -> None:
+    path = damaged(tiny_store, "One", lambda content: content["attributes"].update({name: value}))
+    with pytest.raises(StoreError, match=rf"record is damaged[^:]*One: {name}"):
+        scene_record(Store(path).scene("One").attrs, f"{path}, One")
