@@ -140,8 +140,8 @@ def _try_all(worker: Worker, asked: argparse.Namespace) -> int:
             signature = signature_of(fault)
             known[signature] = known.get(signature, 0) + 1
             if known[signature] == 1:
-                kept = _keep(worker, request, signature, asked.keep)
-                print(f"\n{name}, number {request['number']}: {fault}\nkept as {kept}", flush=True)
+                print(f"\n{name}, number {request['number']}: {fault}", flush=True)
+                print(f"kept as {_keep(worker, request, signature, asked.keep)}", flush=True)
     _tell(names, counts, spent, known)
     return len(known)
 

@@ -125,6 +125,8 @@ def _repair(value: dict[str, Any]) -> None:
 
 
 def _lines_of_json(random: Random, content: bytes) -> bytes:
+    if content.startswith(b"{\n"):
+        return m.changed_json(random, content)
     lines = content.split(b"\n")
     number = random.randrange(len(lines))
     if lines[number].startswith(b"{") and random.random() < 0.8:
