@@ -11,6 +11,7 @@ from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
 from dfdbench.methods.calibrated import Calibrated
 from dfdbench.methods.law_cost import blurred_by, law_misfits
+from dfdbench.methods.path_costs import path_costs
 from dfdbench.methods.rounded_cost import costs_of_misfits, rounded_cost
 
 Image = NDArray[np.uint8]
@@ -18,6 +19,9 @@ Image = NDArray[np.uint8]
 # Integer costs of one nat (a factor e of probability), and of a level's difference between
 # neighbours.
 _UNIT = 4
+
+# Snaps and jumps that reach the energy of a sweep of expansions, in a third of its time.
+REPAIRS = ((-16, 128, 64, 32, 16, 8),)
 
 
 class RoundedGraphCuts(Calibrated):
@@ -47,8 +51,9 @@ class RoundedGraphCuts(Calibrated):
     Notes
     -----
     It lives on exact knowledge of the blur and on the absence of noise, and says little about
-    photographs: docs/graph_cuts.md. Minimised by one sweep of alpha-expansion, which for this
-    prior comes within half a percent of convergence.
+    photographs: docs/graph_cuts.md. Minimised from the best labels along rows and columns
+    (`path_costs`) by two dozen cuts that move many labels at once (`mrf.repair`); where some pixel
+    has no free label, by a sweep of alpha-expansion, since lines through noise lead astray.
 
     Examples
     --------
@@ -93,8 +98,13 @@ class RoundedGraphCuts(Calibrated):
         else:
             unary, offset = rounded_cost(infocus, defocus, blur.kernels(), _UNIT, limit)
         energy = mrf.Energy(unary, self._smoothness, offset=offset)
-        # The cheapest labels start, so that no pixel ever has a forbidden one.
-        labels = mrf.expansion(energy, unary.argmin(axis=2), max_sweeps=1).labels
+        if offset > 0:
+            labels = mrf.expansion(energy, unary.argmin(axis=2), max_sweeps=1).labels
+        else:
+            # A prohibition costs more than any path can save: no pixel ever has a forbidden label.
+            small, large = int(self._smoothness[1]), int(self._smoothness.max())
+            start = path_costs(unary, small, large, directions=4).argmin(axis=2)
+            labels = mrf.repair(energy, start, REPAIRS).labels
         return np.asarray(blur.depth_of_level(labels.astype(np.int64)), np.float32)
 
     def _shown(self) -> slice:

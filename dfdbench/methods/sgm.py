@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,17 +11,8 @@ from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.calibrated import Calibrated
 from dfdbench.methods.fitted import Image, number_within
 from dfdbench.methods.level_costs import UNIT, level_costs
+from dfdbench.methods.path_costs import MOST, path_costs
 from dfdbench.methods.winner import least_label
-
-# Sums over eight paths are kept in 16 bits.
-_MOST = 65535 // 8
-# Above any cost of a path.
-_FAR = np.int32(2**29)
-# The four directions that a sweep from the upper left comes from, as rows and columns; a sweep
-# from the lower right comes from the other four.
-_FROM = np.array([[0, -1], [-1, -1], [-1, 0], [-1, 1]])
-
-Array = NDArray[Any]
 
 
 class SemiGlobal(Calibrated):
@@ -76,7 +64,7 @@ class SemiGlobal(Calibrated):
         large_step: float = 15.0,
         limit: float = 100.0,
     ) -> None:
-        most = _MOST // (2 * UNIT)
+        most = MOST // (2 * UNIT)
         problems = number_within("small_step", small_step, 0, most)
         problems += number_within("large_step", large_step, 0, most)
         if not problems and large_step < small_step:
@@ -108,71 +96,3 @@ class SemiGlobal(Calibrated):
         return np.asarray(
             self.blur.depth_of_level(least_label(np.moveaxis(sums, 2, 0))), np.float32
         )
-
-
-def path_costs(costs: NDArray[np.uint16], small: int, large: int) -> NDArray[np.uint16]:
-    """Return the sum over eight directions of the least cost of a path to each pixel and label.
-
-    Parameters
-    ----------
-    costs : ndarray of uint16, shape (y, x, label)
-        At most 8191 less `large`.
-    small, large : int
-        P1 and P2.
-
-    Notes
-    -----
-    ``L_r(p, d) = C(p, d) + min(L_r(p - r, d), L_r(p - r, d - 1) + P1, L_r(p - r, d + 1) + P1,
-    min_i L_r(p - r, i) + P2) - min_i L_r(p - r, i)``, Eq. 13 of the paper.
-
-    Examples
-    --------
-    >>> path_costs(np.array([[[0, 2], [3, 0]]], np.uint16), 1, 1).tolist()
-    [[[1, 16], [24, 1]]]
-    """
-    sums = np.zeros(costs.shape, np.uint16)
-    _sweeps(costs, np.int32(small), np.int32(large), sums)
-    return sums
-
-
-@numba.njit(cache=True, nogil=True)
-def _sweeps(costs: Array, small: Any, large: Any, sums: Array) -> None:
-    height, width, labels = costs.shape
-    # Two rows of path costs a direction, one spare label at either end.
-    paths = np.full((2, 4, width, labels + 2), _FAR, np.int32)
-    least = np.zeros((2, 4, width), np.int32)
-    start = np.zeros(labels + 2, np.int32)
-    for backwards in range(2):
-        for row in range(height):
-            y = height - 1 - row if backwards else row
-            now, before = row % 2, (row + 1) % 2
-            for column in range(width):
-                x = width - 1 - column if backwards else column
-                for direction in range(4):
-                    there = column + _FROM[direction, 1]
-                    level = now if _FROM[direction, 0] == 0 else before
-                    begins = there < 0 or there >= width or (level == before and row == 0)
-                    least[now, direction, column] = _step(
-                        costs[y, x],
-                        start if begins else paths[level, direction, there],
-                        0 if begins else least[level, direction, there],
-                        small,
-                        large,
-                        paths[now, direction, column],
-                        sums[y, x],
-                    )
-
-
-@numba.njit(cache=True, nogil=True)
-def _step(
-    cost: Array, before: Array, least: Any, small: Any, large: Any, now: Array, total: Array
-) -> Any:
-    """Write the path costs of one pixel and direction, add them to the sums, return their least."""
-    best, jump = _FAR, least + large
-    for label in range(cost.size):
-        way = min(min(before[label], before[label + 2]) + small, before[label + 1])
-        value = np.int32(np.int32(cost[label]) + min(way, jump) - least)
-        now[label + 1] = value
-        total[label] += np.uint16(value)
-        best = min(best, value)
-    return best

@@ -39,6 +39,18 @@ def test_other_errors_than_rounding_soften_it() -> None:
     assert np.abs(found - depth).mean() < 15
 
 
+@pytest.mark.parametrize("truncation", [1, 8, 4095])
+def test_what_rounding_rules_out_is_never_taken(truncation: int) -> None:
+    infocus = np.random.default_rng(6).integers(0, 256, (30, 40, 3)).astype(np.uint8)
+    infocus[10:20] //= 8
+    depth = np.random.default_rng(7).integers(60, 200, (6, 8)).repeat(5, 0).repeat(5, 1)
+    recipe = RECIPES["published"]
+    defocus = synthesize(infocus, depth.astype(np.uint8), recipe)
+    found = RoundedGraphCuts(recipe, truncation)(infocus, defocus)
+    again = synthesize(infocus, found.astype(np.uint8), recipe)
+    assert np.array_equal(again, defocus)
+
+
 def test_no_level_is_proposed_that_training_did_not_show() -> None:
     infocus = np.random.default_rng(5).integers(0, 256, (40, 60, 3)).astype(np.uint8)
     depth = np.full((40, 60), 90, np.uint8)

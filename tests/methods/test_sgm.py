@@ -1,46 +1,12 @@
-import itertools
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError
-from dfdbench.methods.sgm import SemiGlobal, path_costs
+from dfdbench.methods.sgm import SemiGlobal
 from tests.methods.made_planes import inside, learned_law, pair_of, plane, slope, texture
 
 PUBLISHED = RECIPES["published"]
-
-
-def by_definition(costs: NDArray[np.uint16], small: int, large: int) -> NDArray[np.int64]:
-    """Follow Eq. 13 of the paper, a pixel and a direction at a time."""
-    height, width, labels = costs.shape
-    total = np.zeros(costs.shape, np.int64)
-    away = np.abs(np.subtract.outer(np.arange(labels), np.arange(labels)))
-    steps = np.choose(np.minimum(away, 2), [0, small, large])
-    for down, right in itertools.product((-1, 0, 1), repeat=2):
-        if (down, right) == (0, 0):
-            continue
-        paths: dict[tuple[int, int], NDArray[np.int64]] = {}
-        for y in range(height)[:: -1 if down < 0 else 1]:
-            for x in range(width)[:: -1 if right < 0 else 1]:
-                before = paths.get((y - down, x - right))
-                paths[y, x] = costs[y, x].astype(np.int64)
-                if before is not None:
-                    paths[y, x] += (before + steps).min(1) - before.min()
-                total[y, x] += paths[y, x]
-    return total
-
-
-@pytest.mark.parametrize("shape", [(1, 1, 2), (1, 7, 5), (6, 1, 4), (5, 8, 9)])
-def test_path_costs_are_those_of_the_definition(shape: tuple[int, int, int]) -> None:
-    costs = np.random.default_rng(0).integers(0, 60, shape).astype(np.uint16)
-    assert np.array_equal(path_costs(costs, 5, 17), by_definition(costs, 5, 17))
-
-
-def test_the_largest_costs_do_not_overflow() -> None:
-    costs = np.random.default_rng(0).choice([0, 4092], (12, 12, 6)).astype(np.uint16)
-    assert np.array_equal(path_costs(costs, 4092, 4092), by_definition(costs, 4092, 4092))
 
 
 @pytest.mark.parametrize("level", [5, 60, 120, 200, 250])

@@ -2,6 +2,7 @@
 
 from dfdbench.methods.mrf.energy import Energy, Solution
 from dfdbench.methods.mrf.expansion import expansion
+from dfdbench.methods.mrf.repair import repair
 from dfdbench.methods.mrf.smoothness import (
     adaptive_potts_weights,
     potts,
@@ -22,6 +23,7 @@ __all__ = [
     "message_passing",
     "potts",
     "published",
+    "repair",
     "split",
     "truncated_absolute",
     "truncated_quadratic",

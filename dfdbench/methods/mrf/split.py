@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError
-from dfdbench.methods.mrf.energy import Energy, Solution, label_dtype
+from dfdbench.methods.mrf.energy import Energy, Solution
 from dfdbench.methods.mrf.expansion import expansion
 from dfdbench.methods.mrf.maxflow import GridGraph
-from dfdbench.methods.mrf.moves import Mover, jump_offer, snap_offer
+from dfdbench.methods.mrf.moves import Mover
+from dfdbench.methods.mrf.repair import repair
 
 __all__ = ["Quality", "split"]
 
 Quality = Literal["fast", "default", "high"]
 
-# The repairs of each quality: a positive number d stands for jumps by d and -d, a negative one
-# for the snaps of that period in all its phases.
+# The rounds of repairs of each quality, as `repair` takes them.
 REPAIRS: dict[str, tuple[tuple[int, ...], ...]] = {
     "fast": (),
     "default": ((16, 4, -8),),
@@ -43,7 +43,7 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
 
     The splits follow the decomposition of convex priors into binary problems (Darbon and Sigelle,
     JMIV 2006; Kolmogorov and Shioura, Discrete Optimization 2009), with the least cost of a range
-    for its cost. The repairs are jump moves and snaps (`moves`). No repair raises the energy.
+    for its cost. The repairs are jumps and snaps (`repair`). None raises the energy.
 
     A smoothness that is not even nearly convex (Potts, truncated at a small difference) gives
     ranges no meaning; the labels then come from `expansion`, whatever the quality.
@@ -81,14 +81,7 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     if not _nearly_convex(energy.smoothness):
         return expansion(energy)
     graph = GridGraph(*energy.shape)
-    labels = _halve(energy, graph)
-    mover = Mover(energy, labels, graph)
-    history = [energy.evaluate(labels)]
-    for repairs in REPAIRS[quality]:
-        for offer in _offers(repairs, energy.labels):
-            mover.move(offer)
-        history.append(energy.evaluate(labels))
-    return Solution(labels.astype(label_dtype(energy.labels)), history[-1], tuple(history))
+    return repair(energy, _halve(energy, graph), REPAIRS[quality], graph)
 
 
 def _nearly_convex(table: NDArray[np.int32]) -> bool:
@@ -104,20 +97,6 @@ def _nearly_convex(table: NDArray[np.int32]) -> bool:
         hull.append(at)
     above = values - np.interp(distances, hull, values[hull])
     return bool(above.max() <= CONVEX_TOLERANCE * values.max())
-
-
-def _offers(repairs: tuple[int, ...], labels: int) -> list[NDArray[np.int32]]:
-    offers = []
-    for repair in repairs:
-        if repair > 0:
-            # Nothing is a jump's length away from itself in a range that is shorter.
-            if repair < labels:
-                offers += [jump_offer(labels, repair), jump_offer(labels, -repair)]
-        else:
-            # Every other phase first: what one leaves is nearest to what the next offers.
-            phases = np.arange(min(-repair, labels))
-            offers += [snap_offer(labels, -repair, int(p)) for p in (*phases[::2], *phases[1::2])]
-    return offers
 
 
 def _halve(energy: Energy, graph: GridGraph) -> NDArray[np.int32]:
