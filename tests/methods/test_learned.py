@@ -91,6 +91,40 @@ def test_the_median_over_a_window_is_taken_of_the_answer(weights: Path) -> None:
             levels(median_window=wrong)
 
 
+def test_the_mean_over_orientations_does_not_depend_on_how_the_pair_is_turned(
+    weights: Path,
+) -> None:
+    random = np.random.default_rng(5)
+    pair = random.integers(0, 256, (2, 24, 31, 3)).astype(np.uint8)
+    one, mean = (
+        load("dfd-net", weights=str(weights), device="cpu", orientations=number)
+        for number in (1, 8)
+    )
+    levels = mean(*pair)
+    assert levels.dtype == np.float32
+    assert levels.shape == (24, 31)
+    turned = np.ascontiguousarray(np.rot90(pair, axes=(1, 2))[:, :, ::-1])
+    assert np.array_equal(mean(*turned), np.rot90(levels)[:, ::-1])
+    assert not np.array_equal(one(*turned), np.rot90(one(*pair))[:, ::-1])
+    answers = [
+        np.rot90(one(*(np.ascontiguousarray(np.rot90(image, k)) for image in images)), -k)[:, ::way]
+        for way in (1, -1)
+        for images in [[np.ascontiguousarray(image[:, ::way]) for image in pair]]
+        for k in range(4)
+    ]
+    assert np.array_equal(levels, np.mean(answers, 0, np.float32))
+
+
+def test_wrong_numbers_are_named_together(weights: Path) -> None:
+    for wrong in (0, 2, 8.0, True, "8"):
+        with pytest.raises(MethodError) as caught:
+            load("dfd-net", weights=str(weights), orientations=wrong, median_window=2)
+        assert [problem.where for problem in caught.value.problems] == [
+            "median_window",
+            "orientations",
+        ]
+
+
 def test_falling_back_to_tiles_is_said(
     weights: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
