@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.folder_layout import Group, Key, Layout
+from dfdbench.building.folder_layout import SUFFIXES, Group, Key, Layout, unread_files
 from dfdbench.building.sources.image_files import (
     decode_file,
     likely_bits,
@@ -45,8 +45,8 @@ class Facts:
     ----------
     roles : dict of str to Group
         The files of ``infocus``, ``defocus`` and ``depth``.
-    shape : tuple of int
-        Rows and columns of the photographs.
+    shapes : dict
+        Rows and columns of the photographs of each scene that was looked at.
     depth_unit, near, far : float or None
         How many metres one unit of a depth file seems to be, and the distances between which
         almost all depths lie; None where the files hold levels.
@@ -61,7 +61,7 @@ class Facts:
     """
 
     roles: dict[str, Group]
-    shape: tuple[int, ...] = (0, 0)
+    shapes: dict[Key, tuple[int, ...]] = field(default_factory=dict)
     depth_unit: float | None = None
     near: float | None = None
     far: float | None = None
@@ -92,14 +92,16 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     """
     samples = {group.pattern: _first(folder, group) for group in layout.groups}
     depths = [g for g in layout.groups if _is_depth(g.pattern, samples[g.pattern])]
+    # Photographs may be grey and have 16 bits, too: a name says more.
+    depths = [g for g in depths if _DEPTH.search(g.pattern.lower())] or depths
     photographs = [g for g in layout.groups if g not in depths]
     if not depths or len(photographs) < 2:
         raise InputError(
             "no depth map and two photographs a scene can be told",
             where=str(folder),
             expected="two photographs, and a depth file that is grey and says so in its name, or "
-            "has 16 or 32 bits",
-            got=", ".join(group.pattern for group in layout.groups),
+            f"has 16 or 32 bits ({', '.join(SUFFIXES)})",
+            got="; ".join(filter(None, (_patterns(layout), unread_files(folder)))),
             fix="rename them, or write the manifest by hand: docs/your_own_data.md",
         )
     facts = Facts({"depth": depths[0]})
@@ -112,6 +114,10 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     _tell_depth(folder, _spread(layout.scenes, _DEPTH_MAPS), facts)
     _tell_matching(folder, keys, facts)
     return facts
+
+
+def _patterns(layout: Layout) -> str:
+    return ", ".join(group.pattern for group in layout.groups)
 
 
 def _first(folder: Path, group: Group) -> NDArray[Any]:
@@ -129,13 +135,15 @@ def _spread(keys: tuple[Key, ...], most: int) -> list[Key]:
     return list(keys[::step])
 
 
-def _decoded(folder: Path, group: Group, keys: list[Key]) -> Iterator[tuple[bytes, NDArray[Any]]]:
+def _decoded(
+    folder: Path, group: Group, keys: list[Key]
+) -> Iterator[tuple[Key, bytes, NDArray[Any]]]:
     # One after the other: a camera's images are large.
     for key in keys:
         if key in group.files:
             path = folder / group.files[key]
             content = path.read_bytes()
-            yield content, decode_file(content, str(path))
+            yield key, content, decode_file(content, str(path))
 
 
 def _photograph(folder: Path, group: Group, key: Key, facts: Facts) -> NDArray[np.uint8]:
@@ -144,11 +152,10 @@ def _photograph(folder: Path, group: Group, key: Key, facts: Facts) -> NDArray[n
 
 
 def _tell_photographs(folder: Path, groups: list[Group], keys: list[Key], facts: Facts) -> None:
-    sizes: set[tuple[int, ...]] = set()
     greatest, deep, turned, count = 0, True, 0, 0
     for group in groups:
-        for content, image in _decoded(folder, group, keys):
-            sizes.add(image.shape[:2])
+        for key, content, image in _decoded(folder, group, keys):
+            facts.shapes[key] = image.shape[:2]
             greatest, deep = max(greatest, int(image.max())), deep and image.dtype == np.uint16
             turned, count = turned + (orientation_of(content) > 1), count + 1
     facts.image_bits = likely_bits(greatest) if deep else None
@@ -158,9 +165,8 @@ def _tell_photographs(folder: Path, groups: list[Group], keys: list[Key], facts:
         facts.open.append(
             f"{turned} of {count} photographs are to be turned by their EXIF data: exif_rotation"
         )
-    (facts.shape, *_) = sorted(sizes)
-    shown = ", ".join(f"{columns} × {rows}" for rows, columns in sorted(sizes))
-    facts.found.append(f"photographs of {shown} pixels")
+    sizes = sorted(set(facts.shapes.values()))
+    facts.found.append(f"photographs of {', '.join(map(_size, sizes))} pixels")
 
 
 def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts) -> None:
@@ -188,11 +194,11 @@ def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts
 def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
     group = facts.roles["depth"]
     some: list[NDArray[Any]] = []
-    sizes: set[tuple[int, ...]] = set()
-    for _, image in _decoded(folder, group, keys):
+    sizes: dict[Key, tuple[int, ...]] = {}
+    for key, _, image in _decoded(folder, group, keys):
         flat = (image if image.ndim == 2 else image[..., 0]).ravel()
         some.append(flat[:: max(1, flat.size // _PIXELS)].copy())
-        sizes.add(image.shape[:2])
+        sizes[key] = image.shape[:2]
     kind = some[0].dtype
     values = np.concatenate(some).astype(np.float64)
     last = np.iinfo(kind).max if kind.kind == "u" else None
@@ -204,11 +210,7 @@ def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
         raise SourceError("depth maps tell no depths", where=str(folder / group.pattern))
     share = 100 * (1 - told.size / values.size)
     facts.found.append(f"depth {group.pattern}, {kind}, {share:.1f} % of it missing")
-    if sizes != {facts.shape}:
-        facts.open.append(
-            f"depth maps have {sorted(sizes)} rows and columns, photographs {facts.shape}: "
-            "resample the depth onto the photographs"
-        )
+    _tell_sizes(sizes, facts)
     if kind == np.uint8:
         facts.open.append("8-bit depth is taken for levels: whether brighter is nearer, and what")
         return
@@ -224,6 +226,21 @@ def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
         f"whether near {facts.near:g} m and far {facts.far:g} m are right: they hold "
         f"{100 - 2 * _SHARE:g} % of the depths of {len(some)} scenes"
     )
+
+
+def _tell_sizes(sizes: dict[Key, tuple[int, ...]], facts: Facts) -> None:
+    both = [key for key in facts.shapes if key in sizes]
+    others = [key for key in both if sizes[key] != facts.shapes[key]]
+    if others:
+        facts.open.append(
+            f"in {len(others)} of {len(both)} scenes looked at depth has another size than the "
+            f"photographs (in {others[0][1]} {_size(sizes[others[0]])}, not "
+            f"{_size(facts.shapes[others[0]])}): resample it onto them"
+        )
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} × {shape[0]}"
 
 
 def _rounded(metres: float, up: bool) -> float:

@@ -13,6 +13,8 @@ _SPLITS = ("train", "training", "test", "testing", "val", "validation")
 # More kinds of files than this are no kinds: the guess is wrong.
 _MOST_GROUPS = 10
 _ROLES = 3
+# Kinds of files that are named where they are not read.
+_NAMED = 6
 _END = re.compile(r"^(?P<scene>.+[^_\-.])(?P<tail>[_\-.][A-Za-z][^_\-.]*)$")
 _START = re.compile(r"^(?P<head>[A-Za-z][^_\-.]*[_\-.])(?P<scene>.+)$")
 
@@ -60,14 +62,33 @@ class Layout:
 
 def image_files(folder: Path) -> tuple[str, ...]:
     """Return the image files below a folder, sorted, hidden ones left out."""
-    found = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
-    return tuple(
-        sorted(
-            path.as_posix()
-            for path in found
-            if path.suffix.lower() in SUFFIXES and not any(p.startswith(".") for p in path.parts)
-        )
-    )
+    shown = _shown_files(folder)
+    return tuple(sorted(p.as_posix() for p in shown if p.suffix.lower() in SUFFIXES))
+
+
+def unread_files(folder: Path) -> str:
+    """Say which other files lie below a folder, by how their names end; empty where none do.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     for name in ("a.png", "a.npy", "b.npy", "notes"):
+    ...         Path(place, name).touch()
+    ...     unread_files(Path(place))
+    'not read: 2 .npy, 1 without an ending'
+    """
+    ends = Counter(path.suffix.lower() for path in _shown_files(folder))
+    others = [(count, end) for end, count in ends.most_common() if end not in SUFFIXES]
+    named = ", ".join(f"{count} {end or 'without an ending'}" for count, end in others[:_NAMED])
+    return f"not read: {named}" if named else ""
+
+
+def _shown_files(folder: Path) -> Iterator[Path]:
+    for path in folder.rglob("*"):
+        below = path.relative_to(folder)
+        if path.is_file() and not any(part.startswith(".") for part in below.parts):
+            yield below
 
 
 def find_layout(paths: tuple[str, ...]) -> Layout | None:

@@ -8,7 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dfdbench.building.folder_facts import Facts, look_into
-from dfdbench.building.folder_layout import SUFFIXES, Key, Layout, find_layout, image_files
+from dfdbench.building.folder_layout import (
+    SUFFIXES,
+    Key,
+    Layout,
+    find_layout,
+    image_files,
+    unread_files,
+)
 from dfdbench.datasets.captured_files import ROLES
 from dfdbench.errors import InputError
 from dfdbench.tables.wording import listed
@@ -84,7 +91,9 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
             "no scene with two photographs and a depth map",
             where=str(folder),
             expected=f"three files a scene ({', '.join(SUFFIXES)}) that share a name or a folder",
-            got=listed(paths, _NAMED) or "no such file",
+            got="; ".join(
+                filter(None, (listed(paths, _NAMED) or "no such file", unread_files(folder)))
+            ),
         )
     facts = look_into(folder, layout)
     stem = _SAFE.sub("-", name or folder.resolve().name).strip("-._") or "captures"
@@ -208,7 +217,7 @@ def _text(value: str) -> str:
 
 def _head(name: str, facts: Facts, scenes: list[_Scene]) -> str:
     """Return the manifest up to its splits; what nobody can tell from files says so."""
-    count = len(scenes)
+    count, shortest = len(scenes), min(map(min, facts.shapes.values()))
     unit = "levels, as in the files"
     if facts.near is not None:
         unit = f"linear in 1/z from {facts.near:g} m (255) to {facts.far:g} m (1)"
@@ -223,7 +232,7 @@ title = "{name}" # what people read in lists
 description = "Two photographs and a depth map of {count} scenes."
 reader = "folder"
 degradation = "clean"
-network_crop = {min(facts.shape)} # the square that protocol thesis-networks scores
+network_crop = {shortest} # the square that protocol thesis-networks scores
 scene_count = {count}
 pair_count = {count}
 

@@ -42,7 +42,8 @@ def test_a_folder_tells_roles_unit_bounds_and_what_the_images_need(folder: Path)
         "depth": "{scene}/depth.png",
     }
     assert (facts.depth_unit, facts.near, facts.far) == (0.001, 1.0, 4.0)
-    assert (facts.missing, facts.image_bits, facts.shape) == ([0], None, SHAPE)
+    assert (facts.missing, facts.image_bits) == ([0], None)
+    assert set(facts.shapes.values()) == {SHAPE}
     assert facts.align != "none"
     assert facts.match_gain
     assert any("is sharper in 4 of 4" in text for text in facts.found)
@@ -60,13 +61,41 @@ def test_levels_and_metres_are_told_from_millimetres(folder: Path) -> None:
         cv2.imwrite(str(folder / scene / "depth.tiff"), metres)
     facts = facts_of(folder)
     assert (facts.depth_unit, facts.near, facts.far) == (1.0, 0.3, 2.0)
-    assert any("resample the depth" in text for text in facts.open)
+    told = "in desk 64 × 64, not 96 × 72): resample it"
+    assert any(told in text for text in facts.open)
+
+
+def test_scenes_may_differ_in_size(folder: Path) -> None:
+    for name in ("sharp.png", "blurred.png", "depth.png"):
+        path = str(folder / "lamp" / name)
+        image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+        assert image is not None
+        cv2.imwrite(path, image[:-8])
+    facts = facts_of(folder)
+    assert "photographs of 96 × 64, 96 × 72 pixels" in facts.found
+    assert not any("resample" in text for text in facts.open)
 
 
 def test_twelve_bits_are_found(folder: Path) -> None:
     for name in ("sharp.png", "blurred.png"):
         rewrite(folder, name, lambda image: image.astype(np.uint16) * 16)
     assert facts_of(folder).image_bits == 12
+
+
+def test_grey_photographs_of_16_bits_are_told_from_depth_by_its_name(folder: Path) -> None:
+    for name in ("sharp.png", "blurred.png"):
+        rewrite(folder, name, lambda image: image[..., 1].astype(np.uint16) * 257)
+    assert facts_of(folder).roles["depth"].pattern == "{scene}/depth.png"
+
+
+def test_depth_in_files_that_are_not_read_is_told(folder: Path) -> None:
+    for scene in SCENES:
+        (folder / scene / "depth.png").unlink()
+        (folder / scene / "more.jpg").write_bytes((folder / scene / "sharp.png").read_bytes())
+        np.save(folder / scene / "depth.npy", np.ones(SHAPE))
+    with pytest.raises(InputError) as caught:
+        facts_of(folder)
+    assert "not read: 4 .npy" in caught.value.problems[0].got
 
 
 def test_without_depth_nothing_is_guessed(folder: Path) -> None:

@@ -64,4 +64,4 @@ def test_a_folder_without_scenes_says_what_is_there(tmp_path: Path) -> None:
     (tmp_path / "two.txt").touch()
     with pytest.raises(InputError, match="no scene with two photographs") as caught:
         new_manifest(tmp_path)
-    assert caught.value.problems[0].got == "one.png"
+    assert caught.value.problems[0].got == "one.png; not read: 1 .txt"
