@@ -89,8 +89,15 @@ def test_what_a_particle_describes_is_a_choice() -> None:
             "dfd-net",
             "middlebury",
             "demo-fine",
-            {"label_width": 2, "steps": 13000, "readout": "median", "evaluate_every": 6500},
-            "middlebury-default-1, split train, 16,000 steps",
+            {
+                "label_width": 2,
+                "readout": "median",
+                "crop": 128,
+                "crops_per_step": 1,
+                "steps": 24000,
+                "evaluate_every": 12000,
+            },
+            "middlebury-default-1, split train, 24,000 steps",
         ),
         (
             "dfd-net",
