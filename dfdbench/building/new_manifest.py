@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+import unicodedata
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
-from dfdbench.building.folder_facts import Facts, look_into
+from dfdbench.building.folder_facts import Align, Facts, look_into
 from dfdbench.building.folder_layout import (
     SUFFIXES,
     Key,
@@ -96,7 +98,7 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
             ),
         )
     facts = look_into(folder, layout)
-    stem = _SAFE.sub("-", name or folder.resolve().name).strip("-._") or "captures"
+    stem = _safe(name or folder.resolve().name) or "captures"
     scenes = _scenes(layout, facts)
     _tell_layout(layout, facts, scenes)
     text = "\n".join(
@@ -137,13 +139,19 @@ def _scenes(layout: Layout, facts: Facts) -> list[_Scene]:
 def _safe_name(key: Key, keys: list[Key], taken: set[str], by_order: bool) -> str:
     split, name = key
     twice = by_order or sum(other == name for _, other in keys) > 1
-    safe = _SAFE.sub("-", f"{split}-{name}" if split and twice else name).strip("-._")[:90]
+    safe = _safe(f"{split}-{name}" if split and twice else name)[:90]
     safe = f"scene-{safe}" if by_order and not split else safe or "scene"
     number, found = 2, safe
     while found.casefold() in taken:
         found, number = f"{safe}-{number}", number + 1
     taken.add(found.casefold())
     return found
+
+
+def _safe(name: str) -> str:
+    # An accent goes, its letter stays.
+    plain = "".join(c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))
+    return _SAFE.sub("-", plain).strip("-._")
 
 
 def _pattern(role: str, facts: Facts, scenes: list[_Scene]) -> str:
@@ -274,6 +282,7 @@ def _files(facts: Facts, scenes: list[_Scene]) -> str:
     lines.append(f"depth_missing = {facts.missing}")
     if facts.image_bits:
         lines.append(f"image_bits = {facts.image_bits}")
-    lines.append(f'align = "{facts.align}" # or "none", "translation", "euclidean"')
+    others = ", ".join(f'"{name}"' for name in get_args(Align) if name != facts.align)
+    lines.append(f'align = "{facts.align}" # or {others}')
     lines.append(f"match_gain = {str(facts.match_gain).lower()}")
     return "\n".join(lines) + "\n"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def data_sets(incomplete: str) -> list[str]:
-    """Return the names of the released data sets that begin so; behind an ``@`` their tracks.
+    """Return the names of data sets that begin so; behind an ``@`` those of their tracks.
 
     Examples
     --------
@@ -13,10 +13,11 @@ def data_sets(incomplete: str) -> list[str]:
     """
     from dfdbench.blur.tracks import TRACKS
     from dfdbench.datasets.catalog import released_manifests
+    from dfdbench.datasets.store_place import own_stores
 
     known = {manifest.short: manifest.recipe is not None for manifest in released_manifests()}
     name, on_track, _ = incomplete.partition("@")
-    names = sorted(known)
+    names = sorted({*known, *own_stores()})
     if on_track and known.get(name):
         names = [
             f"{name}@{track.name}-{severity}"

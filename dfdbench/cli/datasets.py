@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import Annotated
 
 import typer
 from rich.filesize import decimal
@@ -13,15 +14,13 @@ from dfdbench.cli.completion import data_sets
 from dfdbench.cli.options import Cache, Workers, pool_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.catalog import find_manifest, released_manifests, typed_name
-from dfdbench.datasets.store_place import default_store
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.store_place import default_store, own_stores
 from dfdbench.datasets.tracked import part_name
-from dfdbench.errors import InputError, unknown_name
+from dfdbench.errors import DfdbenchError, InputError, unknown_name
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.tables.table import Table
 from dfdbench.tables.wording import counted
-
-if TYPE_CHECKING:
-    pass
 
 cache_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 
@@ -30,20 +29,13 @@ def list_datasets(cache: Cache = None) -> None:
     """List the data sets, their tracks and the registered methods."""
     from dfdbench.methods.registry import registered_methods
 
-    rows = tuple(
-        (
-            typed_name(manifest),
-            manifest.stem,
-            str(manifest.scene_count),
-            str(manifest.pair_count),
-            "yes" if default_store(manifest, cache).exists() else "no",
-            manifest.title,
-        )
+    rows = [
+        _listed(manifest, typed_name(manifest), default_store(manifest, cache).exists())
         for manifest in released_manifests()
-    )
-    print_table(
-        Table("data sets", ("name", "manifest", "scenes", "pairs", "built", ""), rows, "llrrll")
-    )
+    ]
+    rows += _own(cache)
+    heads = ("name", "manifest", "scenes", "pairs", "built", "")
+    print_table(Table("data sets", heads, tuple(rows), "llrrll"))
     tracks = tuple(
         (f"{track.name}-{severity}", step, track.title if severity == 1 else "")
         for track in TRACKS.values()
@@ -53,6 +45,29 @@ def list_datasets(cache: Cache = None) -> None:
     print_table(Table("tracks", ("track", "", ""), tracks, "lll", (note,)))
     methods = tuple(sorted(registered_methods().items()))
     print_table(Table("methods", ("name", "entry"), methods, "ll"))
+
+
+def _listed(manifest: Manifest, name: str, built: bool) -> tuple[str, ...]:
+    scenes, pairs = str(manifest.scene_count), str(manifest.pair_count)
+    return name, manifest.stem, scenes, pairs, "yes" if built else "no", manifest.title
+
+
+def _own(cache: Path | None) -> list[tuple[str, ...]]:
+    """Return the rows of the sets of one's own in the cache."""
+    found = own_stores(cache)
+    if not found:
+        return []
+    from dfdbench.datasets.store import Store
+
+    rows = []
+    # Of two names of one store the one without a version is to be typed.
+    shortest = {found[name]: name for name in sorted(found, key=len, reverse=True)}
+    for path, name in sorted(shortest.items()):
+        try:
+            rows.append(_listed(Store(path).manifest, name, built=True))
+        except DfdbenchError as error:
+            rows.append((name, path.stem, "", "", "yes", error.problems[0].what))
+    return rows
 
 
 def verify(

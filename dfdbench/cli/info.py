@@ -16,7 +16,7 @@ from dfdbench.cli.options import Cache
 from dfdbench.cli.screen import print_table
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.datasets.store_place import default_store, is_place
+from dfdbench.datasets.store_place import default_store, place_of
 from dfdbench.tables.table import Table
 from dfdbench.tables.wording import counted
 
@@ -45,13 +45,13 @@ def info(
 ) -> None:
     """Show what a data set consists of, or what a built one holds."""
     if croissant:
-        _print_croissant(name)
+        _print_croissant(name, cache)
         return
-    if is_place(name):
+    if place := place_of(name, cache):
         # A manifest tells all it knows without the libraries that read arrays.
         from dfdbench.datasets.store import Store
 
-        store = Store(name)
+        store = Store(place)
         if pairs is None:
             _show_store(store)
         else:
@@ -62,13 +62,13 @@ def info(
         _list_pairs(find_manifest(name).pairs(pairs))
 
 
-def _print_croissant(name: str) -> None:
+def _print_croissant(name: str, cache: Path | None) -> None:
     from dfdbench.datasets.croissant import croissant_text
 
-    if is_place(name):
+    if place := place_of(name, cache):
         from dfdbench.datasets.store import Store
 
-        manifest = Store(name).manifest
+        manifest = Store(place).manifest
     else:
         manifest = find_manifest(name)
     print(croissant_text(manifest), end="")

@@ -75,7 +75,8 @@ def _find(name: str) -> Manifest:
         for key in (manifest.short, manifest.name, manifest.stem):
             by_name[key] = manifest
     if name not in by_name:
-        raise unknown_name("data set", name, by_name, "`dfdbench list` shows them all.")
+        fix = "`dfdbench list` shows them; one of your own is named by its manifest, NAME.toml"
+        raise unknown_name("data set", name, by_name, fix)
     return by_name[name]
 
 

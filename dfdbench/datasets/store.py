@@ -19,7 +19,7 @@ from dfdbench.datasets.catalog import find_manifest, typed_name
 from dfdbench.datasets.damage import DAMAGED, LONGEST, check_attributes, require_fit
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.pair_images import PairImages
-from dfdbench.datasets.store_place import default_store, is_place
+from dfdbench.datasets.store_place import default_store, place_of
 from dfdbench.datasets.tracked import manifest_in
 from dfdbench.datasets.whole_arrays import WholeArrays, open_scene
 from dfdbench.errors import DfdbenchError, StoreError, UnknownNameError, unknown_name
@@ -206,7 +206,7 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
     Parameters
     ----------
     name : str
-        A data set's name, or the path or URL of a store.
+        A data set's name, a manifest's path, or the path or URL of a store.
     place : str, Path or UPath, optional
         Where the store lies, if not in the default place.
     cache : Path, optional
@@ -217,8 +217,8 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
     StoreError
         Where it is not built; the message says how to build it.
     """
-    if place is None and is_place(name):
-        place = name
+    if place is None:
+        place = place_of(name, cache)
     if place is not None:
         return Store(place)
     manifest = _manifest_of(name)

@@ -44,6 +44,14 @@ def test_names_that_are_no_scene_names_and_splits(tmp_path: Path) -> None:
     assert len(manifest.scenes_of("train")) == 3
 
 
+def test_a_name_loses_its_accents_and_not_its_letters(tmp_path: Path) -> None:
+    made = make_folder(tmp_path / "made")
+    (made / SCENES[0]).rename(made / "Küche – été")
+    names = built(made.rename(tmp_path / "Räume"), tmp_path / "one.zarr")
+    assert names.name == "Raume"
+    assert "Kuche-ete" in names.scene_names
+
+
 def test_files_paired_by_order_are_named_and_asked_about(tmp_path: Path) -> None:
     made = make_folder(tmp_path / "made")
     for number, scene in enumerate(SCENES):

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.datasets.store_place import own_stores
 from tests.cli.command import Command
 from tests.site import Site
 
@@ -13,6 +14,28 @@ def test_list_and_version(dfdbench: Command) -> None:
     for label in ("noise-1", "camera-3"):
         assert label in listed.out
     assert dfdbench("--version").out.startswith("dfdbench ")
+
+
+def test_a_set_of_ones_own_goes_by_its_name_once_built(
+    dfdbench: Command, site: Site, tmp_path: Path
+) -> None:
+    # A folder of that name beside it is what the set was made from, as a rule.
+    (tmp_path / "work/tiny").mkdir()
+    assert "unknown data set" in dfdbench("info", "tiny").err
+    assert "a folder, and not a data set" in dfdbench("verify", "tiny").err
+    dfdbench("build", "tiny-1.toml")
+    (line,) = [line for line in dfdbench("list").out.splitlines() if "tiny-1" in line]
+    assert line.split()[:5] == ["tiny", "tiny-1", "3", "11", "yes"]
+    store = own_stores()["tiny"]
+    for name in ("tiny", "tiny-1"):
+        assert dfdbench("info", name).out == dfdbench("info", str(store)).out
+        assert dfdbench("verify", name).status == 0
+    assert dfdbench("info", "tiny", "--croissant").status == 0
+    ran = dfdbench("run", "--method", "constant", "--dataset", "tiny", "--out", "run")
+    assert ran.status == 0
+    (store / "zarr.json").write_text("{}")
+    (line,) = [line for line in dfdbench("list").out.splitlines() if "tiny-1" in line]
+    assert "not a data set built by dfdbench" in line
 
 
 def test_simulated_captures_are_shown_as_such(dfdbench: Command) -> None:
