@@ -80,9 +80,9 @@ class GraphCuts(Calibrated):
     labels : int, optional
         Solve for this many evenly spaced levels only; must divide the recipe's levels.
     solver : {"split", "expansion", "message-passing"}
-        ``expansion`` is the published algorithm; ``split`` is some fifteen times faster.
+        ``expansion`` is the published algorithm; ``split`` is some thirty times faster.
     quality : {"fast", "default", "high"}
-        Of ``split``; under a blur law ``default`` is as ``high``.
+        Of ``split``: how close to the least energy, for how many cuts.
     published_offset : bool
         Add one level, as the published program does.
     lower_bound : bool
@@ -194,10 +194,7 @@ class GraphCuts(Calibrated):
         elif self._solver == "message-passing":
             solution = mrf.message_passing(energy, _BOUND_ITERATIONS)
         else:
-            # Where noise makes costs blunt, halving ranges goes further astray.
-            law = isinstance(self.blur, BlurLaw)
-            quality = "high" if law and self._quality == "default" else self._quality
-            solution = mrf.split(energy, quality)  # type: ignore[arg-type]
+            solution = mrf.split(energy, self._quality)  # type: ignore[arg-type]
         if not self._bound:
             return mrf.Solution(solution.labels, solution.energy, solution.history)
         bound = solution.lower_bound

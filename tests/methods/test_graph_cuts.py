@@ -112,6 +112,24 @@ def test_noise_that_hides_blur_does_not_lead_far_astray(pair: tuple[Image, Image
     assert nrmse(depth, found.astype(np.uint8)) < nrmse(depth, middle)
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_bare_wall_with_noise_does_not_lead_far_astray(seed: int) -> None:
+    # Its costs are blunt: from ranges halved pixel by pixel the energy ended 1 % too high, and the
+    # error at twice to five times what it is.
+    rng = np.random.default_rng(seed)
+    image = np.full((96, 120, 3), 120) + rng.normal(0, 2, (96, 120, 1))
+    image[:, ::30] = 60
+    infocus = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    truth = np.full((96, 120), 200, np.uint8)
+    truth[:, :60] = 90
+    blurred = synthesize(infocus, truth, RECIPES["published"])
+    noisy = np.rint(blurred + rng.normal(0, 3, blurred.shape))
+    pair = (infocus, np.clip(noisy, 0, 255).astype(np.uint8))
+    slow = GraphCuts(solver="expansion").solve(*pair).energy
+    for quality in ("fast", "default", "high"):
+        assert GraphCuts(quality=quality).solve(*pair).energy < 1.003 * slow
+
+
 def test_a_grey_image_is_one_channel(pair: tuple[Image, Image, Image]) -> None:
     infocus, defocus, depth = pair
     found = GraphCuts()(infocus[..., 1].copy(), defocus[..., 1].copy())

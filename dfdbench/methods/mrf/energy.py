@@ -9,6 +9,7 @@ This is the thesis's Eq. 4.2 with integer terms (Boykov, Veksler and Zabih, PAMI
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -82,13 +83,13 @@ class Energy:
                 object.__setattr__(self, name, weights)
         if unary.dtype == np.int32 and int(unary.min()) < 0:
             raise InputError(f"unary: expected non-negative costs, got {unary.min()}")
+        object.__setattr__(self, "unary", np.ascontiguousarray(unary))
         for name, value in (
-            ("unary costs", int(unary.max())),
+            ("unary costs", self.largest_cost),
             ("smoothness times weight", largest_weight * int(smoothness.max())),
         ):
             if value >= COST_LIMIT:
                 raise InputError(f"{name}: expected below {COST_LIMIT} (int32 sums), got {value}")
-        object.__setattr__(self, "unary", np.ascontiguousarray(unary))
         object.__setattr__(self, "smoothness", smoothness)
         object.__setattr__(self, "offset", int(self.offset))
 
@@ -102,7 +103,12 @@ class Energy:
         """Number of labels."""
         return int(self.unary.shape[2])
 
-    @property
+    @cached_property
+    def largest_cost(self) -> int:
+        """What the dearest label of any pixel costs."""
+        return int(self.unary.max())
+
+    @cached_property
     def is_metric(self) -> bool:
         """Whether V(0) = 0 < V(d) and V(a + b) <= V(a) + V(b), V(|a - b|) <= V(a) + V(b).
 
@@ -149,16 +155,7 @@ class Energy:
         ValueError
             If the labels have another shape, are no integers or lie outside 0..label - 1.
         """
-        given = np.asarray(labels)
-        if given.shape != self.shape or given.dtype.kind not in "ui":
-            raise InputError(
-                f"labels: expected integers of shape {self.shape}, got {given.dtype} {given.shape}"
-            )
-        if given.min() < 0 or given.max() >= self.labels:
-            raise InputError(
-                f"labels: expected 0..{self.labels - 1}, got {given.min()}..{given.max()}"
-            )
-        index = given.astype(np.int32)
+        index = _labels(self, labels)
         total = int(np.take_along_axis(self.unary, index[..., None], 2).sum(dtype=np.int64))
         for axis, weights in ((1, self.weights_horizontal), (0, self.weights_vertical)):
             costs = self.smoothness[np.abs(np.diff(index, axis=axis))].astype(np.int64)
@@ -195,10 +192,20 @@ def label_dtype(labels: int) -> type[np.unsignedinteger[Any]]:
 
 def starting_labels(energy: Energy, start: ArrayLike | None) -> NDArray[np.int32]:
     """Give the labels that a solver begins with: all 0, or a checked copy of those given."""
-    if start is None:
-        return np.zeros(energy.shape, np.int32)
-    energy.evaluate(start)
-    return np.array(start, np.int32)
+    return np.zeros(energy.shape, np.int32) if start is None else _labels(energy, start)
+
+
+def _labels(energy: Energy, labels: ArrayLike) -> NDArray[np.int32]:
+    given = np.asarray(labels)
+    if given.shape != energy.shape or given.dtype.kind not in "ui":
+        raise InputError(
+            f"labels: expected integers of shape {energy.shape}, got {given.dtype} {given.shape}"
+        )
+    if given.min() < 0 or given.max() >= energy.labels:
+        raise InputError(
+            f"labels: expected 0..{energy.labels - 1}, got {given.min()}..{given.max()}"
+        )
+    return given.astype(np.int32)
 
 
 def _integers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.int32]:

@@ -61,7 +61,7 @@ def expansion(
     """
     labels = starting_labels(energy, start)
     mover = Mover(energy, labels)
-    history = [energy.evaluate(labels)]
+    history = [mover.value()]
     idle = 0
     while idle < energy.labels and (max_sweeps is None or len(history) <= max_sweeps):
         for label in range(energy.labels):
@@ -72,7 +72,7 @@ def expansion(
             # As many labels in a row as there are: none can lower the energy any more.
             if idle == energy.labels:
                 break
-        history.append(energy.evaluate(labels))
+        history.append(mover.value())
     return Solution(labels.astype(label_dtype(energy.labels)), history[-1], tuple(history))
 
 

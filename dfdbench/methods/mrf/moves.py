@@ -6,6 +6,9 @@ of labels are submodular where the smoothness is linear, since |x - y| never pre
 choice then; expansions are for every metric, jumps for every convex table. Where a pair's costs
 are not submodular, a mixed choice is made to cost more than it does (Rother, Kumar, Kolmogorov
 and Blake, "Digital tapestry", CVPR 2005): the cut still never picks what raises the energy.
+
+Where the smoothness is a slope up to a cap, lines may move too, with more than two labels to choose
+from (`lines`).
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.methods.mrf.energy import Energy
+from dfdbench.methods.mrf.lines import best_lines
 from dfdbench.methods.mrf.maxflow import DOWN, FREE, RIGHT, SINK, SOURCE, GridGraph
 
 __all__ = ["Mover", "expansion_offer", "jump_offer", "snap_offer"]
@@ -79,11 +83,13 @@ class Mover:
         self._unary = energy.unary
         self._table = energy.smoothness
         self._gains = _largest_gains(energy.smoothness)
-        self._metric = energy.is_metric
+        self._energy = energy
         self._right, self._down = energy.edge_weights()
         self._weights = self._right + self._down
         self._weights[:, 1:] += self._right[:, :-1]
         self._weights[1:] += self._down[:-1]
+        self._slope, self._cap = _slope_and_cap(energy.smoothness)
+        self._favoured: NDArray[np.int32] | None = None
         self._labels = labels
         self._costs = np.take_along_axis(energy.unary, labels[..., np.newaxis], 2)[..., 0]
         self._offered = np.empty_like(self._costs)
@@ -113,8 +119,8 @@ class Mover:
         )
         # Beside pixels that stay there is less to gain; where nearly all take part, few are. Terms
         # that are not submodular are cut otherwise beside such a pixel: only where there are none.
-        one_for_all = self._metric and bool((offer == offer[0]).all())
-        if one_for_all and 2 * graph.active.size < labels.size:
+        few = 2 * graph.active.size < labels.size
+        if few and bool((offer == offer[0]).all()) and self._energy.is_metric:
             graph.active = _drop(
                 self._table,
                 self._gains,
@@ -146,6 +152,55 @@ class Mover:
         if change < 0:
             _apply(labels, self._costs, offer, costs, graph.active, graph.tree)
         return change
+
+    def move_lines(self, columns: bool) -> int:
+        """Let every row, or every column, take its best labels among a few (`lines`).
+
+        Each line is solved as if the smoothness were ``slope * min(d, cap)``; where it is not, and
+        the energy would rise, nothing moves.
+
+        Returns
+        -------
+        int
+            Change of the energy.
+        """
+        if self._favoured is None:
+            self._favoured = self._unary.argmin(2).astype(np.int32)
+        labels, costs = self._labels.copy(), self._costs.copy()
+        edges = (self._down, self._right) if columns else (self._right, self._down)
+        best_lines(
+            self._unary, labels, costs, self._favoured, self._slope, self._cap, *edges, columns
+        )
+        change = self._sum(labels, costs) - self._sum(self._labels, self._costs)
+        if change < 0:
+            self._labels[...], self._costs[...] = labels, costs
+        return min(change, 0)
+
+    def value(self) -> int:
+        """Give the energy of the labels as they are."""
+        return self._energy.offset + self._sum(self._labels, self._costs)
+
+    def _sum(self, labels: NDArray[np.int32], costs: NDArray[Any]) -> int:
+        return int(_sum_costs(self._table, self._right, self._down, labels, costs))
+
+
+def _slope_and_cap(table: NDArray[np.int32]) -> tuple[int, int]:
+    slope = max(int(table[1]), 1)
+    return slope, max(int(table.max()) // slope, 1)
+
+
+@numba.njit(cache=True, nogil=True)
+def _sum_costs(table: Array, right: Array, down: Array, labels: Array, costs: Array) -> int:
+    height, width = labels.shape
+    total = 0
+    for y in range(height):
+        for x in range(width):
+            total += int(costs[y, x])
+            if x + 1 < width:
+                total += right[y, x] * table[abs(labels[y, x] - labels[y, x + 1])]
+            if y + 1 < height:
+                total += down[y, x] * table[abs(labels[y, x] - labels[y + 1, x])]
+    return total
 
 
 @numba.njit(cache=True, nogil=True)

@@ -1,9 +1,8 @@
-"""Repairs: cuts that move many labels a little at once, from a labeling that is nearly right."""
+"""Repairs: moves of many labels at once, from a labeling that is nearly right."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import chain
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +20,7 @@ def repair(
     rounds: Iterable[tuple[int, ...]],
     graph: GridGraph | None = None,
 ) -> Solution:
-    """Lower an energy by jumps and snaps (`moves`) from given labels.
+    """Lower an energy by jumps, snaps and lines (`moves`) from given labels.
 
     Parameters
     ----------
@@ -31,7 +30,7 @@ def repair(
         Labels to begin with.
     rounds : iterable of tuples of int
         A positive number d stands for jumps by d and -d, a negative one for the snaps of that
-        period in all its phases.
+        period in all its phases, 0 for the best labels along rows, then along columns.
     graph : GridGraph, optional
         Memory of the energy's height and width to use again.
 
@@ -55,11 +54,15 @@ def repair(
     """
     labels = starting_labels(energy, start)
     mover = Mover(energy, labels, graph)
-    history = [energy.evaluate(labels)]
+    history = [mover.value()]
     for lengths in rounds:
-        for offer in chain.from_iterable(_offers(length, energy.labels) for length in lengths):
-            mover.move(offer)
-        history.append(energy.evaluate(labels))
+        for length in lengths:
+            if length == 0:
+                mover.move_lines(columns=False)
+                mover.move_lines(columns=True)
+            for offer in _offers(length, energy.labels):
+                mover.move(offer)
+        history.append(mover.value())
     return Solution(labels.astype(label_dtype(energy.labels)), history[-1], tuple(history))
 
 
@@ -69,4 +72,5 @@ def _offers(length: int, labels: int) -> list[NDArray[np.int32]]:
         phases = np.arange(min(-length, labels))
         return [snap_offer(labels, -length, int(p)) for p in (*phases[::2], *phases[1::2])]
     # Nothing is a jump's length away from itself in a range that is shorter.
-    return [jump_offer(labels, length), jump_offer(labels, -length)] if length < labels else []
+    steps = (length, -length) if 0 < length < labels else ()
+    return [jump_offer(labels, step) for step in steps]

@@ -1,8 +1,9 @@
 """The default solver: a few dozen minimum cuts where alpha-expansion takes a thousand.
 
-For a convex smoothness a cut may decide a bit of all labels at once. `split` first halves each
-pixel's range of labels until one label is left, then repairs the labels with cuts that move many
-labels a little at once.
+For a convex smoothness a cut may decide a bit of all labels at once. `split` halves each pixel's
+range of labels until one label is left, then repairs the labels with moves of many labels at once.
+Where it can, it does so on blocks of 4 x 4 pixels, and repairs those labels on blocks of 2 x 2 and
+on pixels: cuts of a sixteenth and a quarter of the size do most of the work.
 """
 
 from __future__ import annotations
@@ -14,17 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError
+from dfdbench.methods.mrf.coarser import coarser, finer
 from dfdbench.methods.mrf.energy import Energy, Solution
 from dfdbench.methods.mrf.expansion import expansion
 from dfdbench.methods.mrf.maxflow import GridGraph
 from dfdbench.methods.mrf.moves import Mover
 from dfdbench.methods.mrf.repair import repair
+from dfdbench.methods.mrf.smoothness import COST_LIMIT
 
 __all__ = ["Quality", "split"]
 
 Quality = Literal["fast", "default", "high"]
 
-# The rounds of repairs of each quality, as `repair` takes them.
+# So few labels take few cuts on pixels alone; two of them take one, which is exact.
+FEW_LABELS = 16
+
+# The repairs of each quality, as `repair` takes them: a round for each grid, the coarsest first.
+COARSE_TO_FINE: dict[str, tuple[tuple[int, ...], ...]] = {
+    "fast": ((16, 4), (0, 16, 8, 4), (0, 16, 8)),
+    "default": ((16, 4, -8), (0, 16, 8, 4, 2, 1), (0, 24, 8, 1, 0)),
+    "high": ((16, 4, -8), (0, 16, 8, 4, 2, 1), (0, 24, 8, 1, 0, 8, 4, 2, 1, -16, 0)),
+}
+# The rounds of repairs on pixels alone.
 REPAIRS: dict[str, tuple[tuple[int, ...], ...]] = {
     "fast": (),
     "default": ((16, 4, -8),),
@@ -43,7 +55,11 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
 
     The splits follow the decomposition of convex priors into binary problems (Darbon and Sigelle,
     JMIV 2006; Kolmogorov and Shioura, Discrete Optimization 2009), with the least cost of a range
-    for its cost. The repairs are jumps and snaps (`repair`). None raises the energy.
+    for its cost. The repairs are jumps, snaps and lines (`repair`). None raises the energy.
+
+    If the smoothness is nearly linear and there are more than a few labels, it begins with blocks
+    of 4 x 4 pixels that share a label, as multiscale methods do (Felzenszwalb and Huttenlocher,
+    "Efficient belief propagation for early vision", IJCV 2006).
 
     A smoothness that is not even nearly convex (Potts, truncated at a small difference) gives
     ranges no meaning; the labels then come from `expansion`, whatever the quality.
@@ -53,13 +69,14 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     energy : Energy
         Any smoothness.
     quality : {"fast", "default", "high"}, optional
-        How much repair: none, a dozen cuts, or some four dozen. On photographs the
-        energies are about 2 %, 0.03 % and 0.01 % over those of `expansion`.
+        How much repair: on photographs the energies are about 0.4 %, 0.05 % and 0.01 % over those
+        of `expansion`.
 
     Returns
     -------
     Solution
-        `history` begins with the energy of the splits and has an entry per round of repairs.
+        `history` begins with the energy of the halved ranges, on blocks or pixels, and has an
+        entry per round of repairs.
 
     Raises
     ------
@@ -80,8 +97,27 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
         raise InputError(f"quality: expected one of {get_args(Quality)}, got {quality!r}")
     if not _nearly_convex(energy.smoothness):
         return expansion(energy)
+    rounds = COARSE_TO_FINE[quality]
+    if _goes_coarse_to_fine(energy, len(rounds)):
+        return _coarse_to_fine(energy, rounds)
     graph = GridGraph(*energy.shape)
     return repair(energy, _halve(energy, graph), REPAIRS[quality], graph)
+
+
+def _coarse_to_fine(energy: Energy, rounds: tuple[tuple[int, ...], ...]) -> Solution:
+    grids = [energy]
+    while len(grids) < len(rounds):
+        grids.append(coarser(grids[-1]))
+    labels = _halve(grids[-1], GridGraph(*grids[-1].shape))
+    history = [grids[-1].evaluate(labels)]
+    for lengths in rounds:
+        grid = grids.pop()
+        if labels.shape != grid.shape:
+            labels = finer(labels, grid.shape)
+        solution = repair(grid, labels, [lengths])
+        labels = solution.labels
+        history.append(solution.energy)
+    return Solution(solution.labels, solution.energy, tuple(history))
 
 
 def _nearly_convex(table: NDArray[np.int32]) -> bool:
@@ -97,6 +133,23 @@ def _nearly_convex(table: NDArray[np.int32]) -> bool:
         hull.append(at)
     above = values - np.interp(distances, hull, values[hull])
     return bool(above.max() <= CONVEX_TOLERANCE * values.max())
+
+
+def _goes_coarse_to_fine(energy: Energy, grids: int) -> bool:
+    if energy.labels <= FEW_LABELS:
+        return False
+    # Lines, which mend where surfaces end, take the smoothness for linear.
+    table = energy.smoothness
+    line = int(table[1]) * np.arange(table.size)
+    if np.abs(table - line).max() > CONVEX_TOLERANCE * table.max():
+        return False
+    # A coarser grid's blocks have four pixels' costs, and two edges between each other.
+    weights = (energy.weights_horizontal, energy.weights_vertical)
+    heaviest = max(1 if weight is None else int(weight.max(initial=1)) for weight in weights)
+    largest = max(
+        4 ** (grids - 1) * energy.largest_cost, 2 ** (grids - 1) * heaviest * int(table.max())
+    )
+    return bool(largest < COST_LIMIT)
 
 
 def _halve(energy: Energy, graph: GridGraph) -> NDArray[np.int32]:

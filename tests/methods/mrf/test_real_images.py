@@ -23,9 +23,7 @@ KNOWN = {1: 1_139_913, 2: 1_239_127}
 @pytest.mark.parametrize("exposure", [1, 2])
 def test_split_reaches_the_published_energy(aloe: Callable[[int], Energy], exposure: int) -> None:
     solution = split(aloe(exposure))
-    assert KNOWN[exposure] * 0.9995 < solution.energy < KNOWN[exposure] * 1.0005
-    # What it begins its repairs with is the whole of "fast".
-    assert solution.history[0] < KNOWN[exposure] * 1.03
+    assert KNOWN[exposure] * 0.9995 < solution.energy < KNOWN[exposure] * 1.001
 
 
 @pytest.mark.slow
@@ -35,7 +33,7 @@ def test_every_quality_and_the_bound_keep_to_the_published_energy(
 ) -> None:
     energy = aloe(exposure)
     solution = split(energy)
-    assert split(energy, "fast").energy == solution.history[0]
+    assert solution.energy < split(energy, "fast").energy < KNOWN[exposure] * 1.006
     assert split(energy, "high").energy < KNOWN[exposure] * 1.0002
     # Message passing on 256 labels is slow; a few iterations give a bound that is not tight.
     assert KNOWN[exposure] * 0.95 < lower_bound(energy, 3) < solution.energy
@@ -79,4 +77,5 @@ def test_split_is_near_expansion_where_one_label_alone_explains_a_pixel(
     defocus = synthesize(infocus, np.asarray(depth[part], np.uint8), RECIPES["published"])
     energy = GraphCuts(color_space=color_space).energy(infocus, defocus)
     reference = expansion(energy, start=energy.unary.argmin(axis=2), max_sweeps=1).energy
-    assert split(energy).energy < 1.0006 * reference
+    assert split(energy).energy < 1.0025 * reference
+    assert split(energy, "high").energy < 1.0006 * reference

@@ -12,8 +12,8 @@ from tests.methods.mrf.conftest import random_energy
 def test_no_round_raises_the_energy(rng: np.random.Generator, kind: str) -> None:
     energy = random_energy(rng, 14, 17, 20, kind, weighted=True)
     start = rng.integers(0, 20, energy.shape)
-    solution = repair(energy, start, [(8, 4), (-8,), (2, 1), (-3, 16)])
-    assert len(solution.history) == 5
+    solution = repair(energy, start, [(8, 4), (-8,), (2, 1), (0,), (-3, 16, 0)])
+    assert len(solution.history) == 6
     assert list(solution.history) == sorted(solution.history, reverse=True)
     assert solution.history[-1] < solution.history[0] == energy.evaluate(start)
     assert solution.energy == energy.evaluate(solution.labels)
@@ -36,6 +36,13 @@ def test_snaps_reach_every_label_within_half_a_period(target: int) -> None:
     for start in range(max(0, target - 2), min(10, target + 3)):
         found = repair(energy, np.full((4, 5), start), [(-5,)]).labels
         assert (found == target).all()
+
+
+def test_lines_go_where_no_jump_does(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 1, 6, 9, "absolute", weighted=True)
+    start = energy.unary.argmin(2)
+    # All labels of a row at once: as good as any labeling of a grid that is one row.
+    assert repair(energy, start, [(0,)]).energy <= expansion(energy, start).energy
 
 
 def test_lengths_beyond_the_labels_change_nothing(rng: np.random.Generator) -> None:

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dfdbench.methods.mrf import Energy, expansion, lower_bound, split
+from dfdbench.methods.mrf import Energy, Quality, expansion, lower_bound, split
 from tests.methods.mrf.conftest import random_energy
 
 
@@ -24,6 +25,28 @@ def test_split_is_near_the_bound_for_convex_tables(
     bound = lower_bound(energy, 60)
     assert split(energy, "default").energy <= 1.03 * bound
     assert split(energy, "high").energy <= 1.01 * bound
+
+
+@pytest.mark.parametrize("quality", ["fast", "default"])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (2, 3), (7, 5)])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_blocks_need_no_even_size(
+    rng: np.random.Generator, quality: Quality, shape: tuple[int, int], weighted: bool
+) -> None:
+    energy = random_energy(rng, *shape, 40, "absolute", weighted)
+    solution = split(energy, quality)
+    assert solution.labels.shape == shape
+    assert solution.energy == energy.evaluate(solution.labels) == solution.history[-1]
+    assert list(solution.history) == sorted(solution.history, reverse=True)
+
+
+def test_costs_too_large_for_blocks_are_solved_on_pixels(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 4, 5, 20, "absolute")
+    large = replace(energy, unary=energy.unary.astype(np.int32))
+    large.unary[0, 0, 3] = 2**26
+    solution = split(large)
+    assert solution.labels[0, 0] != 3
+    assert solution.energy == large.evaluate(solution.labels)
 
 
 def test_split_hands_potts_to_expansion(rng: np.random.Generator) -> None:

@@ -1,0 +1,224 @@
+"""Best lines: the labels of a whole row or column at once, the lines beside it left as they are.
+
+A cut chooses between two labels for every pixel of the image; here every pixel of one line chooses
+among sixteen, exactly, by dynamic programming, which takes no longer. Labels travel along lines:
+where surfaces end, a pixel's right label is mostly some neighbour's.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["best_lines"]
+
+# The labels that a pixel chooses from: so many around its own, those of its four neighbours, and
+# the one that its own costs favour; together as many as fill a processor's widest register.
+AROUND = 11
+CANDIDATES = AROUND + 4 + 1
+
+_FAR = np.int32(2**31 - 1)
+
+Array = NDArray[Any]
+
+
+def best_lines(
+    unary: NDArray[Any],
+    labels: NDArray[np.int32],
+    costs: NDArray[Any],
+    favoured: NDArray[np.int32],
+    slope: int,
+    cap: int,
+    along: NDArray[np.int32],
+    across: NDArray[np.int32],
+    columns: bool,
+) -> None:
+    """Give every row, or every column, in turn the best labels among its pixels' candidates.
+
+    Parameters
+    ----------
+    unary : (y, x, label) uint16 or int32
+        What each label costs each pixel.
+    labels, costs : (y, x) int32 and of the type of the costs
+        Labels and what they cost, both changed in place.
+    favoured : (y, x) int32
+        A label that every pixel may choose.
+    slope, cap : int
+        Neighbours whose labels differ by d pay ``slope * min(d, cap)`` times their edge's weight.
+    along, across : (y, x) int32
+        Weights of the edges to the next pixel of the line, and to that of the next line.
+    columns : bool
+        Whether the lines are columns.
+
+    Examples
+    --------
+    >>> unary = np.array([[[0, 2, 3], [9, 9, 0], [0, 2, 3]]], np.uint16)
+    >>> labels, costs = np.zeros((1, 3), np.int32), np.array([[0, 9, 0]], np.uint16)
+    >>> edges = np.array([[1, 1, 0]], np.int32), np.zeros((1, 3), np.int32)
+    >>> best_lines(unary, labels, costs, labels + 2, 2, 255, *edges, columns=False)
+    >>> labels.tolist(), costs.tolist()
+    ([[2, 2, 2]], [[3, 0, 3]])
+    """
+    height, width, count = unary.shape
+    _sweep(
+        unary.reshape(-1, count),
+        labels.reshape(-1),
+        costs.reshape(-1),
+        favoured.reshape(-1),
+        np.int32(slope),
+        np.int32(cap),
+        along.reshape(-1),
+        across.reshape(-1),
+        (height, 1, width) if columns else (width, width, 1),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _sweep(
+    unary: Array,
+    labels: Array,
+    costs: Array,
+    favoured: Array,
+    slope: Any,
+    cap: Any,
+    along: Array,
+    across: Array,
+    grid: tuple[int, int, int],
+) -> None:
+    length, next_line, step = grid
+    # For each pixel of a line its candidates, and what they cost.
+    choices = np.empty((length, CANDIDATES), np.int32)
+    sums = np.empty((length, CANDIDATES), np.int32)
+    for line in range(labels.size // length):
+        _offer(unary, labels, favoured, slope, cap, across, grid, line, choices, sums)
+        _add_lines(slope, cap, along, line * next_line, step, choices, sums)
+        _take(unary, labels, costs, slope, cap, along, line * next_line, step, choices, sums)
+
+
+@numba.njit(cache=True, nogil=True)
+def _offer(
+    unary: Array,
+    labels: Array,
+    favoured: Array,
+    slope: Any,
+    cap: Any,
+    across: Array,
+    grid: tuple[int, int, int],
+    line: int,
+    choices: Array,
+    sums: Array,
+) -> None:
+    # Candidates cost what they cost the pixel, and the edges to the lines beside.
+    length, next_line, step = grid
+    lines, count = labels.size // length, unary.shape[1]
+    last, highest = np.int32(count - 1), max(count - AROUND, 0)
+    for place in range(length):
+        at = line * next_line + place * step
+        own, chosen, total = labels[at], choices[place], sums[place]
+        low = np.int32(min(max(own - AROUND // 2, 0), highest))
+        for candidate in range(AROUND):
+            chosen[candidate] = min(np.int32(low + candidate), last)
+        for candidate in range(AROUND, CANDIDATES):
+            chosen[candidate] = own
+        chosen[AROUND] = favoured[at]
+        if line > 0:
+            chosen[AROUND + 1] = labels[at - next_line]
+        if line + 1 < lines:
+            chosen[AROUND + 2] = labels[at + next_line]
+        if place > 0:
+            chosen[AROUND + 3] = labels[at - step]
+        if place + 1 < length:
+            chosen[AROUND + 4] = labels[at + step]
+        for candidate in range(CANDIDATES):
+            total[candidate] = unary[at, chosen[candidate]]
+        if line > 0:
+            weight = np.int32(slope * across[at - next_line])
+            _add_edge(total, chosen, labels[at - next_line], weight, cap)
+        if line + 1 < lines:
+            weight = np.int32(slope * across[at])
+            _add_edge(total, chosen, labels[at + next_line], weight, cap)
+
+
+@numba.njit(cache=True, nogil=True)
+def _add_lines(
+    slope: Any, cap: Any, along: Array, first: int, step: int, choices: Array, sums: Array
+) -> None:
+    # From pixel to pixel, add the least that the line costs up to the one before; all relative to
+    # the pixel's least, so that sums stay small.
+    before = np.empty(CANDIDATES, np.int32)
+    for place in range(len(sums)):
+        total = sums[place]
+        if place > 0:
+            weight = np.int32(slope * along[first + (place - 1) * step])
+            _reach(sums[place - 1], choices[place - 1], choices[place], weight, cap, before)
+            for candidate in range(CANDIDATES):
+                total[candidate] += before[candidate]
+        least = _least(total)
+        for candidate in range(CANDIDATES):
+            total[candidate] -= least
+
+
+@numba.njit(cache=True, nogil=True)
+def _take(
+    unary: Array,
+    labels: Array,
+    costs: Array,
+    slope: Any,
+    cap: Any,
+    along: Array,
+    first: int,
+    step: int,
+    choices: Array,
+    sums: Array,
+) -> None:
+    # From the line's end, each pixel takes what is best before the label that comes after it.
+    for place in range(len(sums) - 1, -1, -1):
+        at = first + place * step
+        chosen, total = choices[place], sums[place]
+        if place + 1 < len(sums):
+            _add_edge(total, chosen, labels[at + step], np.int32(slope * along[at]), cap)
+        least = _least(total)
+        # Of equally good labels a pixel keeps its own, else takes the first.
+        best = labels[at] - chosen[0]
+        if total[best] != least:
+            best = 0
+            while total[best] != least:
+                best += 1
+            labels[at] = chosen[best]
+            costs[at] = unary[at, chosen[best]]
+
+
+# Numba makes every sum of 32-bit numbers one of 64 bits, which holds half as many in a processor's
+# register: each is turned back at once.
+@numba.njit(cache=True, nogil=True, inline="always")
+def _add_edge(total: Array, chosen: Array, label: Any, weight: Any, cap: Any) -> None:
+    other = np.int32(label)
+    for candidate in range(CANDIDATES):
+        own = chosen[candidate]
+        apart = min(max(np.int32(own - other), np.int32(other - own)), cap)
+        total[candidate] = np.int32(total[candidate] + np.int32(weight * apart))
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _reach(
+    sums: Array, choices: Array, chosen: Array, weight: Any, cap: Any, before: Array
+) -> None:
+    # The least that the line costs up to the pixel before, and the edge between.
+    for candidate in range(CANDIDATES):
+        own, least = chosen[candidate], _FAR
+        for other in range(CANDIDATES):
+            label = choices[other]
+            apart = min(max(np.int32(own - label), np.int32(label - own)), cap)
+            least = min(least, np.int32(sums[other] + np.int32(weight * apart)))
+        before[candidate] = least
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _least(total: Array) -> Any:
+    least = total[0]
+    for candidate in range(CANDIDATES):
+        least = min(least, total[candidate])
+    return least

@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dfdbench.methods.mrf import Energy, truncated_absolute
+from dfdbench.methods.mrf.lines import AROUND
+from dfdbench.methods.mrf.moves import Mover
+from tests.methods.mrf.conftest import KINDS, random_energy
+
+
+@pytest.mark.parametrize("kind", ["absolute", "truncated-absolute", "potts"])
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("dtype", [np.uint16, np.int32])
+def test_a_line_takes_its_best_labels(
+    rng: np.random.Generator, kind: str, weighted: bool, dtype: type[Any]
+) -> None:
+    # So few labels are all candidates: nothing that one line can do is better.
+    for _ in range(10):
+        energy = random_energy(rng, 1, 5, 4, kind, weighted, dtype)
+        labels = rng.integers(0, 4, (1, 5)).astype(np.int32)
+        before = energy.evaluate(labels)
+        least = min(
+            energy.evaluate([list(choice)]) for choice in itertools.product(range(4), repeat=5)
+        )
+        change = Mover(energy, labels).move_lines(columns=False)
+        assert before + change == energy.evaluate(labels) == least
+
+
+@pytest.mark.parametrize("columns", [False, True])
+def test_a_line_heeds_what_is_beside_it(rng: np.random.Generator, columns: bool) -> None:
+    for _ in range(5):
+        energy = random_energy(rng, 3, 4, 4, "absolute", weighted=True)
+        labels = rng.integers(0, 4, (3, 4)).astype(np.int32)
+        Mover(energy, labels).move_lines(columns)
+        # The last line is the one whose neighbours are still as it found them.
+        last = np.s_[:, -1] if columns else np.s_[-1]
+        for choice in itertools.product(range(4), repeat=labels[last].size):
+            tried = labels.copy()
+            tried[last] = choice
+            assert energy.evaluate(tried) >= energy.evaluate(labels)
+
+
+def test_rows_and_columns_are_solved_alike(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 6, 9, 30, "absolute", weighted=True)
+    right, down = energy.weights_horizontal, energy.weights_vertical
+    assert right is not None
+    assert down is not None
+    turned = Energy(energy.unary.transpose(1, 0, 2), energy.smoothness, down.T, right.T)
+    labels = rng.integers(0, 30, (6, 9)).astype(np.int32)
+    mirrored = np.ascontiguousarray(labels.T)
+    assert Mover(energy, labels).move_lines(columns=False) == Mover(turned, mirrored).move_lines(
+        columns=True
+    )
+    assert np.array_equal(labels, mirrored.T)
+
+
+@settings(max_examples=40)
+@given(st.sampled_from(KINDS), st.integers(2, 40), st.integers(0, 2**32 - 1))
+def test_no_line_raises_the_energy(kind: str, labels: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    height, width = (int(length) for length in rng.integers(1, 8, 2))
+    energy = random_energy(rng, height, width, labels, kind, weighted=True)
+    found = rng.integers(0, labels, energy.shape).astype(np.int32)
+    mover, value = Mover(energy, found), energy.evaluate(found)
+    for columns in (False, True, False):
+        value += mover.move_lines(columns)
+        assert value == energy.evaluate(found) == mover.value()
+
+
+def test_labels_travel_along_a_line_from_where_they_are_known() -> None:
+    # Label 150 is a little better everywhere, but only one pixel's own costs favour it, and it is
+    # far from all that the others begin near.
+    unary = np.full((1, 9, 200), 5, np.uint16)
+    unary[..., 0], unary[..., 150] = 3, 4
+    unary[0, 4] = 600
+    unary[0, 4, 150] = 0
+    labels = np.full((1, 9), 20, np.int32)
+    assert 5 * AROUND < 150 - 20
+    mover = Mover(Energy(unary, truncated_absolute(200, cap=255)), labels)
+    for _ in range(5):
+        mover.move_lines(columns=False)
+    assert labels.tolist() == [[150] * 9]
+
+
+def test_moves_after_lines_know_what_labels_cost(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 8, 9, 20, "absolute")
+    labels = rng.integers(0, 20, energy.shape).astype(np.int32)
+    mover = Mover(energy, labels)
+    mover.move_lines(columns=False)
+    value = energy.evaluate(labels)
+    change = mover.move(np.full(20, 7, np.int32))
+    assert energy.evaluate(labels) == value + change
