@@ -11,7 +11,7 @@ from dfdbench.errors import MethodError
 from dfdbench.methods import mrf
 from dfdbench.methods.calibrated import Calibrated
 from dfdbench.methods.law_cost import blurred_by, law_misfits
-from dfdbench.methods.path_costs import path_costs
+from dfdbench.methods.path_costs import MOST, path_costs
 from dfdbench.methods.rounded_cost import costs_of_misfits, rounded_cost
 
 Image = NDArray[np.uint8]
@@ -20,8 +20,17 @@ Image = NDArray[np.uint8]
 # neighbours.
 _UNIT = 4
 
-# Snaps and jumps that reach the energy of a sweep of expansions, in a third of its time.
-REPAIRS = ((-16, 128, 64, 32, 16, 8),)
+# Of blocks of 2 x 2, then of pixels: what reaches the energy of a sweep of expansions, in a quarter
+# of its time.
+REPAIRS = ((-16, 128, 64, 32, 16, 8), (0, 16, 8, 0))
+
+
+def best_paths(blocks: mrf.Energy) -> NDArray[np.int64]:
+    """Give blocks of 2 x 2 pixels the labels that are best along rows and columns."""
+    # Two edges between blocks.
+    small, large = 2 * int(blocks.smoothness[1]), 2 * int(blocks.smoothness.max())
+    costs = np.minimum(blocks.unary, MOST - large).astype(np.uint16)
+    return np.asarray(path_costs(costs, small, large, directions=4).argmin(axis=2))
 
 
 class RoundedGraphCuts(Calibrated):
@@ -51,9 +60,9 @@ class RoundedGraphCuts(Calibrated):
     Notes
     -----
     It lives on exact knowledge of the blur and on the absence of noise, and says little about
-    photographs: docs/graph_cuts.md. Minimised from the best labels along rows and columns
-    (`path_costs`) by two dozen cuts that move many labels at once (`mrf.repair`); where some pixel
-    has no free label, by a sweep of alpha-expansion, since lines through noise lead astray.
+    photographs: docs/graph_cuts.md. Minimised on blocks of 2 x 2 pixels first
+    (`mrf.coarse_to_fine`), from the best labels along rows and columns (`path_costs`); where some
+    pixel has no free label, by a sweep of alpha-expansion, since lines through noise lead astray.
 
     Examples
     --------
@@ -101,10 +110,7 @@ class RoundedGraphCuts(Calibrated):
         if offset > 0:
             labels = mrf.expansion(energy, unary.argmin(axis=2), max_sweeps=1).labels
         else:
-            # A prohibition costs more than any path can save: no pixel ever has a forbidden label.
-            small, large = int(self._smoothness[1]), int(self._smoothness.max())
-            start = path_costs(unary, small, large, directions=4).argmin(axis=2)
-            labels = mrf.repair(energy, start, REPAIRS).labels
+            labels = mrf.coarse_to_fine(energy, best_paths, REPAIRS).labels
         return np.asarray(blur.depth_of_level(labels.astype(np.int64)), np.float32)
 
     def _shown(self) -> slice:

@@ -1,5 +1,6 @@
 """Solvers for labelings of a grid with a cost per pixel and a cost per pair of neighbours."""
 
+from dfdbench.methods.mrf.blocks import coarse_to_fine
 from dfdbench.methods.mrf.energy import Energy, Solution
 from dfdbench.methods.mrf.expansion import expansion
 from dfdbench.methods.mrf.repair import repair
@@ -18,6 +19,7 @@ __all__ = [
     "Quality",
     "Solution",
     "adaptive_potts_weights",
+    "coarse_to_fine",
     "expansion",
     "lower_bound",
     "message_passing",

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError
-from dfdbench.methods.mrf.coarser import coarser, finer
+from dfdbench.methods.mrf.blocks import coarse_to_fine
 from dfdbench.methods.mrf.energy import Energy, Solution
 from dfdbench.methods.mrf.expansion import expansion
 from dfdbench.methods.mrf.maxflow import GridGraph
@@ -57,9 +57,8 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     JMIV 2006; Kolmogorov and Shioura, Discrete Optimization 2009), with the least cost of a range
     for its cost. The repairs are jumps, snaps and lines (`repair`). None raises the energy.
 
-    If the smoothness is nearly linear and there are more than a few labels, it begins with blocks
-    of 4 x 4 pixels that share a label, as multiscale methods do (Felzenszwalb and Huttenlocher,
-    "Efficient belief propagation for early vision", IJCV 2006).
+    If the smoothness is nearly linear and there are more than a few labels, all that is done to
+    blocks of 4 x 4 pixels first (`coarse_to_fine`).
 
     A smoothness that is not even nearly convex (Potts, truncated at a small difference) gives
     ranges no meaning; the labels then come from `expansion`, whatever the quality.
@@ -99,25 +98,9 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
         return expansion(energy)
     rounds = COARSE_TO_FINE[quality]
     if _goes_coarse_to_fine(energy, len(rounds)):
-        return _coarse_to_fine(energy, rounds)
+        return coarse_to_fine(energy, _halve, rounds)
     graph = GridGraph(*energy.shape)
     return repair(energy, _halve(energy, graph), REPAIRS[quality], graph)
-
-
-def _coarse_to_fine(energy: Energy, rounds: tuple[tuple[int, ...], ...]) -> Solution:
-    grids = [energy]
-    while len(grids) < len(rounds):
-        grids.append(coarser(grids[-1]))
-    labels = _halve(grids[-1], GridGraph(*grids[-1].shape))
-    history = [grids[-1].evaluate(labels)]
-    for lengths in rounds:
-        grid = grids.pop()
-        if labels.shape != grid.shape:
-            labels = finer(labels, grid.shape)
-        solution = repair(grid, labels, [lengths])
-        labels = solution.labels
-        history.append(solution.energy)
-    return Solution(solution.labels, solution.energy, tuple(history))
 
 
 def _nearly_convex(table: NDArray[np.int32]) -> bool:
@@ -152,8 +135,9 @@ def _goes_coarse_to_fine(energy: Energy, grids: int) -> bool:
     return bool(largest < COST_LIMIT)
 
 
-def _halve(energy: Energy, graph: GridGraph) -> NDArray[np.int32]:
+def _halve(energy: Energy, graph: GridGraph | None = None) -> NDArray[np.int32]:
     """Find labels by deciding one bit of all of them per cut, the highest first."""
+    graph = GridGraph(*energy.shape) if graph is None else graph
     # A range is as good as its best label. Its mean would do for blunt costs, but where one label
     # alone explains a pixel, the labels beside it must not speak against their range.
     costs = [energy.unary]

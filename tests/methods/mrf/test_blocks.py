@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from dfdbench.errors import InputError
 from dfdbench.methods.mrf import Energy, truncated_absolute
-from dfdbench.methods.mrf.coarser import coarser, finer
+from dfdbench.methods.mrf.blocks import coarse_to_fine, coarser, finer
 from tests.methods.mrf.conftest import KINDS, random_energy
 
 
@@ -38,3 +38,22 @@ def test_sums_beyond_32_bits_are_an_error() -> None:
     unary = np.full((2, 2, 3), 2**26, np.int32)
     with pytest.raises(InputError, match="unary costs"):
         coarser(Energy(unary, truncated_absolute(3, cap=2)))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (6, 7), (13, 8)])
+def test_every_size_of_blocks_lowers_the_energy(
+    rng: np.random.Generator, shape: tuple[int, int]
+) -> None:
+    energy = random_energy(rng, *shape, 20, "absolute", weighted=True)
+    asked = []
+
+    def begin(blocks: Energy) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+        asked.append(blocks.shape)
+        return np.zeros(blocks.shape, np.int64)
+
+    solution = coarse_to_fine(energy, begin, [(8, 4), (), (0, 2, 1)])
+    assert asked == [((shape[0] + 3) // 4, (shape[1] + 3) // 4)]
+    assert solution.history[0] == energy.evaluate(np.zeros(shape, int))
+    assert solution.history[1] == solution.history[2]
+    assert list(solution.history) == sorted(solution.history, reverse=True)
+    assert solution.energy == energy.evaluate(solution.labels)

@@ -1,18 +1,73 @@
-"""The energy of a coarser grid: of all labelings that are constant in blocks of 2 x 2 pixels."""
+"""Blocks: labels are found for squares of pixels first, then mended on smaller ones and pixels."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.methods.mrf.energy import Energy
+from dfdbench.methods.mrf.energy import Energy, Solution
+from dfdbench.methods.mrf.repair import repair
 
-__all__ = ["coarser", "finer"]
+__all__ = ["coarse_to_fine", "coarser", "finer"]
 
 Array = NDArray[Any]
+
+
+def coarse_to_fine(
+    energy: Energy, begin: Callable[[Energy], NDArray[Any]], rounds: Sequence[tuple[int, ...]]
+) -> Solution:
+    """Minimise an energy on ever smaller blocks, each beginning with the labels of the larger.
+
+    Large blocks have few labels to find, and what no pixel says for certain many say together.
+    Felzenszwalb and Huttenlocher, "Efficient belief propagation for early vision", IJCV 2006,
+    pass messages on such blocks.
+
+    Parameters
+    ----------
+    energy : Energy
+        Of pixels.
+    begin : callable
+        Takes the energy of the largest blocks (`coarser`), gives labels to begin with there.
+    rounds : sequence of tuples of int
+        A round of repairs (`repair`) for each size of blocks, the largest first, pixels last: with
+        three, blocks have sides of 4, 2 and 1.
+
+    Returns
+    -------
+    Solution
+        `history` begins with the energy of what `begin` gave and has an entry per round.
+
+    Raises
+    ------
+    InputError
+        If a block's costs are so large that int32 could overflow.
+
+    Examples
+    --------
+    >>> from dfdbench.methods.mrf.smoothness import truncated_absolute
+    >>> unary = np.array([[[9, 4, 0, 4], [3, 3, 2, 1], [9, 4, 0, 4]]], np.uint16)
+    >>> energy = Energy(unary, truncated_absolute(4, cap=255))
+    >>> solution = coarse_to_fine(energy, lambda blocks: blocks.unary.argmin(2), [(), (0,)])
+    >>> solution.labels.tolist(), solution.history
+    ([[2, 2, 2]], (2, 2, 2))
+    """
+    grids = [energy]
+    while len(grids) < len(rounds):
+        grids.append(coarser(grids[-1]))
+    labels = begin(grids[-1])
+    history = [grids[-1].evaluate(labels)]
+    for lengths in rounds:
+        grid = grids.pop()
+        if labels.shape != grid.shape:
+            labels = finer(labels, grid.shape)
+        solution = repair(grid, labels, [lengths])
+        labels = solution.labels
+        history.append(solution.energy)
+    return Solution(solution.labels, solution.energy, tuple(history))
 
 
 def coarser(energy: Energy) -> Energy:
