@@ -68,8 +68,8 @@ def split(energy: Energy, quality: Quality = "default") -> Solution:
     energy : Energy
         Any smoothness.
     quality : {"fast", "default", "high"}, optional
-        How much repair: on photographs the energies are about 0.4 %, 0.05 % and 0.01 % over those
-        of `expansion`.
+        How much repair: on photographs `fast` ends about 0.4 % above the energies of `expansion`,
+        `default` 0.05 %, and `high` at them.
 
     Returns
     -------
