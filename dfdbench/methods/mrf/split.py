@@ -119,7 +119,8 @@ def _nearly_convex(table: NDArray[np.int32]) -> bool:
 
 
 def _goes_coarse_to_fine(energy: Energy, grids: int) -> bool:
-    if energy.labels <= FEW_LABELS:
+    # Where neighbours cost each other nothing, halving is exact, and blocks only mislead.
+    if energy.labels <= FEW_LABELS or not energy.smoothness.any():
         return False
     # Lines, which mend where surfaces end, take the smoothness for linear.
     table = energy.smoothness
