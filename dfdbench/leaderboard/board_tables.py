@@ -250,9 +250,9 @@ def _interval_note(scenes: int, score: str) -> str:
     if scenes == 1:
         return "A single scene: no interval."
     return (
-        f"Range of scene means: the lowest and the highest {score} of {scenes} scenes; fewer than "
-        f"six are too few for a 95 % interval. {behind} range over scenes; likely where all "
-        "scenes lean one way."
+        f"Range of scene means: the lowest and the highest {score} of {scenes} scenes. {behind} "
+        "range over scenes. Fewer than six scenes are too few for a 95 % interval, and too few to "
+        "tell a difference from chance."
     )
 
 

@@ -25,7 +25,7 @@ def test_the_ranking_is_by_nrmse_with_an_interval_and_the_row_above(tmp_path: Pa
     assert first.above is None
     assert second.above is not None
     assert second.above.mean == pytest.approx(0.1)
-    assert second.above.verdict == "likely"
+    assert second.above.verdict == "too few scenes to tell"
     assert first.interval is not None
     score = first.entry.score("thesis", "nrmse")
     assert score is not None
