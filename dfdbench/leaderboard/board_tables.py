@@ -19,6 +19,7 @@ from dfdbench.results.record_file import RESULT
 from dfdbench.results.told import TOLD_NOTE, knew_blur, told
 from dfdbench.results.wording import (
     NOTHING,
+    SECONDS_NOTE,
     interval_text,
     machine_of,
     parameters_of,
@@ -181,7 +182,7 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
     align = "lllrll"
     if folder:
         columns, align = (*columns, "reproduced", "file"), align + "ll"
-    notes = ("Seconds compare only on one machine.",)
+    notes = (SECONDS_NOTE,)
     return Table("how they were run", columns, tuple(rows), align, notes)
 
 

@@ -29,6 +29,7 @@ from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.differences import PairedDifference, changes, paired_difference
 from dfdbench.results.first_table import first_protocol
 from dfdbench.results.record import PairResult, Result
+from dfdbench.results.summary import median_seconds
 from dfdbench.results.told import knew_blur
 from dfdbench.results.wording import NOTHING, labelled, method_label, score_text
 
@@ -69,10 +70,8 @@ class Entry:
 
     @property
     def seconds(self) -> float | None:
-        """Mean seconds per pair; None where they cannot be compared, or nothing was evaluated."""
-        if not all(pair.timed_alone for pair in self.result.pairs):
-            return None
-        return mean_of(pair.seconds for pair in self.result.pairs)
+        """Median seconds per pair; see `median_seconds`."""
+        return median_seconds([self.result])
 
     def score(self, protocol: str, metric: str) -> float | None:
         """Return the average over all pairs, computed from them; None for an incomplete run."""
