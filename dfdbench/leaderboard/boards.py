@@ -202,18 +202,22 @@ def parted(entries: Sequence[Entry]) -> tuple[list[ScoreBoard], list[ScoreBoard]
 
 
 def boards(entries: Sequence[Entry]) -> list[ScoreBoard]:
-    """Part entries into boards of what may be compared, and rank each."""
-    groups: dict[tuple[str, str, bool, int, str, str], list[Entry]] = {}
+    """Part entries into boards of what may be compared, and rank each.
+
+    Besides the images, the manifest decides on scores: by its splits, crops and metres.
+    """
+    groups: dict[tuple[str, str, bool, int, str, str, str], list[Entry]] = {}
     for entry in entries:
         dataset = entry.result.dataset
         for protocol in entry.result.protocol_names:
             order = list(RELEASED).index(protocol) if protocol in RELEASED else len(RELEASED)
             later = protocol != first_protocol(dataset.short)
-            key = (dataset.name, dataset.split, later, order, protocol, dataset.fingerprint)
+            data = (dataset.fingerprint, dataset.manifest_sha256)
+            key = (dataset.name, dataset.split, later, order, protocol, *data)
             groups.setdefault(key, []).append(entry)
     return [
         _board(dataset, split, fingerprint, protocol, found)
-        for (dataset, split, _, _, protocol, fingerprint), found in sorted(
+        for (dataset, split, _, _, protocol, fingerprint, _), found in sorted(
             groups.items(), key=lambda item: item[0]
         )
     ]

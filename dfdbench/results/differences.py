@@ -76,7 +76,7 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
         Where one of them was not scored under that protocol.
     """
     problems = []
-    for what in ("name", "fingerprint", "split"):
+    for what in ("name", "manifest_sha256", "fingerprint", "split"):
         values = [str(getattr(result.dataset, what)) for result in (first, second)]
         if values[0] != values[1]:
             problems.append(

@@ -58,6 +58,16 @@ def test_other_data_split_or_protocol_is_another_board(tmp_path: Path) -> None:
     assert found == [("thesis", "2", 1), ("thesis", "5", 1), ("valid", "2", 1)]
 
 
+def test_the_same_images_under_another_manifest_are_another_board(tmp_path: Path) -> None:
+    # A set of one's own whose network_crop was changed has the same images and other scores.
+    first, second = make_demo_result(lambda pair: 0.1, "a"), make_demo_result(lambda pair: 0.2, "b")
+    dataset = second.dataset.model_copy(update={"manifest_sha256": "7" * 64})
+    second = second.model_copy(update={"dataset": dataset})
+    (tmp_path / "result.json").touch()
+    found = boards([Entry(result, tmp_path / "result.json", None) for result in (first, second)])
+    assert [len(board.standings) for board in found] == [1, 1]
+
+
 def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
     add(tmp_path, "whole", 0.3)
     submit(limited(make_demo_result(lambda pair: 0.001, "stopped"), 7), tmp_path, WHEN)

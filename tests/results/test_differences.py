@@ -85,6 +85,9 @@ def test_other_data_and_other_protocols_are_not_compared() -> None:
     with pytest.raises(ResultError, match="fingerprint") as raised:
         check_comparable(first, second.model_copy(update={"dataset": other}), "thesis")
     assert len(raised.value.problems) == 2
+    edited = second.dataset.model_copy(update={"manifest_sha256": "7" * 64})
+    with pytest.raises(ResultError, match="manifest_sha256"):
+        check_comparable(first, second.model_copy(update={"dataset": edited}), "thesis")
     with pytest.raises(UnknownNameError, match="valid"):
         check_comparable(first, second, "valid")
     redefined = [{**second.protocols[0], "pixels": "known"}]
