@@ -1,4 +1,4 @@
-"""Count lines of code: `python -m tests.size`. Docstrings, comments and blank lines do not count."""
+"""Count lines of code, without docstrings, comments and blank lines: `python -m tests.size`."""
 
 from __future__ import annotations
 
