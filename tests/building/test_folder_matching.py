@@ -62,8 +62,8 @@ def test_magnification_is_measured_at_the_corners_and_no_alignment_is_proposed_f
 
 
 def test_pairs_that_do_not_match_are_counted() -> None:
-    images = [photograph(seed, SHAPE) for seed in range(2)]
-    found = matching_of([("desk", *images), ("door", images[0], images[0][4:])])
+    first, second = (photograph(seed, SHAPE) for seed in range(2))
+    found = matching_of([("desk", first, second), ("door", first, first[4:])])
     assert found.align == "none"
     assert found.open == (
         "photographs of door differ in size",
