@@ -170,6 +170,8 @@ def _fetched(manifest: Manifest, mirror: list[str], offline: bool, cache: Path |
         refused = _count_files(folder / SET_ASIDE) - before
         if refused:
             say(f"refused, and set aside in {folder / SET_ASIDE}: {counted(refused, 'file')}")
+    for problem in done.lacking:
+        say(f"warning: {problem}")
     if done.new:
         say(f"fetched {counted(done.new, 'file')} into {folder}, {done.kept} were there")
     if done.lock:

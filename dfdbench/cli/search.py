@@ -194,7 +194,7 @@ def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) 
     say(f"log          {folder / 'positions.csv'}; tables {folder / _TABLE}")
     if outcome.best is None:
         say("every training failed: nothing was found")
-        return
+        raise typer.Exit(1)
     write_whole(folder / _BEST, best_as_toml(plan, outcome.best))
     say(f"best         {folder / _BEST}")
     say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / _BEST}")
