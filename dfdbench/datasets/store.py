@@ -255,16 +255,16 @@ def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
     try:
         return tuple(root.group_keys())
     except DAMAGED as error:
-        raise _unreadable(location, str(error)) from error
+        raise _unreadable(location, error) from error
 
 
-def _unreadable(location: UPath, got: str) -> StoreError:
+def _unreadable(location: UPath, error: Exception) -> StoreError:
     return StoreError(
         "cannot read the store",
         where=str(location),
         expected="metadata of Zarr, version 3, as `dfdbench build` wrote it",
-        got=got[:LONGEST],
-        fix="build it again",
+        got=str(error)[:LONGEST],
+        fix="allow more memory and threads" if "new thread" in str(error) else "build it again",
     )
 
 
@@ -291,4 +291,4 @@ def _open_root(location: UPath) -> zarr.Group:
         # What an object store's library raises is its own: unreachable, forbidden, no bucket.
         if is_local(location) and not isinstance(error, DAMAGED):
             raise
-        raise _unreadable(location, str(error)) from error
+        raise _unreadable(location, error) from error

@@ -12,6 +12,7 @@ from typing import Literal
 
 from dfdbench.building.fetching.transfer import NotThereError, Patience, Transfer, UnreachableError
 from dfdbench.errors import Problem, SourceError
+from dfdbench.tables.wording import counted
 
 #: Files fetched at once: the sites are universities' own, not content networks.
 CONNECTIONS = 4
@@ -55,11 +56,14 @@ class Fate:
         came and was refused, twice.
     problems : tuple of Problem
         What was wrong with it.
+    lacking : tuple of str
+        The addresses that were asked and do not have it, each after its status: ``404 https://...``
     """
 
     name: str
     kind: Literal["new", "kept", "missing", "unreachable", "damaged"]
     problems: tuple[Problem, ...] = ()
+    lacking: tuple[str, ...] = ()
 
 
 def fetch(
@@ -118,6 +122,22 @@ def fetch(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
+def mirrors_lacking(fates: Sequence[Fate], mirrors: Sequence[str]) -> tuple[Problem, ...]:
+    """Return a problem for each mirror that was asked for files that it does not have."""
+    answers = [answer for fate in fates for answer in fate.lacking]
+    by_mirror = {m: [a for a in answers if f" {m.rstrip('/')}/" in a] for m in mirrors}
+    return tuple(
+        Problem(
+            f"the mirror lacks {counted(len(found), 'file')}",
+            where=mirror,
+            expected="the address that takes the place of the site's .../stereo/data",
+            got=found[0],
+        )
+        for mirror, found in by_mirror.items()
+        if found
+    )
+
+
 class _Counter:
     def __init__(self, files: int, on_progress: Progress | None) -> None:
         self._lock = threading.Lock()
@@ -153,12 +173,14 @@ def _bring(file: WantedFile, folder: Path, transfer: Transfer | None) -> Fate:
         chances = 1
     part = path.with_name(path.name + ".part")
     unreachable: list[Problem] = []
+    lacking: list[str] = []
     to_ask = list(file.addresses) if transfer else []
     for address in to_ask:
         assert transfer is not None
         try:
             transfer.receive(address, part)
-        except NotThereError:
+        except NotThereError as error:
+            lacking.append(f"{error} {address}")
             continue
         except UnreachableError as error:
             unreachable.append(error.problem)
@@ -166,7 +188,7 @@ def _bring(file: WantedFile, folder: Path, transfer: Transfer | None) -> Fate:
         refused = _refusal(file, part, address)
         if not refused:
             part.replace(path)
-            return Fate(file.name, "new")
+            return Fate(file.name, "new", (), tuple(lacking))
         _set_aside(part, folder, file.name)
         chances -= 1
         if not chances:
@@ -174,10 +196,10 @@ def _bring(file: WantedFile, folder: Path, transfer: Transfer | None) -> Fate:
         # The others first: a server that sent a bad file may well send it again.
         to_ask.append(address)
     if refused:
-        return Fate(file.name, "damaged", refused)
+        return Fate(file.name, "damaged", refused, tuple(lacking))
     if unreachable:
-        return Fate(file.name, "unreachable", tuple(unreachable[:1]))
-    return Fate(file.name, "missing")
+        return Fate(file.name, "unreachable", tuple(unreachable[:1]), tuple(lacking))
+    return Fate(file.name, "missing", (), tuple(lacking))
 
 
 def _refusal(file: WantedFile, path: Path, where: str) -> tuple[Problem, ...]:

@@ -16,7 +16,14 @@ from dfdbench.building.fetching.checksums import (
     sha256,
     write_checksums,
 )
-from dfdbench.building.fetching.download import SET_ASIDE, Fate, Progress, WantedFile, fetch
+from dfdbench.building.fetching.download import (
+    SET_ASIDE,
+    Fate,
+    Progress,
+    WantedFile,
+    fetch,
+    mirrors_lacking,
+)
 from dfdbench.building.fetching.transfer import Patience
 from dfdbench.building.png import decode_depth, decode_image, png_size
 from dfdbench.building.sources.middlebury import depth_name, image_name
@@ -45,6 +52,8 @@ class Download:
         Files that no address has, or that are not there where nobody may be asked.
     lock : Path or None
         The lock file, where this call was the first that was complete.
+    lacking : tuple of Problem
+        One for each mirror that was asked for files that it does not have.
     """
 
     folder: Path
@@ -52,6 +61,7 @@ class Download:
     kept: int
     missing: tuple[str, ...]
     lock: Path | None
+    lacking: tuple[Problem, ...] = ()
 
 
 def download_middlebury(
@@ -107,13 +117,15 @@ def download_middlebury(
             got=reason_of(error),
             fix=room_or("choose another place with --cache DIR", error),
         ) from error
-    _refuse(fates, folder)
+    lacking = mirrors_lacking(fates, mirrors)
+    _refuse(fates, folder, lacking)
     return Download(
         folder,
         sum(fate.kind == "new" for fate in fates),
         sum(fate.kind == "kept" for fate in fates),
         tuple(fate.name for fate in fates if fate.kind == "missing"),
         lock,
+        lacking,
     )
 
 
@@ -241,7 +253,7 @@ def _write_lock(manifest: Manifest, folder: Path, fates: list[Fate]) -> Path | N
     return path
 
 
-def _refuse(fates: list[Fate], folder: Path) -> None:
+def _refuse(fates: list[Fate], folder: Path, lacking: tuple[Problem, ...]) -> None:
     problems = [
         problem
         for kind in ("damaged", "unreachable")
@@ -268,7 +280,7 @@ def _refuse(fates: list[Fate], folder: Path) -> None:
             )
         )
     if problems:
-        raise SourceError.of(problems)
+        raise SourceError.of([*problems, *lacking])
 
 
 def _told_once(fates: list[Fate], kind: str) -> list[Problem]:
