@@ -19,7 +19,7 @@ DEMO_NETS := u-net,--param,weights=demo dfd-net,--param,weights=demo
 DEMO_SPLIT := Market
 DEMO := results/demo-1-$(DEMO_SPLIT)
 
-.PHONY: help demo demo-nets test test-slow test-all fuzz kills docs browser benchmark leaderboard clean
+.PHONY: help demo demo-nets test test-slow test-all fuzz kills docs browser benchmark size leaderboard clean
 .DEFAULT_GOAL := help
 
 help: ## Say what there is to make
@@ -92,6 +92,9 @@ fuzz: $(STAMPS)/tested-with ## Spoiled files and strange command lines, SECONDS=
 kills: $(STAMPS)/tested-with ## Kill each verb COUNT=100 times and ask for the same again
 	@DFDBENCH_KILLS=$(or $(COUNT),100) $(BIN)/python -m pytest -m slow tests/kills \
 	  tests/building/test_kill.py tests/training/search/test_run.py
+
+size: ## Count lines of code by room, without docstrings, comments and blank lines
+	@$(PYTHON) -m tests.size
 
 leaderboard: $(STAMPS)/installed ## Run the leaderboard's rows on the sets that are built here, write its README
 	@$(BIN)/python leaderboard/rerun.py

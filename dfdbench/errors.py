@@ -1,4 +1,4 @@
-"""What may go wrong, told so that a user can mend it."""
+"""Errors that say what is wrong, where, and what the user can do."""
 
 from __future__ import annotations
 
@@ -19,35 +19,29 @@ _STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is off: what, where, expected, got, and what to do next.
+    """One thing that is wrong, and what the user can do about it.
 
     Parameters
     ----------
     what : str
         The problem in a few words.
     where : str
-        File, field or pair that it is about.
+        The file, field or pair that it is about.
     expected, got : str
-        What was wanted and what was found; empty where that says nothing.
+        What was wanted and what was found, if `what` does not say so.
     fix : str
         What the user can do about it.
 
     Notes
     -----
-    As text, a word too long for anyone to read, which a user handed in, is cut in its middle, and
-    characters that steer a terminal are spelt out.
+    As text it is one sentence, and a second one for the fix. Words that are too long to read are
+    cut in the middle, and characters that would steer a terminal are spelt out.
 
     Examples
     --------
-    >>> print(
-    ...     Problem(
-    ...         "unknown scene", where="splits.test", expected="one of: Art, Books", got="Boks"
-    ...     )
-    ... )
-    unknown scene
-      where     splits.test
-      expected  one of: Art, Books
-      got       Boks
+    >>> print(Problem("unknown scene", where="splits.test", got="Boks", fix="did you mean Books?"))
+    unknown scene (splits.test): got Boks
+    Fix: did you mean Books?
     """
 
     what: str
@@ -58,16 +52,12 @@ class Problem:
     fix: str = ""
 
     def __str__(self) -> str:
-        lines = [self.what]
-        for label, text in (
-            ("where", self.where),
-            ("expected", self.expected),
-            ("got", self.got),
-            ("fix", self.fix),
-        ):
-            if text:
-                lines.append(f"  {label:<9} {text}")
-        return _LONG_WORD.sub(_cut, steering_nothing("\n".join(lines)))
+        found = [f"expected {self.expected}"] * bool(self.expected)
+        found += [f"got {self.got}"] * bool(self.got)
+        place = f" ({self.where})" if self.where else ""
+        facts = ": " + ", ".join(found) if found else ""
+        text = self.what + place + facts + (f"\nFix: {self.fix}" if self.fix else "")
+        return _LONG_WORD.sub(_cut, steering_nothing(text))
 
 
 def steering_nothing(text: str) -> str:
@@ -104,9 +94,8 @@ class DfdbenchError(Exception):
 
     Examples
     --------
-    >>> print(DfdbenchError("no folder", where="results"))
-    no folder
-      where     results
+    >>> print(DfdbenchError("no such folder", where="results"))
+    no such folder (results)
     >>> print(DfdbenchError.of([Problem("no folder"), Problem("no image")]))
     2 problems:
     1. no folder
@@ -188,10 +177,8 @@ def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> U
     Examples
     --------
     >>> print(unknown_name("scene", "Reinder", ["Art", "Books", "Reindeer"]))
-    unknown scene
-      expected  one of: Art, Books, Reindeer
-      got       Reinder
-      fix       did you mean Reindeer?
+    unknown scene: expected one of: Art, Books, Reindeer, got Reinder
+    Fix: did you mean Reindeer?
     """
     choices = sorted(known)
     near = difflib.get_close_matches(name, choices, n=3, cutoff=0.5)

@@ -89,6 +89,7 @@ COMPARED = {
 NO_RESULTS = {
     "docs/graph_cuts.md": {"0.01125", "1,139,913", "1,239,153", "0.1 %"},
     "docs/data_sets.md": {"0.01125"},
+    "docs/thesis_contradictions.md": {"0.01125"},
     "leaderboard/note.md": {"0.01125"},
     "docs/coverage.md": {"0.1 %"},
     "docs/metres.md": {"1.5625"},
@@ -369,6 +370,9 @@ def test_a_number_that_nothing_compares_is_on_no_page(page: str) -> None:
     # The text may say again what a table of the page has.
     known = {number for at in compared for number in NUMBER.findall(lines[at])}
     known |= NO_RESULTS.get(page, set())
+    if page == "docs/thesis_contradictions.md":
+        texts = (path.read_text("utf-8") for path in ROOT.glob("leaderboard/published/*.json"))
+        known |= {number for text in texts for number in NUMBER.findall(text)}
     loose = [
         f"line {at + 1}: {number}"
         for at, line in enumerate(lines)

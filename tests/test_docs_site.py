@@ -13,8 +13,10 @@ import pytest
 
 from dfdbench.cli.verbs import VERBS
 from dfdbench.leaderboard.submission import submit
+from dfdbench.leaderboard.tracks_submission import submit_tracks
 from dfdbench.results.record import PairResult, Result
 from tests.leaderboard.made_boards import WHEN, add
+from tests.leaderboard.made_tracks import make_tracks
 from tests.leaderboard.test_scored_table import scored
 from tests.report import test_browser
 
@@ -102,6 +104,19 @@ def test_pages_link_to_the_repository_once_its_address_is_filled_in(
         found = hooks.on_config(SimpleNamespace(repo_url=None, repo_name=None))
         assert found.repo_name == shown
         assert bool(found.repo_url) == bool(line)
+
+
+def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_path: Path) -> None:
+    runs = make_tracks("mine", uses=["recipe"])
+    for label in runs.keys() - {"clean"}:
+        fitted = {"uses": [], "fitted_on": f"demo-1@{label}, split train"}
+        method = runs[label].method.model_copy(update=fitted)
+        pairs = [pair.model_copy(update={"seconds": 2.0}) for pair in runs[label].pairs]
+        runs[label] = runs[label].model_copy(update={"method": method, "pairs": pairs})
+    submit_tracks(runs, tmp_path, WHEN)
+    (text,) = re.findall(r'id="board-data">(.*?)</script>', made("board").board_page(tmp_path))
+    (row,) = [row for board in json.loads(text) for row in board["rows"]]
+    assert (row["told"], row["seconds"]) == ("blur fitted", 2.0)
 
 
 def test_links_lead_where_the_site_has_what_they_name(made: Any) -> None:

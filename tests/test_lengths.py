@@ -1,4 +1,4 @@
-"""What is long says why: a module of more than 300 lines, a function of more than 40."""
+"""What is long says why: a module of more than 500 lines, a function of more than 40."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ import ast
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-MOST_LINES, MOST_STATEMENT_LINES = 300, 40
+MOST_LINES, MOST_STATEMENT_LINES = 500, 40
 
 _KERNEL = "compiled by numba: what it calls would be handed a dozen arrays and counters"
 REASONS = {
-    "dfdbench/methods/mrf/maxflow.py": "one algorithm over ten arrays that all its steps share",
-    "dfdbench/methods/mrf/moves.py": "the kernels of one move, and the class that drives them",
-    "dfdbench/methods/mrf/trws.py": "two sweeps that mirror each other, and their class",
     "dfdbench/methods/data_cost.py:_fill": _KERNEL,
     "dfdbench/methods/mrf/maxflow.py:_grow_and_augment": _KERNEL,
     "dfdbench/methods/mrf/moves.py:_propose": _KERNEL,

@@ -63,7 +63,7 @@ def test_a_variable_that_a_library_would_stumble_over_is_told() -> None:
     odd = {**os.environ, "OMP_NUM_THREADS": "0", "MPLBACKEND": "nonsense"}
     ended = subprocess.run(command, env=odd, capture_output=True, text=True, check=False)
     assert ended.returncode == 2
-    assert "where     OMP_NUM_THREADS" in ended.stderr
+    assert "(OMP_NUM_THREADS)" in ended.stderr
     odd = {**os.environ, "MPLBACKEND": "nonsense"}
     drawing = (sys.executable, "-c", DRAWING)
     ended = subprocess.run(drawing, env=odd, capture_output=True, text=True, check=False)

@@ -57,24 +57,22 @@ def composite_layers(
 
     Notes
     -----
-    With m_d the mask of the pixels at depth d, K_d the kernel of that depth and * a convolution,
-    a layer covers a_d = K_d * m_d of a pixel and shows the colour c_d = K_d * (m_d I). At each
-    pixel the depths that reach it, a_d > 0, from the farthest to the nearest, are cut into
-    surfaces S wherever two successive ones lie more than `GAP` apart. From the farthest surface to
-    the nearest::
+    Let m_d be the mask of the pixels at depth d, K_d that depth's kernel and * a convolution. A
+    layer covers a_d = K_d * m_d of a pixel and shows the colour c_d = K_d * (m_d I). At each pixel
+    the depths with a_d > 0, from the farthest to the nearest, are cut into surfaces S wherever two
+    successive ones lie more than `GAP` apart. From the farthest surface to the nearest, with f and
+    n the farthest and the nearest depth of S::
 
-        s  =   min(1, sum of a_d over S)                     what the surface covers
-        C  <-  (1 - s) C + s (sum of c_d) / (sum of a_d)     its colour over what lies behind
-        A  <-  (1 - s) A + s                                 what all surfaces so far cover
+        seen   =   sum of a_d over S
+        share  =   seen / (seen + K_n * m_{d < f})
+        C     <-   (1 - share) C + share (sum of c_d) / seen
 
-    and the image is C / A. What lies hidden behind a nearer surface is not known, so that where
-    that surface's rim lets it shine through A may stay below 1; without the division such places
-    would be dark. A surface of one depth is that depth's plain blur.
+    So a share is what is seen of a surface among everything that nearer surfaces leave visible, and
+    the farthest surface has share 1: it is taken to go on behind the others. At a straight edge
+    both sides weigh 1/2, as in a lens.
 
-    Composited level by level instead, with no surfaces (Ikoma et al. 2021 divide by the blurred
-    sum of the masks, for that reason), a slanted plane would cover itself: of the many thin layers
-    that reach a pixel the nearer ones would weigh up to e times as much as the farther ones, as if
-    the kernel were lopsided.
+    Level by level instead, without surfaces, a slanted plane would cover itself: of the many thin
+    layers that reach a pixel the nearer ones would weigh up to e times as much as the farther ones.
 
     A pixel's light is spread over its neighbours, layer by layer, and each layer is added
     where it reaches: the work grows with the kernels' area, not with the number of levels. The
@@ -96,26 +94,32 @@ def composite_layers(
     reach = reaches(kernels)
     radius, centre = int(reach[np.unique(depth)].max()), kernels.shape[1] // 2
     around = ((radius, radius), (radius, radius))
+    window = slice(centre - radius, centre + radius + 1)
     pixels = np.pad(channels, (*around, (0, 0)), mode="edge").reshape(-1, channels.shape[2])
-    levels = np.pad(depth, around, mode="edge").ravel().astype(np.int16)
+    padded = np.pad(depth, around, mode="edge").astype(np.int16)
+    levels = padded.ravel()
     starts = np.searchsorted(np.sort(levels), np.arange(len(kernels) + 1))
     covered = _composite(
         np.ascontiguousarray(pixels, dtype=np.float64),
+        padded,
         np.argsort(levels, kind="stable"),
         starts,
         np.ascontiguousarray(kernels[:, centre:, centre:], dtype=np.float64),
+        np.ascontiguousarray(kernels[:, window, window], dtype=np.float64),
         channels.shape[:2],
         radius,
     )
-    return np.asarray(covered[..., 1:] / covered[..., :1], dtype=np.float64).reshape(image.shape)
+    return np.asarray(covered[..., 1:], dtype=np.float64).reshape(image.shape)
 
 
 @njit(cache=True, nogil=True)
 def _composite(
     pixels: NDArray[np.float64],
+    depth: NDArray[np.int16],
     order: NDArray[np.int64],
     starts: NDArray[np.int64],
     quadrants: NDArray[np.float64],
+    whole: NDArray[np.float64],
     shape: tuple[int, int],
     radius: int,
 ) -> NDArray[np.float64]:
@@ -126,7 +130,10 @@ def _composite(
     layer = np.zeros((height, width * planes), np.float64)
     surface = np.zeros((height, width * planes), np.float64)
     total = np.zeros((height, width * planes), np.float64)
+    # The nearest and the farthest depth of each pixel's surface so far.
     latest = np.zeros((height, width), np.int64)
+    begun = np.zeros((height, width), np.int64)
+    seen = np.empty(whole.shape[1], np.float64)
     first, last = np.empty(height, np.int64), np.empty(height, np.int64)
     for level in range(quadrants.shape[0]):
         own = order[starts[level] : starts[level + 1]]
@@ -136,15 +143,25 @@ def _composite(
             for y in range(height):
                 for x in range(first[y], last[y]):
                     if layer[y, x * planes] != 0.0:
-                        if level - latest[y, x] > GAP:
-                            _lay_over(surface[y], total[y], x * planes, planes)
+                        if surface[y, x * planes] == 0.0:
+                            begun[y, x] = level
+                        elif level - latest[y, x] > GAP:
+                            behind = 0.0
+                            if total[y, x * planes] != 0.0:
+                                near = latest[y, x]
+                                behind = _behind(depth, y, x, begun[y, x], whole[near], seen)
+                            _lay_over(surface[y], total[y], x * planes, planes, behind)
+                            begun[y, x] = level
                         for i in range(x * planes, (x + 1) * planes):
                             surface[y, i] += layer[y, i]
                             layer[y, i] = 0.0
                         latest[y, x] = level
     for y in range(height):
         for x in range(width):
-            _lay_over(surface[y], total[y], x * planes, planes)
+            behind = 0.0
+            if total[y, x * planes] != 0.0:
+                behind = _behind(depth, y, x, begun[y, x], whole[latest[y, x]], seen)
+            _lay_over(surface[y], total[y], x * planes, planes, behind)
     return total.reshape((height, width, planes))
 
 
@@ -204,13 +221,36 @@ def _rows_of(
 
 
 @njit(cache=True, nogil=True)
+def _behind(
+    depth: NDArray[np.int16],
+    y: int,
+    x: int,
+    level: int,
+    kernel: NDArray[np.float64],
+    seen: NDArray[np.float64],
+) -> float:
+    """Return how much of a kernel around a pixel falls on what is farther than a level."""
+    # Row by row of the window into one row, which vectorises.
+    size = kernel.shape[0]
+    seen[:] = 0.0
+    for j in range(size):
+        weights, row = kernel[j], depth[y + j, x : x + size]
+        for i in range(size):
+            seen[i] += weights[i] if row[i] < level else 0.0
+    total = 0.0
+    for i in range(size):
+        total += seen[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
 def _lay_over(
-    surface: NDArray[np.float64], total: NDArray[np.float64], begin: int, planes: int
+    surface: NDArray[np.float64], total: NDArray[np.float64], begin: int, planes: int, behind: float
 ) -> None:
     """Put a pixel's surface over what lies behind it, and empty it for the next."""
-    light = surface[begin]
-    if light != 0.0:
-        covered = min(1.0, light)
+    own = surface[begin]
+    if own != 0.0:
+        share = own / (own + behind)
         for i in range(begin, begin + planes):
-            total[i] = (1.0 - covered) * total[i] + covered / light * surface[i]
+            total[i] = (1.0 - share) * total[i] + share / own * surface[i]
             surface[i] = 0.0

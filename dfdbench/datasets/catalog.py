@@ -7,9 +7,9 @@ from importlib import resources
 from pathlib import Path
 
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.manifest_file import parse_manifest, read_manifest
+from dfdbench.datasets.manifest_file import parse_manifest, read_manifest, released_sha256
 from dfdbench.datasets.tracked import part_name, with_track
-from dfdbench.errors import UnknownNameError, unknown_name
+from dfdbench.errors import ManifestError, UnknownNameError, unknown_name
 
 
 @cache
@@ -43,7 +43,7 @@ def find_manifest(name: str) -> Manifest:
     UnknownNameError
         Where there is no such manifest, track or severity; near misses are named.
     ManifestError
-        Where the file named is not a right manifest.
+        Where the file named is not a right manifest, or an edited released one.
     InputError
         Where a track is named of a set whose defocus images are captured.
 
@@ -68,7 +68,14 @@ def find_manifest(name: str) -> Manifest:
 
 def _find(name: str) -> Manifest:
     if name.endswith(".toml"):
-        return read_manifest(Path(name))
+        manifest = read_manifest(Path(name))
+        if released_sha256(manifest) not in (None, manifest.sha256):
+            raise ManifestError(
+                f"the name of the released {manifest.file_stem}, and other content",
+                where=name,
+                fix="give it another name or version",
+            )
+        return manifest
     manifests = released_manifests()
     by_name: dict[str, Manifest] = {}
     for manifest in manifests:

@@ -9,6 +9,7 @@ import numpy as np
 import zarr
 from pydantic import BaseModel, Field, ValidationError
 
+from dfdbench.datasets.fingerprint import ATTRIBUTES_SHA256, attributes_digest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import StoreError
 from dfdbench.system.record import problems_of
@@ -41,6 +42,7 @@ class _Attributes(BaseModel):
     manifest: str
     manifest_sha256: str
     fingerprint: str
+    attributes_sha256: str
     dfdbench_version: str
     degradation: str = ""
     recipe: _Recipe
@@ -90,12 +92,12 @@ def scene_record(attributes: Mapping[Any, Any], where: str) -> SceneRecord:
 
 
 def check_attributes(attributes: Mapping[str, Any], where: str) -> None:
-    """Refuse what a store says of itself where it is not what a build writes.
+    """Refuse a store whose attributes are not those that a build wrote.
 
     Raises
     ------
     StoreError
-        With every field that is absent or wrong.
+        With every field that is absent or wrong; if the attributes were edited.
     """
     try:
         _Attributes.model_validate(attributes)
@@ -104,6 +106,14 @@ def check_attributes(attributes: Mapping[str, Any], where: str) -> None:
             error, "the store's attributes are damaged", file=where, fix="build it again"
         )
         raise StoreError.of(problems) from error
+    if attributes_digest(attributes) != attributes[ATTRIBUTES_SHA256]:
+        raise StoreError(
+            "the store's attributes were edited after it was built",
+            where=where,
+            expected=f"SHA-256 {attributes[ATTRIBUTES_SHA256]}",
+            got=attributes_digest(attributes),
+            fix="delete it and build it again",
+        )
 
 
 def require_fit(

@@ -11,6 +11,9 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
+#: The attribute of a store that holds `attributes_digest`.
+ATTRIBUTES_SHA256 = "attributes_sha256"
+
 
 def array_digest(name: str, dimensions: tuple[str, ...], values: NDArray[Any]) -> str:
     """Return the SHA-256 of an array's name, dimensions, shape, type and values.
@@ -39,6 +42,16 @@ def scene_digests(scene: xarray.Dataset) -> dict[str, str]:
         )
         for name in sorted(map(str, scene.variables))
     }
+
+
+def attributes_digest(attributes: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a store's attributes, without that of this digest itself.
+
+    A fingerprint covers arrays only. Recipe, manifest, track and options change scores too, and a
+    method is given some of them.
+    """
+    others = {name: value for name, value in attributes.items() if name != ATTRIBUTES_SHA256}
+    return hashlib.sha256(json.dumps(others, sort_keys=True).encode()).hexdigest()
 
 
 def combine(digests: Mapping[str, str]) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -71,6 +73,21 @@ def parse_manifest(content: bytes, file: str) -> Manifest:
     if problems:
         raise ManifestError.of(problems)
     return Manifest.model_construct(None, **sections)
+
+
+def released_sha256(manifest: Manifest) -> str | None:
+    """Return the SHA-256 of the released manifest of this name and version; None if there is none.
+
+    Examples
+    --------
+    >>> from dfdbench.datasets.catalog import find_manifest
+    >>> demo = find_manifest("demo")
+    >>> released_sha256(demo) == demo.sha256
+    True
+    """
+    # Not from `released_manifests`: every worker opens stores, and parsing all of them takes long.
+    file = resources.files("dfdbench.manifests") / f"{manifest.file_stem}.toml"
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else None
 
 
 def _validate_sections(raw: dict[str, Any], file: str) -> tuple[dict[str, Any], list[Problem]]:

@@ -43,7 +43,8 @@ class Store:
     Raises
     ------
     StoreError
-        Where there is none, or it is no dfdbench store, or it is incomplete.
+        If there is none, or it is no dfdbench store, or it is incomplete, or its attributes were
+        edited, or it was built from another manifest than the released one of that name.
     """
 
     def __init__(self, place: Place) -> None:

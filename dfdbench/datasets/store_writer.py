@@ -13,7 +13,12 @@ import zarr
 from upath import UPath
 
 from dfdbench.datasets.damage import DAMAGED
-from dfdbench.datasets.fingerprint import combine, scene_digests
+from dfdbench.datasets.fingerprint import (
+    ATTRIBUTES_SHA256,
+    attributes_digest,
+    combine,
+    scene_digests,
+)
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import FORMAT, FORMAT_VERSION
 from dfdbench.datasets.whole_arrays import open_scene
@@ -184,8 +189,9 @@ class StoreWriter:
             self._check_held()
             for stray in set(folders_in(self._partial)) - set(digests):
                 remove(self._partial / stray)
-            zarr.open_group(zarr_store(self._partial), mode="r+", zarr_format=3).attrs.update(
-                {"fingerprint": fingerprint, "missing_pairs": missing}
+            attributes = {**self._attributes, "fingerprint": fingerprint, "missing_pairs": missing}
+            zarr.open_group(zarr_store(self._partial), mode="r+", zarr_format=3).attrs.put(
+                {**attributes, ATTRIBUTES_SHA256: attributes_digest(attributes)}
             )
             move_folder(self._partial, self.path, _METADATA)
         return fingerprint

@@ -9,7 +9,7 @@ from typing import Any
 
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.manifest_file import parse_manifest
+from dfdbench.datasets.manifest_file import parse_manifest, released_sha256
 from dfdbench.errors import DfdbenchError, InputError, StoreError, UnknownNameError
 
 #: What stands between a data set's name and its track's.
@@ -94,9 +94,19 @@ def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
     ManifestError
         Where the manifest is damaged.
     StoreError
-        Where this version does not know the track.
+        If it was built from another manifest than the released one of that name, or on a track
+        that this version does not know.
     """
     manifest = parse_manifest(attributes["manifest"].encode(), PurePath(where).name)
+    released = released_sha256(manifest)
+    if released not in (None, manifest.sha256):
+        raise StoreError(
+            f"built from another manifest than {manifest.file_stem}, whose name it has",
+            where=where,
+            expected=f"SHA-256 {released}",
+            got=manifest.sha256,
+            fix="delete it and build it again",
+        )
     degradation = str(attributes.get("degradation", manifest.degradation))
     if degradation == manifest.degradation:
         return manifest

@@ -76,6 +76,7 @@ class RunPlan:
         """What must be the same for pairs of an earlier call to be taken over."""
         identity = {
             "dfdbench": PACKAGE_VERSION,
+            "manifest_sha256": self.store.manifest.sha256,
             "fingerprint": self.store.fingerprint,
             "split": self.split,
             "entry": self.method.entry,
@@ -84,7 +85,6 @@ class RunPlan:
             "weights_sha256": self.method.weights_sha256,
             "files_sha256": self.method.files_sha256,
             "protocols": [protocol.as_dict() for protocol in protocols_on(self.store)],
-            "network_crop": self.store.manifest.network_crop,
             "keep_predictions": self.options.keep_predictions,
             "seed": self.options.seed,
         }

@@ -27,6 +27,7 @@ from dfdbench.metrics.protocol import title_of
 from dfdbench.results.differences import PairChange
 from dfdbench.results.record import PairResult
 from dfdbench.results.saved_run import SavedRun
+from dfdbench.results.summary import median_seconds
 
 
 def lighting_figures(runs: Sequence[SavedRun], protocol: str) -> dict[str, Figure]:
@@ -90,22 +91,22 @@ def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
 def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
     """Draw the metric that ranks against the seconds per pair, a mark a method; both logarithmic.
 
-    None where no run is complete.
+    Runs that are incomplete or whose seconds cannot be compared are left out; None if all are.
     """
     name = ranked_by(protocol)[0]
     found = [
-        (run.label, float(np.mean(seconds)), score)
+        (run.label, seconds, score)
         for run in runs
         if (score := (run.result.averages or {}).get(protocol, {}).get(name))
-        and (seconds := [pair.seconds for pair in run.result.pairs if pair.seconds])
+        and (seconds := median_seconds([run.result]))
     ]
     if not found:
         return None
     figure = Figure(figsize=(7, 4.2), layout="constrained")
     axis = figure.subplots()
-    for number, (label, mean, score) in enumerate(found):
+    for number, (label, seconds, score) in enumerate(found):
         axis.plot(
-            mean,
+            seconds,
             score,
             linestyle="",
             color=COLOURS[number % len(COLOURS)],
@@ -118,7 +119,7 @@ def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
     for side in (axis.xaxis, axis.yaxis):
         side.set_major_formatter("{x:g}")
     axis.yaxis.set_minor_formatter("{x:g}")
-    axis.set_xlabel("seconds per pair, mean")
+    axis.set_xlabel("seconds per pair, median")
     axis.set_ylabel(find_metric(name).heading)
     axis.set_title(f"{runs[0].result.dataset.name}, protocol {title_of(protocol)}", fontsize=11)
     axis.grid(which="both", alpha=0.3)

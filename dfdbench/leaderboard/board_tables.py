@@ -19,6 +19,7 @@ from dfdbench.results.record_file import RESULT
 from dfdbench.results.told import TOLD_NOTE, knew_blur, told
 from dfdbench.results.wording import (
     NOTHING,
+    SECONDS_NOTE,
     interval_text,
     machine_of,
     parameters_of,
@@ -181,7 +182,7 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
     align = "lllrll"
     if folder:
         columns, align = (*columns, "reproduced", "file"), align + "ll"
-    notes = ("Seconds compare only on one machine.",)
+    notes = (SECONDS_NOTE,)
     return Table("how they were run", columns, tuple(rows), align, notes)
 
 
@@ -250,9 +251,9 @@ def _interval_note(scenes: int, score: str) -> str:
     if scenes == 1:
         return "A single scene: no interval."
     return (
-        f"Range of scene means: the lowest and the highest {score} of {scenes} scenes; fewer than "
-        f"six are too few for a 95 % interval. {behind} range over scenes; likely where all "
-        "scenes lean one way."
+        f"Range of scene means: the lowest and the highest {score} of {scenes} scenes. {behind} "
+        "range over scenes. Fewer than six scenes are too few for a 95 % interval, and too few to "
+        "tell a difference from chance."
     )
 
 

@@ -29,6 +29,7 @@ from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.differences import PairedDifference, changes, paired_difference
 from dfdbench.results.first_table import first_protocol
 from dfdbench.results.record import PairResult, Result
+from dfdbench.results.summary import median_seconds
 from dfdbench.results.told import knew_blur
 from dfdbench.results.wording import NOTHING, labelled, method_label, score_text
 
@@ -69,10 +70,8 @@ class Entry:
 
     @property
     def seconds(self) -> float | None:
-        """Mean seconds per pair; None where they cannot be compared, or nothing was evaluated."""
-        if not all(pair.timed_alone for pair in self.result.pairs):
-            return None
-        return mean_of(pair.seconds for pair in self.result.pairs)
+        """Median seconds per pair; see `median_seconds`."""
+        return median_seconds([self.result])
 
     def score(self, protocol: str, metric: str) -> float | None:
         """Return the average over all pairs, computed from them; None for an incomplete run."""
@@ -203,18 +202,22 @@ def parted(entries: Sequence[Entry]) -> tuple[list[ScoreBoard], list[ScoreBoard]
 
 
 def boards(entries: Sequence[Entry]) -> list[ScoreBoard]:
-    """Part entries into boards of what may be compared, and rank each."""
-    groups: dict[tuple[str, str, bool, int, str, str], list[Entry]] = {}
+    """Part entries into boards of what may be compared, and rank each.
+
+    Besides the images, the manifest decides on scores: by its splits, crops and metres.
+    """
+    groups: dict[tuple[str, str, bool, int, str, str, str], list[Entry]] = {}
     for entry in entries:
         dataset = entry.result.dataset
         for protocol in entry.result.protocol_names:
             order = list(RELEASED).index(protocol) if protocol in RELEASED else len(RELEASED)
             later = protocol != first_protocol(dataset.short)
-            key = (dataset.name, dataset.split, later, order, protocol, dataset.fingerprint)
+            data = (dataset.fingerprint, dataset.manifest_sha256)
+            key = (dataset.name, dataset.split, later, order, protocol, *data)
             groups.setdefault(key, []).append(entry)
     return [
         _board(dataset, split, fingerprint, protocol, found)
-        for (dataset, split, _, _, protocol, fingerprint), found in sorted(
+        for (dataset, split, _, _, protocol, fingerprint, _), found in sorted(
             groups.items(), key=lambda item: item[0]
         )
     ]

@@ -77,8 +77,7 @@ def trained_on(entry: TracksEntry) -> str:
 
 
 def _seen(entry: TracksEntry, text_of: Callable[[Result], str | None]) -> str:
-    tracked = [result for label, result in entry.results.items() if label != CLEAN]
-    texts = [_in_short(text_of(result), result.dataset.name) for result in tracked]
+    texts = [_in_short(text_of(result), result.dataset.name) for result in entry.on_tracks]
     return "; ".join(sorted({text for text in texts if text})) or NOTHING
 
 

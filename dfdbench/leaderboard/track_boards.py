@@ -48,6 +48,11 @@ class TracksEntry:
         return self.results[CLEAN]
 
     @property
+    def on_tracks(self) -> list[Result]:
+        """The runs on tracks."""
+        return [result for label, result in self.results.items() if label != CLEAN]
+
+    @property
     def told(self) -> bool:
         """Whether the method was told the blur on any track, by what its records say."""
         return any(knew_blur(result) for result in self.results.values())

@@ -11,7 +11,7 @@ from dfdbench.metrics.of_protocol import metrics_of
 from dfdbench.metrics.protocol import require_scored, title_of
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.told import told
-from dfdbench.results.wording import score_text, seconds_text
+from dfdbench.results.wording import SECONDS_NOTE, score_text, seconds_text
 from dfdbench.system.version import PACKAGE_VERSION
 from dfdbench.tables.table import Marked, Table
 from dfdbench.tables.wording import counted
@@ -116,7 +116,7 @@ def _notes(board: ScoreBoard, names: Sequence[str]) -> list[str]:
     if any(standing.rank and standing.rank > 1 for standing in board.standings):
         notes.append("Best bold, second underlined.")
     if SECONDS in names:
-        notes.append("Seconds compare only on one machine.")
+        notes.append(SECONDS_NOTE)
     for standing in board.standings:
         dataset = standing.entry.result.dataset
         if not standing.entry.result.complete:

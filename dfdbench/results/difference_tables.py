@@ -121,8 +121,8 @@ def _notes(first: Result, second: Result, protocol: str, scenes: int) -> Iterato
         yield "95 %: bootstrap over scenes of the pairs' differences. Real: leaves out 0."
     elif scenes > 1:
         yield (
-            f"{scenes} scenes: fewer than six are too few for a 95 % interval. Likely: all lean "
-            "one way."
+            f"{scenes} scenes: fewer than six are too few for a 95 % interval, and too few to "
+            "tell a difference from chance."
         )
     both = len(changes(first, second, protocol, ranked_by(protocol)[0]))
     if both < first.dataset.expected:

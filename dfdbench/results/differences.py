@@ -10,6 +10,9 @@ from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import label_of, require_scored
 from dfdbench.results.record import PairResult, Result
 
+#: The verdict on a difference over fewer scenes than `SCENES_TO_TELL`.
+TOO_FEW = "too few scenes to tell"
+
 
 @dataclass(frozen=True)
 class PairChange:
@@ -45,22 +48,21 @@ class PairedDifference:
     scenes: int
 
     def __str__(self) -> str:
-        mean = f"{self.mean:+.4f}"
-        if self.low is None or self.high is None:
-            return f"{mean} (one scene: no interval)"
-        return f"{mean} ({self.low:+.4f} to {self.high:+.4f}), {self.verdict}"
+        text = f"{self.mean:+.4f}"
+        if self.low is not None and self.high is not None:
+            text += f" ({self.low:+.4f} to {self.high:+.4f})"
+        return f"{text}, {self.verdict}"
 
     @property
     def verdict(self) -> str:
         """Whether the difference is more than chance.
 
-        ``real``: the interval leaves out 0. ``likely``: all scenes lean one way, but there are
-        so few that they do by chance in more than 5 % of cases. ``may be chance``: interval or
-        range hold 0, or there is neither.
+        ``real`` if the 95 % interval excludes 0, else ``may be chance``. Below six scenes there is
+        no interval and no verdict: three scenes all lean one way by chance one time in four.
         """
-        if self.low is None or self.high is None or self.low <= 0 <= self.high:
-            return "may be chance"
-        return "real" if self.scenes >= SCENES_TO_TELL else "likely"
+        if self.scenes < SCENES_TO_TELL or self.low is None or self.high is None:
+            return TOO_FEW
+        return "may be chance" if self.low <= 0 <= self.high else "real"
 
 
 def check_comparable(first: Result, second: Result, protocol: str) -> None:
@@ -74,7 +76,7 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
         Where one of them was not scored under that protocol.
     """
     problems = []
-    for what in ("name", "fingerprint", "split"):
+    for what in ("name", "manifest_sha256", "fingerprint", "split"):
         values = [str(getattr(result.dataset, what)) for result in (first, second)]
         if values[0] != values[1]:
             problems.append(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.of_protocol import metrics_of, ranked_by
 from dfdbench.metrics.protocol import require_scored
 from dfdbench.results.record import PairResult, Result
+from dfdbench.results.wording import machine_of
 
 
 @dataclass(frozen=True)
@@ -175,6 +176,19 @@ def ranked(result: Result, protocol: str) -> tuple[PairResult, ...]:
         if pair.status == "ok" and (first := pair.score(protocol, first_by)) is not None
     ]
     return tuple(pair for *_, pair in sorted(keys, key=lambda key: key[:3]))
+
+
+def median_seconds(results: Iterable[Result]) -> float | None:
+    """Return the median seconds per pair over some runs of one method.
+
+    None if the pairs ran several at once or on several machines, or if no pair has a time.
+    """
+    runs = list(results)
+    pairs = [pair for run in runs for pair in run.pairs]
+    seconds = [pair.seconds for pair in pairs if pair.seconds is not None]
+    alone = all(pair.timed_alone for pair in pairs)
+    one_machine = len({machine_of(run) for run in runs}) == 1
+    return float(np.median(seconds)) if seconds and alone and one_machine else None
 
 
 def _values(pairs: Sequence[PairResult], axis: str) -> list[int]:

@@ -9,6 +9,10 @@ from dfdbench.results.record import MethodRecord, Result
 NOTHING = "–"
 #: What is said of depth maps made elsewhere where a run would tell.
 NOT_TOLD = "not known"
+SECONDS_NOTE = (
+    "Seconds: the median over pairs. Compare them only on one machine; a dash means that pairs ran "
+    "several at once or on several machines."
+)
 
 
 def method_label(method: MethodRecord) -> str:

@@ -100,7 +100,8 @@ class Floor:
     def meet(self, origin: Floats, directions: Floats) -> Hits:
         """Meet ``y = height`` ahead of the camera."""
         down = directions[..., 1]
-        distance = np.where(down > 1e-6, self.height / np.maximum(down, 1e-6), np.inf)
+        below = self.height - origin[1]
+        distance = np.where(down > 1e-6, below / np.maximum(down, 1e-6), np.inf)
         reach = np.where(np.isfinite(distance), distance, 0.0)
         place = np.stack([origin[0] + reach * directions[..., 0], reach], axis=-1)
         return Hits(distance, np.broadcast_to([0.0, -1.0, 0.0], directions.shape), place)
@@ -159,8 +160,10 @@ def cast(
     shape: tuple[int, int],
     focal_length: float,
     subpixel: tuple[float, float] = (0.0, 0.0),
+    lens_point: tuple[float, float] = (0.0, 0.0),
+    focus_distance: float = np.inf,
 ) -> View:
-    """Return what a pinhole camera at ``(offset, 0, 0)``, looking along z, sees.
+    """Return what a camera at ``(offset, 0, 0)``, looking along z, sees through one lens point.
 
     Parameters
     ----------
@@ -176,8 +179,12 @@ def cast(
         In pixels.
     subpixel : tuple of float
         Where in its pixel a ray passes, (y, x) from the centre, in pixels.
+    lens_point : tuple of float
+        Where rays pass the lens, (y, x) from its middle, in metres; the middle is a pinhole.
+    focus_distance : float
+        In metres: there all lens points see the same.
     """
-    trace = _traced(surfaces, offset, shape, focal_length, subpixel)
+    trace = _traced(surfaces, offset, shape, focal_length, subpixel, lens_point, focus_distance)
     return View(trace.distance, trace.normal, _reflectance(surfaces, photographs, trace))
 
 
@@ -215,13 +222,17 @@ def _traced(
     shape: tuple[int, int],
     focal_length: float,
     subpixel: tuple[float, float] = (0.0, 0.0),
+    lens_point: tuple[float, float] = (0.0, 0.0),
+    focus_distance: float = np.inf,
 ) -> _Trace:
     height, width = shape
     y = (np.arange(height) - (height - 1) / 2 + subpixel[0]) / focal_length
     x = (np.arange(width) - (width - 1) / 2 + subpixel[1]) / focal_length
     directions = np.ones((height, width, 3))
-    directions[..., 0], directions[..., 1] = x[np.newaxis, :], y[:, np.newaxis]
-    origin = np.array([offset, 0.0, 0.0])
+    down, across = lens_point
+    directions[..., 0] = x[np.newaxis, :] - across / focus_distance
+    directions[..., 1] = y[:, np.newaxis] - down / focus_distance
+    origin = np.array([offset + across, down, 0.0])
     trace = _Trace(
         np.full(shape, np.inf), np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.full(shape, -1)
     )

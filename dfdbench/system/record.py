@@ -50,10 +50,8 @@ def problems_of(
     ...     Shelf(books=[3, "x"])
     ... except ValidationError as error:
     ...     print(*problems_of(error, "wrong value", file="shelf.json"))
-    wrong value
-      where     shelf.json: books[1]
-      expected  a valid integer, unable to parse string as an integer
-      got       'x'
+    wrong value (shelf.json: books[1]): expected a valid integer, unable to parse string as an \
+integer, got 'x'
     """
     problems = []
     for detail in error.errors():

@@ -40,11 +40,7 @@ def require_sound_start(environment: Mapping[str, str], assertions: bool = __deb
     >>> require_sound_start({"OMP_NUM_THREADS": "4"}, assertions=True)
     >>> require_sound_start({"OMP_NUM_THREADS": "0"}, assertions=True)
     Traceback (most recent call last):
-    dfdbench.errors.InputError: wrong environment variable
-      where     OMP_NUM_THREADS
-      expected  a number of threads, 1 or more
-      got       0
-      fix       unset OMP_NUM_THREADS
+    dfdbench.errors.InputError: wrong environment variable (OMP_NUM_THREADS): expected ...
     """
     problems = [
         Problem(

@@ -60,6 +60,7 @@ class Task:
         return {
             "dfdbench": PACKAGE_VERSION,
             "method": self.method,
+            "manifest_sha256": self.store.manifest.sha256,
             "fingerprint": self.store.fingerprint,
             "trained_on": self.trained_on,
             "seed": self.seed,

@@ -175,8 +175,8 @@
     count.textContent = `${rows.length} of ${all} methods`;
     holder.replaceChildren(table(rows));
     plot.replaceChildren(drawing(rows));
-    const used = [...new Set(board().rows.map((row) => row.machine))];
-    machines.textContent = `Seconds compare only on one machine. Here: ${used.join("; ")}.`;
+    const used = [...new Set(board().rows.flatMap((row) => row.machines))];
+    machines.textContent = `Seconds: the median over pairs. Compare them only on one machine. Here: ${used.join("; ")}.`;
   };
   const changeProtocol = () => {
     refill(chosenTold, ["all", ...new Set(board().rows.map((row) => row.told))]);

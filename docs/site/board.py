@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.leaderboard.boards import Entry, ScoreBoard, parted
 from dfdbench.leaderboard.readme import collect_all
-from dfdbench.leaderboard.track_boards import TracksBoard, track_boards
+from dfdbench.leaderboard.track_boards import TracksBoard, TracksEntry, track_boards
 from dfdbench.metrics.metric import RANKED_BY, find_metric
 from dfdbench.metrics.of_protocol import metrics_of, ranked_by
 from dfdbench.metrics.protocol import title_of
-from dfdbench.results.record import SCORED
+from dfdbench.results.record import SCORED, Result
+from dfdbench.results.summary import median_seconds
 from dfdbench.results.told import told
 from dfdbench.results.wording import machine_of
 
@@ -61,6 +62,7 @@ def _board(board: ScoreBoard, folder: Path) -> dict[str, Any]:
         "rows": [
             _row(
                 standing.entry,
+                [standing.entry.result],
                 standing.rank,
                 [standing.entry.score(board.protocol, name) for name in order],
                 folder,
@@ -88,25 +90,32 @@ def _tracks(board: TracksBoard, folder: Path) -> dict[str, Any]:
 def _track_rows(board: TracksBoard, folder: Path) -> Iterator[dict[str, Any]]:
     for rank, entry in board.rows:
         means = entry.means(RANKED_BY)
-        clean = Entry(entry.clean, entry.path, entry.verification)
         scores = [entry.mean(RANKED_BY), *(means[name] for name in TRACKS)]
-        yield _row(clean, rank, scores, folder) | {"method": entry.label, "status": entry.status}
+        yield _row(entry, entry.on_tracks, rank, scores, folder)
 
 
 def _row(
-    entry: Entry, rank: int | None, scores: list[float | None], folder: Path
+    entry: Entry | TracksEntry,
+    runs: Sequence[Result],
+    rank: int | None,
+    scores: list[float | None],
+    folder: Path,
 ) -> dict[str, Any]:
     return {
         "rank": rank,
         "method": entry.label,
-        "told": told(entry.result),
+        "told": "; ".join(_each(told, runs)),
         "scores": scores,
-        "seconds": entry.seconds,
+        "seconds": median_seconds(runs),
         "status": entry.status,
-        "machine": machine_of(entry.result),
-        "version": entry.result.environment.versions.get("dfdbench", ""),
+        "machines": _each(machine_of, runs),
+        "version": "; ".join(_each(lambda run: run.environment.versions.get("dfdbench", ""), runs)),
         "file": _file(entry.path, folder),
     }
+
+
+def _each(text_of: Callable[[Result], str], runs: Sequence[Result]) -> list[str]:
+    return sorted({text_of(run) for run in runs})
 
 
 def _file(path: Path, folder: Path) -> str:

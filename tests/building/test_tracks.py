@@ -14,6 +14,7 @@ from dfdbench.building.build import build_store
 from dfdbench.building.export import export_png
 from dfdbench.building.plan import plan_build
 from dfdbench.building.sources import open_source
+from dfdbench.datasets.fingerprint import ATTRIBUTES_SHA256, attributes_digest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.datasets.tracked import with_track
@@ -90,7 +91,9 @@ def test_a_store_of_a_track_unknown_here_says_so(
     tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
 ) -> None:
     built(tiny_manifest, "gain-1", tiny_folder, tmp_path / "a.zarr")
-    zarr.open_group(tmp_path / "a.zarr", mode="r+").attrs["degradation"] = "lens-1"
+    attributes = zarr.open_group(tmp_path / "a.zarr", mode="r+").attrs
+    attributes["degradation"] = "lens-1"
+    attributes[ATTRIBUTES_SHA256] = attributes_digest(dict(attributes))
     with pytest.raises(StoreError, match=r"(?s)does not know.*lens-1"):
         Store(tmp_path / "a.zarr")
 

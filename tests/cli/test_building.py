@@ -199,4 +199,4 @@ def test_a_cluster_builds_and_runs(
 
 def test_export_says_what_its_folder_is_called(dfdbench: Command) -> None:
     told = dfdbench("export", "demo", "--out", "x")
-    assert (told.status, "fix       --png x" in told.err) == (2, True), told.err
+    assert (told.status, "Fix: --png x" in told.err) == (2, True), told.err

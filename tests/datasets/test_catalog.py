@@ -46,5 +46,9 @@ def test_a_manifest_of_ones_own_is_named_by_its_path(tmp_path: Path) -> None:
     mine = find_manifest(str(tmp_path / "tiny-1.toml"))
     assert mine.stem == "tiny-1"
     assert typed_name(mine) == "tiny"
+    edited = find_manifest("demo").toml.replace("network_crop = 224", "network_crop = 16")
+    (tmp_path / "demo.toml").write_text(edited)
+    with pytest.raises(ManifestError, match="the name of the released demo-1"):
+        find_manifest(str(tmp_path / "demo.toml"))
     with pytest.raises(ManifestError, match="cannot read the manifest"):
         find_manifest("demo.toml")

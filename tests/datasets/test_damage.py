@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable
@@ -8,7 +9,9 @@ from typing import Any
 
 import pytest
 
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.damage import scene_record
+from dfdbench.datasets.fingerprint import attributes_digest
 from dfdbench.datasets.integrity import verify_store
 from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
@@ -37,9 +40,51 @@ def test_attributes_of_another_kind_are_told(tiny_store: Store, name: str, value
         Store(path)
 
 
-def test_an_attribute_that_is_absent_is_told(tiny_store: Store) -> None:
-    path = damaged(tiny_store, "", lambda content: content["attributes"].pop("recipe"))
+@pytest.mark.parametrize("name", ["recipe", "attributes_sha256"])
+def test_an_attribute_that_is_absent_is_told(tiny_store: Store, name: str) -> None:
+    path = damaged(tiny_store, "", lambda content: content["attributes"].pop(name))
     with pytest.raises(StoreError, match="field is missing"):
+        Store(path)
+
+
+def _double_the_blur(attributes: dict[str, Any]) -> None:
+    attributes["recipe"]["parameters"]["sigma_step"] *= 2
+
+
+def _shrink_the_crop(attributes: dict[str, Any]) -> None:
+    edited = attributes["manifest"].replace("network_crop = 16", "network_crop = 8")
+    assert edited != attributes["manifest"]
+    sha256 = hashlib.sha256(edited.encode()).hexdigest()
+    attributes.update(manifest=edited, manifest_sha256=sha256)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        _double_the_blur,
+        _shrink_the_crop,
+        lambda attributes: attributes.update(degradation="noise-1"),
+        lambda attributes: attributes.update(options={"pair": [141, 129]}),
+        lambda attributes: attributes.update(missing_pairs=["One"]),
+        lambda attributes: attributes.update(fingerprint="0" * 64),
+    ],
+)
+def test_a_store_whose_attributes_were_edited_is_refused(
+    tiny_store: Store, edit: Callable[[dict[str, Any]], None]
+) -> None:
+    path = damaged(tiny_store, "", lambda content: edit(content["attributes"]))
+    with pytest.raises(StoreError, match="attributes were edited"):
+        Store(path)
+
+
+def test_a_store_of_an_edited_released_manifest_is_refused(tiny_store: Store) -> None:
+    def forge(attributes: dict[str, Any]) -> None:
+        demo = find_manifest("demo").toml
+        attributes["manifest"] = demo.replace("network_crop = 224", "network_crop = 16")
+        attributes["attributes_sha256"] = attributes_digest(attributes)
+
+    path = damaged(tiny_store, "", lambda content: forge(content["attributes"]))
+    with pytest.raises(StoreError, match="another manifest than demo-1"):
         Store(path)
 
 

@@ -15,7 +15,7 @@ def problems_of(text: str) -> str:
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("pairs = 7", "pairs = 6", ["splits[1].pairs", "expected  6", "got       7"]),
+        ("pairs = 7", "pairs = 6", ["splits[1].pairs", "expected 6", "got 7"]),
         ('scenes = ["One"]', 'scenes = ["Two"]', ["scene is in two splits", "Two"]),
         ('scenes = ["Three"]', 'scenes = ["Tree"]', ["does not exist", "Tree/view5"]),
         ("exposure = [1] }", "exposure = [2] }", ["does not exist", "exposure2"]),

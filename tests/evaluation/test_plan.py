@@ -1,10 +1,12 @@
 import json
 import shutil
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.loading import load_for
@@ -43,6 +45,14 @@ def test_a_file_that_a_parameter_names_counts_by_its_content(
     assert str(tmp_path) not in json.dumps(run.result.method.parameters)
 
 
+def of_smaller_crop(store: Store) -> Store:
+    """The same images, under a manifest by which `thesis-networks` scores fewer pixels."""
+    text = store.manifest.toml.replace("network_crop = 16", "network_crop = 8")
+    other = copy(store)
+    other.manifest = parse_manifest(text.encode(), "tiny-1.toml")
+    return other
+
+
 def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Store) -> None:
     plan = plan_run(tiny_store, method(Counting()), "test", RunOptions())
     first = plan.identity
@@ -59,6 +69,7 @@ def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Store)
     ]
     others += [
         plan_run(tiny_store, plan.method, "One", RunOptions()).identity,
+        plan_run(of_smaller_crop(tiny_store), plan.method, "test", RunOptions()).identity,
         plan_run(tiny_store, plan.method, "test", RunOptions(seed=1)).identity,
         # Depth maps that were not kept cannot be taken over.
         plan_run(tiny_store, plan.method, "test", RunOptions(keep_predictions=False)).identity,
@@ -71,6 +82,7 @@ def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Store)
         ["parameters"],
         ["weights_sha256"],
         ["split"],
+        ["manifest_sha256"],
         ["seed"],
         ["keep_predictions"],
     ]

@@ -25,7 +25,7 @@ def test_the_ranking_is_by_nrmse_with_an_interval_and_the_row_above(tmp_path: Pa
     assert first.above is None
     assert second.above is not None
     assert second.above.mean == pytest.approx(0.1)
-    assert second.above.verdict == "likely"
+    assert second.above.verdict == "too few scenes to tell"
     assert first.interval is not None
     score = first.entry.score("thesis", "nrmse")
     assert score is not None
@@ -56,6 +56,16 @@ def test_other_data_split_or_protocol_is_another_board(tmp_path: Path) -> None:
     add(tmp_path, "other", 0.1, fingerprint="5" * 64)
     found = [(b.protocol, b.fingerprint[0], len(b.standings)) for b in boards(collect(tmp_path))]
     assert found == [("thesis", "2", 1), ("thesis", "5", 1), ("valid", "2", 1)]
+
+
+def test_the_same_images_under_another_manifest_are_another_board(tmp_path: Path) -> None:
+    # A set of one's own whose network_crop was changed has the same images and other scores.
+    first, second = make_demo_result(lambda pair: 0.1, "a"), make_demo_result(lambda pair: 0.2, "b")
+    dataset = second.dataset.model_copy(update={"manifest_sha256": "7" * 64})
+    second = second.model_copy(update={"dataset": dataset})
+    (tmp_path / "result.json").touch()
+    found = boards([Entry(result, tmp_path / "result.json", None) for result in (first, second)])
+    assert [len(board.standings) for board in found] == [1, 1]
 
 
 def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:

@@ -56,14 +56,14 @@ def test_what_was_learned_comes_back_as_numbers_and_arrays() -> None:
         ([1.0], "a mapping of names"),
         ({"law": object()}, "'law'"),
         ({"name": "disk"}, "'name'"),
-        ({3: 1.0}, r"no name[\s\S]*got       3"),
-        ({"": 1.0}, r"no name[\s\S]*got       ''"),
-        ({"gain": float("nan")}, r"no number[\s\S]*'gain'[\s\S]*got       nan"),
-        ({"gain": np.inf}, r"no number[\s\S]*got       inf"),
+        ({3: 1.0}, r"no name[\s\S]*got 3"),
+        ({"": 1.0}, r"no name[\s\S]*got ''"),
+        ({"gain": float("nan")}, r"no number[\s\S]*'gain'[\s\S]*got nan"),
+        ({"gain": np.inf}, r"no number[\s\S]*got inf"),
         ({"levels": np.full(3, np.nan)}, r"no number[\s\S]*'levels'"),
         ({"ragged": [[1], [1, 2]]}, "'ragged'"),
-        (ValueError("too dark"), "cannot be fitted.*\n.*fit\n.*ValueError: too dark"),
-        (SystemExit(3), "cannot be fitted.*\n.*fit\n.*SystemExit: 3"),
+        (ValueError("too dark"), "cannot be fitted.*fit.*ValueError: too dark"),
+        (SystemExit(3), "cannot be fitted.*fit.*SystemExit: 3"),
     ],
 )
 def test_a_fit_that_raises_or_returns_what_cannot_be_kept_says_why(
@@ -107,7 +107,7 @@ def test_nothing_that_takes_it_back_and_no_fit_to_call_are_refused() -> None:
 def test_a_restore_that_raises_says_why() -> None:
     learning = Learning()
     learning.restore = lambda learned: learned["sigma"]  # type: ignore[method-assign]
-    with pytest.raises(MethodError, match=r"does not take back.*\n.*restore\n.*KeyError"):
+    with pytest.raises(MethodError, match=r"does not take back.*restore.*KeyError"):
         restore(method(learning), {"gain": 1.0})
 
 

@@ -32,15 +32,22 @@ def test_the_mean_difference_is_that_of_the_means() -> None:
     assert ssim.wins == len(PLACES)
 
 
-def test_few_scenes_cannot_tell_and_one_has_no_interval() -> None:
-    few = changes(result(0.2, scenes="abc"), result(0.1, scenes="abc"), "thesis", "nrmse")
-    one = changes(result(0.2, scenes="a"), result(0.1, scenes="a"), "thesis", "nrmse")
-    found, alone = paired_difference(few, "nrmse"), paired_difference(one, "nrmse")
+@pytest.mark.parametrize(
+    ("scenes", "verdict"),
+    [
+        ("a", "too few scenes to tell"),
+        ("abc", "too few scenes to tell"),
+        ("abcde", "too few scenes to tell"),
+        ("abcdef", "real"),
+    ],
+)
+def test_below_six_scenes_there_is_no_verdict(scenes: str, verdict: str) -> None:
+    both = (result(0.2, scenes=scenes), result(0.1, scenes=scenes))
+    found = paired_difference(changes(*both, "thesis", "nrmse"), "nrmse")
     assert found is not None
-    assert found.verdict == "likely"
-    assert alone is not None
-    assert (alone.low, alone.verdict) == (None, "may be chance")
-    assert "one scene" in str(alone)
+    assert found.verdict == verdict
+    assert str(found).endswith(f", {verdict}")
+    assert (found.low is None) == (len(scenes) == 1)
 
 
 def test_a_run_and_itself_are_the_same() -> None:
@@ -78,6 +85,9 @@ def test_other_data_and_other_protocols_are_not_compared() -> None:
     with pytest.raises(ResultError, match="fingerprint") as raised:
         check_comparable(first, second.model_copy(update={"dataset": other}), "thesis")
     assert len(raised.value.problems) == 2
+    edited = second.dataset.model_copy(update={"manifest_sha256": "7" * 64})
+    with pytest.raises(ResultError, match="manifest_sha256"):
+        check_comparable(first, second.model_copy(update={"dataset": edited}), "thesis")
     with pytest.raises(UnknownNameError, match="valid"):
         check_comparable(first, second, "valid")
     redefined = [{**second.protocols[0], "pixels": "known"}]

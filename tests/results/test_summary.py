@@ -6,11 +6,11 @@ import pytest
 from dfdbench.datasets.manifest import Scene
 from dfdbench.metrics import intervals
 from dfdbench.metrics.intervals import bootstrap_interval
-from dfdbench.results.record import PairResult
+from dfdbench.results.record import PairResult, Result
 from dfdbench.results.run_data import run_as_csv, run_as_json
 from dfdbench.results.run_tables import run_tables
 from dfdbench.results.scene_tables import scene_tables, spread_table
-from dfdbench.results.summary import ranked, scene_labels, summarise
+from dfdbench.results.summary import median_seconds, ranked, scene_labels, summarise
 from tests.made_results import make_result
 
 # Table 5.3 of the thesis, exposure 0: mean and std of the NRMSE of 6 pairs an illumination.
@@ -110,3 +110,24 @@ def test_what_is_shown_of_a_run_is_bootstrapped_once(monkeypatch: pytest.MonkeyP
     run_as_csv(summary, scene_labels(scenes))
     run_as_json(summary, scene_labels(scenes))
     assert len(drawn) == 12
+
+
+def with_seconds(*seconds: float, cpu: str = "one", alone: bool = True) -> Result:
+    result = make_result({("a", 1, 1, number): 0.1 for number in range(len(seconds))})
+    pairs = [
+        pair.model_copy(update={"seconds": value, "timed_alone": alone})
+        for pair, value in zip(result.pairs, seconds, strict=True)
+    ]
+    environment = result.environment.model_copy(update={"cpu": cpu})
+    return result.model_copy(update={"pairs": pairs, "environment": environment})
+
+
+def test_one_slow_pair_does_not_move_the_seconds() -> None:
+    assert median_seconds([with_seconds(1.0, 1.1, 2519.0)]) == 1.1
+    assert median_seconds([with_seconds(1.0, 2.0), with_seconds(9.0)]) == 2.0
+
+
+def test_seconds_of_several_machines_or_of_pairs_run_together_are_none() -> None:
+    assert median_seconds([with_seconds(1.0), with_seconds(1.0, cpu="two")]) is None
+    assert median_seconds([with_seconds(1.0, alone=False)]) is None
+    assert median_seconds([with_seconds()]) is None

@@ -1,4 +1,4 @@
-"""Read photographs and depth files of a captured set: PNG, JPEG, TIFF; 8, 16 or 32 bit."""
+"""Read photographs (PNG, JPEG, TIFF) and depth files (those, and npy) of a captured set."""
 
 from __future__ import annotations
 
@@ -13,10 +13,14 @@ from PIL import Image as Pillow
 from PIL import UnidentifiedImageError
 
 from dfdbench.errors import SourceError
-from dfdbench.system.array_files import UNREADABLE_IMAGE
+from dfdbench.system.array_files import UNREADABLE, UNREADABLE_IMAGE
 
 Image = NDArray[np.uint8]
 
+#: Endings of the image files that are read, in any case.
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+
+_ARRAY_HEAD = b"\x93NUMPY"
 _FORMATS = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
 _ORIENTATION = 0x0112
 _FULL = 16
@@ -88,7 +92,7 @@ def read_photograph(
 def read_depth_file(
     content: bytes, where: str, rotation: Literal["apply", "ignore"] | None = None
 ) -> NDArray[np.float64]:
-    """Return what a depth file holds, as it stands there, shape (y, x).
+    """Return what an image or npy file of depth holds, unchanged, shape (y, x).
 
     The parameters are those of `read_photograph`.
 
@@ -97,7 +101,7 @@ def read_depth_file(
     SourceError
         Where it is no such file, is damaged, or is in colour.
     """
-    values = _upright(decode_file(content, where), content, where, rotation)
+    values = _upright(decode_depth(content, where), content, where, rotation)
     if values.ndim == 3:
         if not (values[..., :3] == values[..., :1]).all():
             raise SourceError(
@@ -105,6 +109,35 @@ def read_depth_file(
             )
         values = values[..., 0]
     return np.asarray(values, np.float64)
+
+
+def decode_depth(content: bytes, where: str) -> NDArray[Any]:
+    """Return what an npy file holds, or what `decode_file` does.
+
+    Raises
+    ------
+    SourceError
+        If the file is damaged, or holds no array of numbers of shape (y, x) or (y, x, channel).
+    """
+    if not content.startswith(_ARRAY_HEAD):
+        return decode_file(content, where)
+    try:
+        values = np.load(io.BytesIO(content), allow_pickle=False)
+    except UNREADABLE as error:
+        raise SourceError(
+            "the npy file is damaged",
+            where=where,
+            got=str(error),
+            fix="copy it again from where it came from",
+        ) from error
+    if values.ndim not in (2, 3) or values.dtype.kind not in "iuf" or not values.size:
+        raise SourceError(
+            "the array is not a depth map",
+            where=where,
+            expected="numbers of shape (y, x)",
+            got=f"{values.dtype} of shape {values.shape}",
+        )
+    return np.asarray(values)
 
 
 def decode_file(content: bytes, where: str) -> NDArray[Any]:

@@ -132,6 +132,7 @@ class SearchPlan:
         return {
             "version": VERSION,
             "dfdbench": PACKAGE_VERSION,
+            "manifest_sha256": self.store.manifest.sha256,
             "fingerprint": self.store.fingerprint,
             "train": list(self.train),
             "selected_on": self.selected_on,

@@ -26,6 +26,27 @@ def test_eight_and_sixteen_bit_are_one_image(kind: str) -> None:
     np.testing.assert_array_equal(read_photograph(encoded(deep, kind), "a"), RGB)
 
 
+def array_file(values: NDArray[Any]) -> bytes:
+    file = io.BytesIO()
+    np.save(file, values)
+    return file.getvalue()
+
+
+def test_depth_is_read_from_npy_and_photographs_are_not() -> None:
+    depth = np.linspace(0.5, 3, 35, dtype=np.float32).reshape(5, 7)
+    content = array_file(depth)
+    np.testing.assert_array_equal(read_depth_file(content, "a.npy"), depth)
+    with pytest.raises(SourceError, match="the npy file is damaged"):
+        read_depth_file(content[:-3], "a.npy")
+    for values in (np.ones(4), np.ones((2, 2), bool), np.ones((2, 2), complex), np.ones((0, 2))):
+        with pytest.raises(SourceError, match="not a depth map"):
+            read_depth_file(array_file(values), "a.npy")
+    with pytest.raises(SourceError, match="the npy file is damaged"):
+        read_depth_file(array_file(np.array([[None]])), "a.npy")
+    with pytest.raises(SourceError, match="not an image file"):
+        read_photograph(array_file(RGB), "a.npy")
+
+
 def test_a_grey_jpeg_has_three_channels() -> None:
     grey = np.full((16, 16), 77, np.uint8)
     assert (read_photograph(encoded(grey, ".jpg"), "a.jpg") == 77).all()
