@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from dfdbench.errors import InputError, reason_of
+
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _SPLITS = ("train", "training", "test", "testing", "val", "validation")
 # More kinds of files than this are no kinds: the guess is wrong.
@@ -85,10 +87,18 @@ def unread_files(folder: Path) -> str:
 
 
 def _shown_files(folder: Path) -> Iterator[Path]:
-    for path in folder.rglob("*"):
-        below = path.relative_to(folder)
-        if path.is_file() and not any(part.startswith(".") for part in below.parts):
-            yield below
+    try:
+        for path in folder.rglob("*"):
+            below = path.relative_to(folder)
+            if path.is_file() and not any(part.startswith(".") for part in below.parts):
+                yield below
+    except OSError as error:
+        raise InputError(
+            "cannot look into the folder",
+            where=str(error.filename or folder),
+            got=reason_of(error),
+            fix="name the folder of the captures alone",
+        ) from error
 
 
 def find_layout(paths: tuple[str, ...]) -> Layout | None:

@@ -18,6 +18,7 @@ from dfdbench.cli.run_answer import (
 )
 from dfdbench.cli.screen import progress, say
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
@@ -112,7 +113,8 @@ def run(
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
     shown = protocol_of_tables(asked, data)
-    folder = out or Path("results") / f"{data.path.stem}-{split}" / folder_name(method, param)
+    default = Path("results") / f"{data.path.stem}-{split}" / folder_name(method, param)
+    folder = output_place(out or default, str(data.path), replaces=True)
     apart_from = hidden_from_isolated(folder, cache) if isolate else None
     loaded = load_for(data, method, values_of(param, "--param"), seed, apart_from=apart_from)
     if submit:

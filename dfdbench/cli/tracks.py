@@ -25,6 +25,7 @@ from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError, StoreError, unknown_name
 from dfdbench.metrics.of_protocol import metrics_of, ranked_by
+from dfdbench.results.output_place import output_place
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Format
 
@@ -91,7 +92,8 @@ def tracks(
     name = folder_name(method, param) + ("-told" if told else "")
     if submit:
         refuse_what_cannot_be_submitted(None)
-    place = out or Path("results") / f"{plain.file_stem}-tracks-{split}" / name
+    default = Path("results") / f"{plain.file_stem}-tracks-{split}" / name
+    place = output_place(out or default, source)
     given = values_of(param, "--param")
     apart_from = hidden_from_isolated(place, cache) if isolate else None
     # What cannot be run is told before the tracks are built or anything is run for long.

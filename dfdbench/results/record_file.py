@@ -42,12 +42,12 @@ def seal_of(content: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def load_result(path: Path) -> Result:
+def load_result(path: Path | str) -> Result:
     """Read a run's result, check it, and compute its averages anew.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         The result file, or the folder of the run.
 
     Raises
@@ -55,7 +55,7 @@ def load_result(path: Path) -> Result:
     ResultError
         Where it cannot be read, is of another schema version, or contradicts itself.
     """
-    result, problems = examine_result(path)
+    result, problems = examine_result(Path(path))
     if problems:
         raise ResultError.of(problems)
     return result

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError
 from dfdbench.methods.mrf.energy import Energy, Solution, label_dtype
 from dfdbench.methods.mrf.smoothness import COST_LIMIT
+from dfdbench.system.compiled import compiled
 
 __all__ = ["lower_bound", "message_passing"]
 
@@ -138,7 +138,7 @@ def _table_shape(table: Array) -> tuple[int, int]:
     return reach, plateau
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _convolve(
     table: Array, weight: int, reach: int, plateau: int, costs: Array, rising: Array, out: Array
 ) -> None:
@@ -173,7 +173,7 @@ def _convolve(
                     out[label + distance] = min(out[label + distance], costs[label] + cost)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _row_part(cost: Any, height: int, width: int) -> Any:
     # A row and a column share a pixel's cost, unless the grid is a single row or column.
     if height == 1:
@@ -181,7 +181,7 @@ def _row_part(cost: Any, height: int, width: int) -> Any:
     return cost >> 1 if width > 1 else 0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _send(
     table: Array,
     weight: int,
@@ -204,7 +204,7 @@ def _send(
     return least
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _forward(
     unary: Array,
     finer: int,
@@ -250,7 +250,7 @@ def _forward(
                 _send(table, down[y, x], reach, plateau, column, rising, out, below)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _backward(
     unary: Array,
     finer: int,
