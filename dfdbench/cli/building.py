@@ -105,9 +105,15 @@ def export(
     png: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write PNG files into.")],
     out: Annotated[Path | None, typer.Option(hidden=True, callback=_called_png)] = None,
     split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "all",
+    images_only: Annotated[
+        bool,
+        typer.Option(
+            "--images-only", help="Write no depth, to run a method where it cannot see the truth."
+        ),
+    ] = False,
     cache: Cache = None,
 ) -> None:
-    """Write the pairs as PNG files; Middlebury's are named as the thesis's."""
+    """Export pairs as PNG files (Middlebury pairs keep the thesis's file names)."""
     from dfdbench.building.export import export_png
     from dfdbench.datasets.store import open_store
 
@@ -115,7 +121,7 @@ def export(
     store = open_store(name, cache=cache)
     store.manifest.scenes_of(split)
     with progress("writing pairs") as step:
-        count = export_png(store, png, split, step)
+        count = export_png(store, png, split, step, images_only)
     print(f"{counted(count, 'pair')} {'lies' if count == 1 else 'lie'} in {png}")
 
 

@@ -31,12 +31,6 @@ Params = Annotated[
     list[str] | None,
     typer.Option("--param", help="A parameter of the method, NAME=VALUE; repeatable."),
 ]
-Isolate = Annotated[
-    bool,
-    typer.Option(
-        "--isolate", help="Run it in a process of its own that cannot see the true depth."
-    ),
-]
 
 
 def run(
@@ -89,7 +83,6 @@ def run(
         ),
     ] = None,
     scheduler: Scheduler = None,
-    isolate: Isolate = False,
     cache: Cache = None,
     figure_format: FigureFormats = None,
     submit: Annotated[
@@ -115,8 +108,7 @@ def run(
     shown = protocol_of_tables(asked, data)
     default = Path("results") / f"{data.path.stem}-{split}" / folder_name(method, param)
     folder = output_place(out or default, str(data.path), replaces=True)
-    apart_from = hidden_from_isolated(folder, cache) if isolate else None
-    loaded = load_for(data, method, values_of(param, "--param"), seed, apart_from=apart_from)
+    loaded = load_for(data, method, values_of(param, "--param"), seed)
     if submit:
         refuse_unfit_to_submit(loaded, data, split)
     options = RunOptions(limit, not no_predictions, fresh, seed)
@@ -136,14 +128,6 @@ def run(
     tell_overall(summary)
     if any(pair.status == "failed" for pair in done.result.pairs):
         raise typer.Exit(1)
-
-
-def hidden_from_isolated(folder: Path, cache: Path | None) -> list[Path]:
-    """Return what a method that runs isolated is not to see, besides the store."""
-    from dfdbench.system.cache import cache_folder
-
-    # Among results lie earlier runs, with figures and pages that show the truth.
-    return [Path("results"), folder, cache_folder(cache)]
 
 
 def protocol_of_tables(asked: str | None, data: Store) -> str:

@@ -19,8 +19,8 @@ def predict(
     images: Annotated[
         list[Path],
         typer.Argument(
-            help="The in-focus and the defocus photograph, or a folder of pairs: NAME.png beside "
-            "NAME_defocus.png."
+            help="The in-focus and the defocus photograph, or a folder of pairs: PAIR/infocus.png "
+            "and PAIR/defocus.png."
         ),
     ],
     out: Annotated[
@@ -81,7 +81,8 @@ def predict(
         raise InputError(
             "no pair in this folder",
             where=str(images[0]),
-            fix="name photographs NAME.png and NAME_defocus.png, as `dfdbench export` does",
+            fix="name photographs PAIR/infocus.png and PAIR/defocus.png, as `dfdbench export "
+            "--images-only` does",
         )
     parameters = values_of(param, "--param") | ({"weights": weights} if weights else {})
     predictor = Predictor(method, fitted or lens, parameters, not no_align, seed)

@@ -10,9 +10,9 @@ from tests.conftest import write_png
 def photographs(folder: Path) -> tuple[str, str]:
     noise = np.random.default_rng(0).uniform(0, 255, (64, 80, 3))
     sharp = cv2.GaussianBlur(noise, (0, 0), 1.5).astype(np.uint8)
-    write_png(folder / "a.png", sharp)
-    write_png(folder / "a_defocus.png", cv2.GaussianBlur(sharp, (0, 0), 1))
-    return str(folder / "a.png"), str(folder / "a_defocus.png")
+    write_png(folder / "infocus.png", sharp)
+    write_png(folder / "defocus.png", cv2.GaussianBlur(sharp, (0, 0), 1))
+    return str(folder / "infocus.png"), str(folder / "defocus.png")
 
 
 def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_path: Path) -> None:
@@ -32,7 +32,7 @@ def test_a_folder_of_pairs_gives_a_folder_of_maps(dfdbench: Command, tmp_path: P
     (tmp_path / "in/scene").mkdir(parents=True)
     photographs(tmp_path / "in/scene")
     told = dfdbench("predict", str(tmp_path / "in"), "--method", "mymodule:predict", "--out", "out")
-    assert (told.status, np.load("out/scene/a.npy").max()) == (0, 90), told.err
+    assert (told.status, np.load("out/scene.npy").max()) == (0, 90), told.err
 
 
 def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_path: Path) -> None:

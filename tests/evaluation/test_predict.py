@@ -113,7 +113,13 @@ def test_depth_files_hold_the_depth(tmp_path: Path) -> None:
 
 
 def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
-    for name in ("a.png", "a_defocus.JPG", "b/c.png", "b/c_defocus.png", "b/alone.png", "d.txt"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+    for name in (
+        "a/infocus.png",
+        "a/defocus.JPG",
+        "b/c/infocus.png",
+        "b/c/defocus.png",
+        "infocus.png",
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     assert [name for name, _, _ in pairs_in(tmp_path)] == ["a", "b/c"]
