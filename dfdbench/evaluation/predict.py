@@ -25,9 +25,9 @@ from dfdbench.evaluation.fitting import FIT, read_fit
 from dfdbench.evaluation.lens import is_lens, lens_law
 from dfdbench.methods.calling import call
 from dfdbench.methods.fit import restore
-from dfdbench.methods.isolation import seeded
 from dfdbench.methods.method import Method
 from dfdbench.methods.parameters import read_fields
+from dfdbench.methods.process_state import seeded
 from dfdbench.methods.registry import entry_of, load_method, make_method
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT, load_result

@@ -46,6 +46,10 @@ class Method:
     uses: tuple[str, ...] = ()
     source_sha256: str | None = None
 
+    def __call__(self, infocus: Image, defocus: Image) -> Any:
+        """Return the depth of a pair of RGB images, uint8 of shape (y, x, 3)."""
+        return self.predict(infocus, defocus)
+
     @property
     def warm_up(self) -> Predict | None:
         """What to call once, untimed, before the first pair."""

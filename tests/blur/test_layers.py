@@ -181,7 +181,7 @@ def by_lens(scene: str, rays: int) -> Floats:
         place = (y - 0.5, x - 0.5)
         view = cast(surfaces, photographs, 0.0, SHAPE, FOCAL_LENGTH, place, point, FOCUS)
         total += lit(view)
-    return total / rays
+    return np.asarray(total / rays)
 
 
 def lit(view: View) -> Floats:
