@@ -12,7 +12,16 @@ from dfdbench.methods.registry import ENTRY_POINT_GROUP, registered_methods
 FACES = {
     "dfdbench": [
         *("Comparison", "Run", "__version__", "build", "compare", "list_datasets", "list_methods"),
-        *("load_method", "open_dataset", "open_run", "predict", "run", "run_tracks", "score", "show"),
+        *(
+            "load_method",
+            "open_dataset",
+            "open_run",
+            "predict",
+            "run",
+            "run_tracks",
+            "score",
+            "show",
+        ),
     ],
     "dfdbench.blur": ["RECIPES", "BlurRecipe", "find_recipe", "synthesize"],
     "dfdbench.building": ["SceneError", "SceneImages", "Source", "build_store", "open_source"],
