@@ -13,6 +13,7 @@ from dfdbench.audit.trained_on import coverage_warnings
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.blur.tracks import find_degradation
+from dfdbench.datasets.depth_scale import Rig
 from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.fitting import training_scenes
@@ -94,6 +95,26 @@ def load_here(
     entry = f"{kind.__module__}:{name}"
     found = make_method(name, entry, target, None, taken, offers, for_fits)
     return replace(found, parameters={**found.parameters, **recorded})
+
+
+def load_to_check(name: str, parameters: Mapping[str, Any]) -> Method:
+    """Load a method with made facts of a data set, to check it before a run.
+
+    A class with a fit gets no recipe: it has to find out the blur, so that its fit is tried.
+
+    Raises
+    ------
+    MethodError, UnknownNameError
+        As for `dfdbench.methods.load`.
+    """
+    offers: Facts = {
+        "recipe": lambda: find_recipe("published"),
+        "recipe_name": lambda: "published",
+        "training_mean": lambda: 128.0,
+        "seed": lambda: 0,
+        "rig": Rig,
+    }
+    return load_method(name, parameters, offers, {"recipe": lambda: None})
 
 
 def _offers(store: Store, seed: int, told: bool) -> tuple[Facts, Facts]:

@@ -181,6 +181,7 @@ def make_method(
     # Here, so that a list of the names needs no numpy.
     from dfdbench.methods.method import Method
     from dfdbench.methods.parameters import read_parameters
+    from dfdbench.methods.torch_method import as_method
 
     fits = attribute_of(target, "fit", entry, _NO_FIT) is not _NO_FIT
     given, recorded = read_parameters(parameters, fits)
@@ -193,13 +194,13 @@ def make_method(
         uses = tuple(key for key in asked if facts[key] is not None)
         arguments = given | facts
         check_parameters(entry, target, arguments)
-        predict = _constructed(entry, target, arguments)
+        predict = as_method(_constructed(entry, target, arguments))
     else:
         uses = ()
-        predict = target
+        predict = as_method(target)
         if given:
             check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
-            predict = functools.partial(target, **given)
+            predict = functools.partial(predict, **given)
     if not callable(predict):
         raise MethodError(
             "not a method",
