@@ -65,6 +65,8 @@ def load_for(
     else:
         hidden = (*apart_from, cache_folder(), *([Path(str(store.path))] * is_local(store.path)))
         found = load_isolated(Order(entry, taken, offers, for_fits, seed, hidden), apart_from)
+    if is_local(store.path):
+        found.sources.apart = (Path(str(store.path)),)
     if told and "recipe" not in found.uses:
         raise MethodError(
             "nothing to tell: the method does not ask for the blur recipe, or was given one",

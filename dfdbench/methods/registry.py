@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -122,9 +123,16 @@ def load_method(
     MethodError, UnknownNameError
         As for `load`.
     """
+    from dfdbench.methods.sources import Sources
+
     entry = find_entry(name)
-    target, source = import_entry(entry)
-    return make_method(name, entry, target, source, parameters, offers, for_fits)
+    sources = Sources()
+    with sources.watch():
+        target, module = import_entry(entry)
+        sources.begin_at(module)
+        source = sources.module_sha256
+        method = make_method(name, entry, target, source, parameters, offers, for_fits)
+    return replace(method, sources=sources)
 
 
 def find_entry(name: str) -> str:

@@ -98,7 +98,7 @@ def test_an_isolated_method_is_not_imported_here(
     assert first.method.isolated
     assert "printed to standard output on 1 pair" in str(first.warnings)
     here = dfdbench(*words, "--no-predictions")
-    assert "with other settings was moved" in here.err
+    assert "the earlier run was moved" in here.err
     assert load_result(path).pairs[0].prediction_sha256 == first.pairs[0].prediction_sha256
     refused = dfdbench(*words, "--isolate", "--param", "size=3")
     assert (refused.status, "unknown parameter" in refused.err) == (2, True)
