@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -122,9 +123,16 @@ def load_method(
     MethodError, UnknownNameError
         As for `load`.
     """
+    from dfdbench.methods.sources import Sources
+
     entry = find_entry(name)
-    target, source = import_entry(entry)
-    return make_method(name, entry, target, source, parameters, offers, for_fits)
+    sources = Sources()
+    with sources.watch():
+        target, module = import_entry(entry)
+        sources.begin_at(module)
+        source = sources.module_sha256
+        method = make_method(name, entry, target, source, parameters, offers, for_fits)
+    return replace(method, sources=sources)
 
 
 def find_entry(name: str) -> str:
@@ -181,6 +189,7 @@ def make_method(
     # Here, so that a list of the names needs no numpy.
     from dfdbench.methods.method import Method
     from dfdbench.methods.parameters import read_parameters
+    from dfdbench.methods.torch_method import as_method
 
     fits = attribute_of(target, "fit", entry, _NO_FIT) is not _NO_FIT
     given, recorded = read_parameters(parameters, fits)
@@ -193,13 +202,13 @@ def make_method(
         uses = tuple(key for key in asked if facts[key] is not None)
         arguments = given | facts
         check_parameters(entry, target, arguments)
-        predict = _constructed(entry, target, arguments)
+        predict = as_method(_constructed(entry, target, arguments))
     else:
         uses = ()
-        predict = target
+        predict = as_method(target)
         if given:
             check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
-            predict = functools.partial(target, **given)
+            predict = functools.partial(predict, **given)
     if not callable(predict):
         raise MethodError(
             "not a method",
