@@ -160,8 +160,9 @@ BEYOND_A_MODULE = {
 
 #: Modules without a test file of their own name: the file that tests them, and why it is another.
 TESTED_ELSEWHERE = {
-    # `open` is one of the names that users rely on.
     "dfdbench": "test_public_names.py",
+    # Its verb is all that there is to it.
+    "dfdbench.evaluation.tracks": "cli/test_tracks.py",
     # What `main` tells of errors is seen from outside.
     "dfdbench.cli": "cli/test_command_line.py",
     # A protocol: what fulfils it is tested against it.
