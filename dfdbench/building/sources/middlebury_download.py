@@ -16,8 +16,14 @@ from dfdbench.building.fetching.checksums import (
     sha256,
     write_checksums,
 )
-from dfdbench.building.fetching.download import SET_ASIDE, Fate, Progress, WantedFile, fetch
-from dfdbench.building.fetching.transfer import Patience
+from dfdbench.building.fetching.download import (
+    SET_ASIDE,
+    Fate,
+    Patience,
+    Progress,
+    WantedFile,
+    fetch,
+)
 from dfdbench.building.sources.image_files import decode_depth, decode_file, decode_image
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Scene
