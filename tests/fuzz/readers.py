@@ -7,8 +7,12 @@ from pathlib import Path
 
 from dfdbench.building.fetching.archive import archive_members, read_member
 from dfdbench.building.fetching.checksums import known_checksums
-from dfdbench.building.png import decode_depth, decode_image
-from dfdbench.building.sources.image_files import read_depth_file, read_photograph
+from dfdbench.building.sources.image_files import (
+    decode_depth,
+    decode_image,
+    read_depth_file,
+    read_photograph,
+)
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.evaluation.prediction_files import find_predictions

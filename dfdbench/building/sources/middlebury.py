@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.building.fetching.checksums import check_checksum, sha256
-from dfdbench.building.png import decode_depth, decode_image
+from dfdbench.building.sources.image_files import decode_depth, decode_image
 from dfdbench.building.sources.interface import SceneImages
 from dfdbench.building.sources.scene_files import find_scene
 from dfdbench.datasets.manifest import Manifest, Pair

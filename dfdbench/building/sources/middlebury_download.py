@@ -19,13 +19,13 @@ from dfdbench.building.fetching.checksums import (
 from dfdbench.building.fetching.download import (
     SET_ASIDE,
     Fate,
+    Patience,
     Progress,
     WantedFile,
     fetch,
     mirrors_lacking,
 )
-from dfdbench.building.fetching.transfer import Patience
-from dfdbench.building.png import decode_depth, decode_image, png_size
+from dfdbench.building.sources.image_files import decode_depth, decode_file, decode_image
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Scene
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
@@ -175,7 +175,7 @@ class _Site:
             return
         view = path.name.removeprefix("view").split(".")[0]
         depth = self.folder / name.split("/")[0] / depth_name({"view": int(view)})
-        size = png_size(depth.read_bytes(), str(depth)) if depth.exists() else None
+        size = decode_file(depth.read_bytes(), str(depth)).shape[:2] if depth.exists() else None
         decode_image(content, where, size)
 
     def _check_archive(self, name: str, path: Path, where: str) -> None:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.sources.frames import average_frames
+from dfdbench.building.sources.image_files import average_frames
 from dfdbench.building.sources.interface import SceneImages
 from dfdbench.building.sources.realworld import as_told
 from dfdbench.datasets.manifest import Manifest, Pair
