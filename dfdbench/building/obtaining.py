@@ -13,8 +13,9 @@ from dfdbench.building.fetching.download import SET_ASIDE, Progress
 from dfdbench.building.plan import BuildPlan
 from dfdbench.building.sources import Download, Source, download_middlebury, open_source
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.system.cache import DOWNLOADS, cache_folder
+from dfdbench.tables.wording import counted
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,13 @@ def obtain(
     fetching = Fetching((*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split()), offline)
     place = download_folder(manifest, cache)
     before = _count_files(place / SET_ASIDE)
-    source, done = fetch_source(manifest, place, fetching, on_progress)
+    try:
+        source, done = fetch_source(manifest, place, fetching, on_progress)
+    except SourceError as error:
+        if refused := _count_files(place / SET_ASIDE) - before:
+            kept = Problem(f"{counted(refused, 'file')} set aside in {place / SET_ASIDE}")
+            raise SourceError.of([*error.problems, kept]) from error
+        raise
     return Obtained(source, place, done, _count_files(place / SET_ASIDE) - before)
 
 

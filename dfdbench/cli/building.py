@@ -162,6 +162,8 @@ def tell_fetched(obtained: Obtained) -> None:
     if obtained.refused:
         count = counted(obtained.refused, "file")
         say(f"refused, and set aside in {folder / 'set-aside'}: {count}")
+    for problem in done.lacking:
+        say(f"warning: {problem}")
     if done.new:
         say(f"fetched {counted(done.new, 'file')} into {folder}, {done.kept} were there")
     if done.lock:
