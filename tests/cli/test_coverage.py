@@ -242,7 +242,7 @@ def test_a_damaged_store_is_an_error_and_no_verdict(
         (["coverage", "STORE", "--each", "fold", "--fold", "K1"], "leave out --fold"),
         (["coverage", "STORE", "--result", "none.json"], "cannot read the result"),
         (["coverage", "STORE", "--result", "learned.py"], "the result is damaged"),
-        (["coverage", "STORE", "--out", ""], "--out names no folder"),
+        (["coverage", "STORE", "--out", ""], "no place is named"),
         (["coverage", "STORE", "--out", "learned.py"], "another place with --out"),
         (["coverage", "STORE", "--out", "learned.py/in"], "another place with --out"),
         (["coverage", "learned.py"], "a file, and not a data set"),
