@@ -50,7 +50,7 @@ def test_a_run_keeps_depth_maps_and_reports_them(done: dfdbench.Run, tmp_path: P
 def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> None:
     folder = done.save(tmp_path / "kept")
     assert dfdbench.open_run(folder).scores.equals(done.scores)
-    with pytest.raises(InputError, match="something already"):
+    with pytest.raises(InputError, match="write into a run"):
         done.save(folder)
     with pytest.raises(ResultError):
         dfdbench.open_run(tmp_path)

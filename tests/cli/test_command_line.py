@@ -94,10 +94,10 @@ def test_more_mistakes(dfdbench: Command, site: Site, arguments: list[str], told
         ["list", "--cache"],
         ["info"],
         ["verify"],
-        ["register", "all", "--source"],
+        ["rig", "register", "all", "--source"],
         ["report"],
         ["leaderboard", "--folder"],
-        ["optics", "pairs", "--lens"],
+        ["rig", "optics", "pairs", "--lens"],
     ],
 )
 def test_a_name_too_long_for_the_file_system_is_told(

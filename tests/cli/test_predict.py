@@ -19,7 +19,7 @@ def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_p
     images = photographs(tmp_path)
     told = dfdbench(
         *("predict", *images, "--method", "mymodule:predict", "--out", "depth.png"),
-        *("--picture", "picture.png"),
+        *("--figure", "picture.png"),
     )
     assert told.status == 0, told.err
     assert "depth.png: depth levels from 0 (far) to 255 (near)" in told.out

@@ -22,7 +22,7 @@ _TURNS = 9
 
 
 def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str, str]:
-    """Return the configurations that ``dfdbench reduce`` wrote into a folder, by row.
+    """Return the configurations that ``dfdbench thesis reduce`` wrote into a folder, by row.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str,
         raise InputError(
             "the folder holds no reduced networks",
             where=str(folder),
-            expected=f"{BASELINE}.toml and the rows that dfdbench reduce wrote",
-            fix="name the folder that dfdbench reduce tells at its end",
+            expected=f"{BASELINE}.toml and the rows that dfdbench thesis reduce wrote",
+            fix="name the folder that dfdbench thesis reduce tells at its end",
         )
     chosen = (
         list(map(str, names))
