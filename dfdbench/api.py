@@ -29,7 +29,7 @@ from dfdbench.evaluation.scored import score_predictions
 from dfdbench.evaluation.tracks import run_over_tracks
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import load_method as _load_method
-from dfdbench.methods.registry import registered_methods
+from dfdbench.methods.registry import method_words, registered_methods
 from dfdbench.results.difference_tables import change_tables
 from dfdbench.results.first_table import first_protocol, shown_protocol
 from dfdbench.results.frame import scores_of
@@ -315,15 +315,16 @@ def list_datasets(cache: Path | None = None) -> pd.DataFrame:
 
 
 def list_methods() -> pd.DataFrame:
-    """Return the registered methods and where each is defined.
+    """Return the registered methods: what each is, and where it is defined.
 
     Examples
     --------
     >>> list_methods().loc["local", "entry"]
     'dfdbench.methods.baselines:Local'
     """
-    rows = sorted(registered_methods().items())
-    return pd.DataFrame(rows, columns=["name", "entry"]).set_index("name")
+    words, entries = method_words(), registered_methods()
+    rows = [(name, words[name], entries[name]) for name in sorted(entries)]
+    return pd.DataFrame(rows, columns=["name", "what", "entry"]).set_index("name")
 
 
 def load_method(name: str, **parameters: Any) -> Method:

@@ -171,7 +171,7 @@ VERBS = {
     "export": Verb(
         "building",
         "export",
-        "Write the pairs as PNG files; Middlebury's are named as the thesis's.",
+        "Export pairs as PNG files (Middlebury pairs keep the thesis's file names).",
         goes_on=True,
     ),
     "verify": Verb(

@@ -34,6 +34,32 @@ _BUILT_IN = {
 }
 
 
+_WORDS = {
+    "constant": "the mean depth of the training scenes, whatever the images show",
+    "dfd-net": "a network for depth from defocus (Emerson 2019); weights: --param weights=NAME",
+    "favaro-soatto": "orthogonal operators learned from data (Favaro and Soatto 2005)",
+    "graph-cuts": "a Markov random field over blur differences, by graph cuts (the thesis, 4)",
+    "graph-cuts-rounded": "graph cuts whose costs know that grey levels are rounded",
+    "guided": "costs smoothed along edges by a guided filter (Hosni et al. 2013)",
+    "local": "the depth whose blur fits best around each pixel",
+    "rational-filters": "broadband rational filters (Watanabe and Nayar 1998)",
+    "s-transform": "closed-form blur variance; the fastest (Subbarao and Surya 1994)",
+    "sgm": "semi-global matching of blur (Hirschmueller 2008)",
+    "u-net": "a general network for images (Ronneberger et al. 2015); --param weights=NAME",
+}
+
+
+def method_words() -> dict[str, str]:
+    """Return what each registered method is, in words.
+
+    Examples
+    --------
+    >>> method_words()["local"]
+    'the depth whose blur fits best around each pixel'
+    """
+    return {name: _WORDS.get(name, "of another package") for name in registered_methods()}
+
+
 def registered_methods() -> dict[str, str]:
     """Return the registered methods: the built-in ones and those that packages offer.
 

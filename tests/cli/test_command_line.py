@@ -57,7 +57,7 @@ def test_a_full_disk_is_told() -> None:
     command = f"{sys.executable} -m dfdbench list > /dev/full"
     outcome = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
     assert outcome.returncode == 2
-    assert outcome.stderr.startswith("error: cannot write\n")
+    assert outcome.stderr.startswith("error: cannot write: ")
     assert "Traceback" not in outcome.stderr
 
 

@@ -91,8 +91,8 @@ _ALONE = {"workers": ("1", "0", "-1", "x", ""), "scheduler": ("", "nonsense", "n
 _SHORT = {
     "train": "--config quick.toml --max-time 1s --device cpu --threads 1",
     "thesis experiment": "--config quick.toml --max-time 1s --repeats 1 --device cpu --threads 1",
-    "thesis search architecture": "--config quick.toml --max-time 1s --particles 1 --iterations 0 --device cpu "
-    "--threads 1",
+    "thesis search architecture": "--config quick.toml --max-time 1s --particles 1 "
+    "--iterations 0 --device cpu --threads 1",
     "run": "--limit 2",
     "tracks": "--track noise --dataset tiny.zarr",
     "rig simulate realworld": "--scenes nosuch",
