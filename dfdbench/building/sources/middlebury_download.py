@@ -28,8 +28,7 @@ from dfdbench.building.sources.image_files import decode_depth, decode_file, dec
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Scene
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
-from dfdbench.system.location import as_location
-from dfdbench.system.lock import hold
+from dfdbench.system.work_folder import hold
 from dfdbench.tables.wording import counted, listed
 
 _NAMES_SHOWN = 10
@@ -102,7 +101,7 @@ def download_middlebury(
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with hold(as_location(folder / f".{lock_name(manifest)}.lock"), taken):
+        with hold(folder / f".{lock_name(manifest)}.lock", taken):
             site = _Site(manifest, folder, tuple(mirrors), known_checksums(manifest, folder))
             stages = _Stages(folder, on_progress, patience, offline)
             # The site's archives hold the default lighting and no other.
