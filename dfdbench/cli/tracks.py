@@ -61,9 +61,7 @@ def tracks(
     format: Annotated[Format, typer.Option(help="How the table is printed.")] = Format.table,
     told: Annotated[
         bool,
-        typer.Option(
-            "--told", help="Tell the method each track's blur: an upper bound, not ranked."
-        ),
+        typer.Option("--told", help="Give the method each track's blur; such a row has no rank."),
     ] = False,
     seed: Annotated[
         int, typer.Option(min=0, max=2**32 - 1, help="Seed for methods that use random numbers.")

@@ -77,6 +77,12 @@ VERBS = {
         "Run a method on a data set and print its tables; a stopped run is resumed.",
         goes_on=True,
     ),
+    "predict": Verb(
+        "predict",
+        "predict",
+        "Estimate depth from two photographs, or from a folder of pairs; no data set is needed.",
+        goes_on=True,
+    ),
     "score": Verb(
         "scoring",
         "score",

@@ -22,13 +22,7 @@ from dfdbench.datasets.pair_images import PairImages
 from dfdbench.datasets.store_place import default_store, place_of
 from dfdbench.datasets.tracked import manifest_in
 from dfdbench.datasets.whole_arrays import WholeArrays, open_scene
-from dfdbench.errors import (
-    DfdbenchError,
-    StoreError,
-    UnknownNameError,
-    is_lack_of_memory,
-    unknown_name,
-)
+from dfdbench.errors import DfdbenchError, StoreError, UnknownNameError, unknown_name
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
 
 FORMAT = "dfdbench store"
@@ -265,14 +259,12 @@ def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
 
 
 def _unreadable(location: UPath, error: Exception) -> StoreError:
-    # A MemoryError may as well come from a size that a damaged file names.
-    lacking = is_lack_of_memory(error) and not isinstance(error, MemoryError)
     return StoreError(
         "cannot read the store",
         where=str(location),
         expected="metadata of Zarr, version 3, as `dfdbench build` wrote it",
         got=str(error)[:LONGEST],
-        fix="allow more memory and threads" if lacking else "build it again",
+        fix="allow more memory and threads" if "new thread" in str(error) else "build it again",
     )
 
 

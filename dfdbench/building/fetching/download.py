@@ -21,6 +21,7 @@ from urllib3.util import Retry
 
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
 from dfdbench.system.json_text import parse_json
+from dfdbench.tables.wording import counted
 
 #: Files fetched at once: the sites are universities' own, not content networks.
 CONNECTIONS = 4
@@ -134,6 +135,22 @@ def fetch(
         # After Ctrl-C or a full disk what runs is broken off: its part is gone on with next time.
         stopped.set()
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def mirrors_lacking(fates: Sequence[Fate], mirrors: Sequence[str]) -> tuple[Problem, ...]:
+    """Return a problem for each mirror that was asked for files that it does not have."""
+    answers = [answer for fate in fates for answer in fate.lacking]
+    by_mirror = {m: [a for a in answers if f" {m.rstrip('/')}/" in a] for m in mirrors}
+    return tuple(
+        Problem(
+            f"the mirror lacks {counted(len(found), 'file')}",
+            where=mirror,
+            expected="the address that takes the place of the site's .../stereo/data",
+            got=found[0],
+        )
+        for mirror, found in by_mirror.items()
+        if found
+    )
 
 
 class _Counter:

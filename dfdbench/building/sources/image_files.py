@@ -1,4 +1,4 @@
-"""Read the image files of data sets (PNG, JPEG, TIFF; 8, 16 or 32 bit), and reject damaged ones."""
+"""Read photographs (PNG, JPEG, TIFF) and depth files (those, and npy); reject damaged ones."""
 
 from __future__ import annotations
 
@@ -14,11 +14,15 @@ from PIL import Image as Pillow
 from PIL import UnidentifiedImageError
 
 from dfdbench.errors import Problem, SourceError, reason_of
-from dfdbench.system.array_files import UNREADABLE_IMAGE
+from dfdbench.system.array_files import UNREADABLE, UNREADABLE_IMAGE
 from dfdbench.system.files import LARGEST_ARRAY, read_whole
 
 Image = NDArray[np.uint8]
 
+#: Endings of the image files that are read, in any case.
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+
+_ARRAY_HEAD = b"\x93NUMPY"
 _FORMATS = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
 _ORIENTATION = 0x0112
 _FULL = 16
@@ -90,7 +94,7 @@ def read_photograph(
 def read_depth_file(
     content: bytes, where: str, rotation: Literal["apply", "ignore"] | None = None
 ) -> NDArray[np.float64]:
-    """Return what a depth file holds, as it stands there, shape (y, x).
+    """Return what an image or npy file of depth holds, unchanged, shape (y, x).
 
     The parameters are those of `read_photograph`.
 
@@ -99,7 +103,7 @@ def read_depth_file(
     SourceError
         Where it is no such file, is damaged, or is in colour.
     """
-    values = _upright(decode_file(content, where), content, where, rotation)
+    values = _upright(decode_depth(content, where), content, where, rotation)
     if values.ndim == 3:
         if not (values[..., :3] == values[..., :1]).all():
             raise SourceError(
@@ -107,6 +111,35 @@ def read_depth_file(
             )
         values = values[..., 0]
     return np.asarray(values, np.float64)
+
+
+def decode_depth(content: bytes, where: str) -> NDArray[Any]:
+    """Return what an npy file holds, or what `decode_file` does.
+
+    Raises
+    ------
+    SourceError
+        If the file is damaged, or holds no array of numbers of shape (y, x) or (y, x, channel).
+    """
+    if not content.startswith(_ARRAY_HEAD):
+        return decode_file(content, where)
+    try:
+        values = np.load(io.BytesIO(content), allow_pickle=False)
+    except UNREADABLE as error:
+        raise SourceError(
+            "the npy file is damaged",
+            where=where,
+            got=str(error),
+            fix="copy it again from where it came from",
+        ) from error
+    if values.ndim not in (2, 3) or values.dtype.kind not in "iuf" or not values.size:
+        raise SourceError(
+            "the array is not a depth map",
+            where=where,
+            expected="numbers of shape (y, x)",
+            got=f"{values.dtype} of shape {values.shape}",
+        )
+    return np.asarray(values)
 
 
 def decode_file(content: bytes, where: str) -> NDArray[Any]:
@@ -198,7 +231,7 @@ def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None
     return image
 
 
-def decode_depth(content: bytes, where: str, unknown: int) -> Image:
+def decode_levels(content: bytes, where: str, unknown: int) -> Image:
     """Return a grey image's depth levels, shape (y, x); `unknown` marks pixels without truth.
 
     Raises

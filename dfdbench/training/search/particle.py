@@ -144,7 +144,8 @@ def box_of(bounds: Bounds, variant: Variant) -> Box:
     columns = np.array([limits[kind] for kind in kinds], np.float64).T
     going_round = {"activation", *(["crop"] if variant.crop_wraps else [])}
     wraps = np.array([kind in going_round for kind in kinds])
-    return Box(columns[0], columns[1], columns[2], columns[3], wraps, variant.whole)
+    late = (kinds.index("crop"),) if variant.crop_late else ()
+    return Box(columns[0], columns[1], columns[2], columns[3], wraps, variant.whole, late)
 
 
 def whole_numbers(positions: Numbers) -> NDArray[np.int64]:

@@ -133,6 +133,25 @@ def test_patterns_that_match_nothing_say_what_is_there(folder: Path) -> None:
         open_source(manifest_of(), folder / "nowhere")
 
 
+def test_a_pattern_may_leave_the_ending_open(folder: Path) -> None:
+    text = FOLDER_TOML.replace("sharp.png", "sharp.*")
+    known = open_source(manifest_of(text), folder).read("desk")
+    (folder / "door/sharp.png").rename(folder / "door/sharp.PNG")
+    source = open_source(manifest_of(text), folder)
+    assert source.signature("desk") == open_source(manifest_of(), folder).signature("desk")
+    assert source.read("door").infocus.shape == known.infocus.shape
+    (folder / "lamp/sharp.png").unlink()
+    (folder / "lamp/sharp.txt").touch()
+    shutil.copy(folder / "shelf/sharp.png", folder / "shelf/sharp.jpg")
+    source = open_source(manifest_of(text), folder)
+    with pytest.raises(SceneError, match="a file is missing"):
+        source.signature("lamp")
+    for step in (source.signature, source.read):
+        with pytest.raises(SceneError, match="several files fit the pattern") as caught:
+            step("shelf")
+        assert caught.value.problems[0].got == "shelf/sharp.jpg, shelf/sharp.png"
+
+
 def test_a_clone_may_be_named_or_the_set_in_it(tmp_path: Path) -> None:
     make_folder(tmp_path / "data/mine")
     text = FOLDER_TOML.replace("[files]", '[files]\ninside = "data/mine"')

@@ -15,9 +15,9 @@ from PIL import ImageOps
 
 from dfdbench.building.sources.image_files import (
     average_frames,
-    decode_depth,
     decode_file,
     decode_image,
+    decode_levels,
     image_problems,
     read_depth_file,
     read_photograph,
@@ -38,6 +38,27 @@ def test_eight_and_sixteen_bit_are_one_image(kind: str) -> None:
     np.testing.assert_array_equal(read_photograph(encoded(RGB, kind), "a"), RGB)
     deep = RGB.astype(np.uint16) * 257
     np.testing.assert_array_equal(read_photograph(encoded(deep, kind), "a"), RGB)
+
+
+def array_file(values: NDArray[Any]) -> bytes:
+    file = io.BytesIO()
+    np.save(file, values)
+    return file.getvalue()
+
+
+def test_depth_is_read_from_npy_and_photographs_are_not() -> None:
+    depth = np.linspace(0.5, 3, 35, dtype=np.float32).reshape(5, 7)
+    content = array_file(depth)
+    np.testing.assert_array_equal(read_depth_file(content, "a.npy"), depth)
+    with pytest.raises(SourceError, match="the npy file is damaged"):
+        read_depth_file(content[:-3], "a.npy")
+    for values in (np.ones(4), np.ones((2, 2), bool), np.ones((2, 2), complex), np.ones((0, 2))):
+        with pytest.raises(SourceError, match="not a depth map"):
+            read_depth_file(array_file(values), "a.npy")
+    with pytest.raises(SourceError, match="the npy file is damaged"):
+        read_depth_file(array_file(np.array([[None]])), "a.npy")
+    with pytest.raises(SourceError, match="not an image file"):
+        read_photograph(array_file(RGB), "a.npy")
 
 
 def test_a_grey_jpeg_has_three_channels() -> None:
@@ -100,7 +121,7 @@ def test_depth_is_read_as_it_stands() -> None:
 
 def test_an_image_and_a_depth_map_keep_their_values() -> None:
     assert np.array_equal(decode_image(encoded(RGB), "x", (5, 7)), RGB)
-    assert np.array_equal(decode_depth(encoded(RGB[..., 0]), "x", 0), RGB[..., 0])
+    assert np.array_equal(decode_levels(encoded(RGB[..., 0]), "x", 0), RGB[..., 0])
 
 
 @pytest.mark.parametrize(
@@ -129,7 +150,7 @@ def test_a_depth_map_in_colour_or_without_depth_is_refused(
     image: NDArray[np.uint8], told: str
 ) -> None:
     with pytest.raises(SourceError, match=told):
-        decode_depth(encoded(image), "Art/disp1.png", 0)
+        decode_levels(encoded(image), "Art/disp1.png", 0)
 
 
 @settings(max_examples=200)
