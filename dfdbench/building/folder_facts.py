@@ -16,7 +16,7 @@ from dfdbench.building.folder_layout import ARRAY, DEPTH, Group, Key, Layout, un
 from dfdbench.building.folder_matching import Matching, matching_of
 from dfdbench.building.sources.image_files import (
     SUFFIXES,
-    decode_array,
+    decode_depth,
     likely_bits,
     orientation_of,
     read_photograph,
@@ -159,7 +159,7 @@ def _of_one_size(
 def _read(folder: Path, group: Group, key: Key) -> tuple[bytes, NDArray[Any]]:
     path = folder / group.files[key]
     content = path.read_bytes()
-    return content, decode_array(content, str(path))
+    return content, decode_depth(content, str(path))
 
 
 def _is_depth(folder: Path, group: Group) -> bool:

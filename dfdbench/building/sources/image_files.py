@@ -1,4 +1,4 @@
-"""Read the image files of data sets (PNG, JPEG, TIFF; depth also npy), and reject damaged ones."""
+"""Read photographs (PNG, JPEG, TIFF) and depth files (those, and npy); reject damaged ones."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def read_depth_file(
     SourceError
         Where it is no such file, is damaged, or is in colour.
     """
-    values = _upright(decode_array(content, where), content, where, rotation)
+    values = _upright(decode_depth(content, where), content, where, rotation)
     if values.ndim == 3:
         if not (values[..., :3] == values[..., :1]).all():
             raise SourceError(
@@ -113,7 +113,7 @@ def read_depth_file(
     return np.asarray(values, np.float64)
 
 
-def decode_array(content: bytes, where: str) -> NDArray[Any]:
+def decode_depth(content: bytes, where: str) -> NDArray[Any]:
     """Return what an npy file holds, or what `decode_file` does.
 
     Raises
@@ -231,7 +231,7 @@ def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None
     return image
 
 
-def decode_depth(content: bytes, where: str, unknown: int) -> Image:
+def decode_levels(content: bytes, where: str, unknown: int) -> Image:
     """Return a grey image's depth levels, shape (y, x); `unknown` marks pixels without truth.
 
     Raises

@@ -25,12 +25,11 @@ from dfdbench.building.fetching.download import (
     fetch,
     mirrors_lacking,
 )
-from dfdbench.building.sources.image_files import decode_depth, decode_file, decode_image
+from dfdbench.building.sources.image_files import decode_file, decode_image, decode_levels
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Scene
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
-from dfdbench.system.location import as_location
-from dfdbench.system.lock import hold
+from dfdbench.system.work_folder import hold
 from dfdbench.tables.wording import listed
 
 _NAMES_SHOWN = 10
@@ -103,7 +102,7 @@ def download_middlebury(
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with hold(as_location(folder / f".{lock_name(manifest)}.lock"), taken):
+        with hold(folder / f".{lock_name(manifest)}.lock", taken):
             site = _Site(manifest, folder, tuple(mirrors), known_checksums(manifest, folder))
             stages = _Stages(folder, on_progress, patience, offline)
             # The site's archives hold the default lighting and no other.
@@ -167,7 +166,7 @@ class _Site:
     def _check_depth(self, name: str, path: Path, where: str) -> None:
         content = path.read_bytes()
         if not self._is_known(name, content, where):
-            decode_depth(content, where, self.manifest.depth.unknown)
+            decode_levels(content, where, self.manifest.depth.unknown)
 
     def _check_image(self, name: str, path: Path, where: str) -> None:
         content = path.read_bytes()

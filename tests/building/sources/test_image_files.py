@@ -15,9 +15,9 @@ from PIL import ImageOps
 
 from dfdbench.building.sources.image_files import (
     average_frames,
-    decode_depth,
     decode_file,
     decode_image,
+    decode_levels,
     image_problems,
     read_depth_file,
     read_photograph,
@@ -121,7 +121,7 @@ def test_depth_is_read_as_it_stands() -> None:
 
 def test_an_image_and_a_depth_map_keep_their_values() -> None:
     assert np.array_equal(decode_image(encoded(RGB), "x", (5, 7)), RGB)
-    assert np.array_equal(decode_depth(encoded(RGB[..., 0]), "x", 0), RGB[..., 0])
+    assert np.array_equal(decode_levels(encoded(RGB[..., 0]), "x", 0), RGB[..., 0])
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_a_depth_map_in_colour_or_without_depth_is_refused(
     image: NDArray[np.uint8], told: str
 ) -> None:
     with pytest.raises(SourceError, match=told):
-        decode_depth(encoded(image), "Art/disp1.png", 0)
+        decode_levels(encoded(image), "Art/disp1.png", 0)
 
 
 @settings(max_examples=200)
