@@ -129,7 +129,7 @@ def _checkpoint(path: Path) -> object:
 
 def _configuration(path: Path) -> object:
     pytest.importorskip("torch", reason="needs the extra nets")
-    from dfdbench.training.configuration_file import read_configuration
+    from dfdbench.training.configuration import read_configuration
 
     return read_configuration(str(path))
 
@@ -284,8 +284,6 @@ MAY_PICKLE = {
     # To the method's process, never from it.
     "methods/isolated.py",
     "methods/isolated_process.py",
-    # For the name of the exception that a checkpoint raises that is none.
-    "training/checkpoint.py",
 }
 #: What runs code that a file holds.
 RUNNING = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib", "yaml", "runpy"}

@@ -60,7 +60,7 @@ def disks() -> Floats:
     for level in range(256):
         inside = distance <= max(RADIUS_PER_LEVEL * (255 - level), 0.5)
         kernels[level] = inside.reshape(15, 15, 15, 15).mean(axis=(1, 3))
-    return kernels / kernels.sum(axis=(1, 2), keepdims=True)
+    return np.asarray(kernels / kernels.sum(axis=(1, 2), keepdims=True))
 
 
 @pytest.mark.slow
