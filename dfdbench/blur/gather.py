@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError, Problem
+from dfdbench.system.compiled import compiled
 
 
 def blur_by_level(
@@ -56,7 +56,7 @@ def blur_by_level(
     # A weight a channel, so that a row of the window is one run of products.
     spread = np.repeat(np.asarray(kernels, dtype=np.float64), channels.shape[2], axis=2)
     own = np.asarray(levels, dtype=np.int64)
-    blurred = _gather(rows, own, spread, reaches(kernels), channels.shape[2])
+    blurred: NDArray[np.float64] = _gather(rows, own, spread, reaches(kernels), channels.shape[2])
     return blurred.reshape(image.shape)
 
 
@@ -103,7 +103,7 @@ def reaches(kernels: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.asarray(np.where(kernels != 0, rings, 0).max(axis=(1, 2)), dtype=np.int64)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _gather(
     rows: NDArray[np.float64],
     levels: NDArray[np.int64],

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import InputError, Problem
+from dfdbench.system.compiled import compiled
 
 
 def synthesize(
@@ -68,7 +68,8 @@ def blur_by_recipe(
     rows = np.ascontiguousarray(padded, dtype=np.float64).reshape(padded.shape[0], -1)
     levels = np.asarray(recipe.level_of_depth(depth.astype(np.int64)))
     half = np.ascontiguousarray(recipe.kernels()[:, radius:])
-    return _blur_pixels(rows, levels, half, channels.shape[2]).reshape(image.shape)
+    blurred: NDArray[np.float64] = _blur_pixels(rows, levels, half, channels.shape[2])
+    return blurred.reshape(image.shape)
 
 
 def rounded(image: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -113,7 +114,7 @@ def input_problems(image: Any, depth: Any, recipe: BlurRecipe) -> list[Problem]:
     return problems
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _blur_pixels(
     rows: NDArray[np.float64],
     levels: NDArray[np.int64],

@@ -10,6 +10,7 @@ from pathlib import Path, PurePosixPath
 
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import ANY_ENDING
+from dfdbench.errors import InputError, reason_of
 
 #: What a depth file's path says.
 DEPTH = re.compile(r"depth|disp|dist|range|lidar|tof|kinect|xtion|truth|(?<![a-z])gt(?![a-z])")
@@ -96,10 +97,18 @@ def unread_files(folder: Path) -> str:
 
 
 def _shown_files(folder: Path) -> Iterator[PurePosixPath]:
-    for path in folder.rglob("*"):
-        below = path.relative_to(folder)
-        if path.is_file() and not any(part.startswith(".") for part in below.parts):
-            yield PurePosixPath(below)
+    try:
+        for path in folder.rglob("*"):
+            below = path.relative_to(folder)
+            if path.is_file() and not any(part.startswith(".") for part in below.parts):
+                yield PurePosixPath(below)
+    except OSError as error:
+        raise InputError(
+            "cannot look into the folder",
+            where=str(error.filename or folder),
+            got=reason_of(error),
+            fix="name the folder of the captures alone",
+        ) from error
 
 
 def find_layout(paths: tuple[str, ...]) -> Layout | None:

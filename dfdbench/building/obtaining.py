@@ -104,7 +104,7 @@ def fetch_source(
     offline = fetching.offline
     done = download_middlebury(manifest, folder, fetching.mirrors, offline, on_progress)
     if not done.new and not done.kept:
-        raise InputError(
+        nothing = Problem(
             f"no file of {manifest.short} is there",
             where=str(folder),
             got="--offline asks nobody" if offline else "the site has none of them",
@@ -112,4 +112,5 @@ def fetch_source(
             if offline
             else "name a --mirror URL, or a copy on disk: --source DIR",
         )
+        raise InputError.of([nothing, *done.lacking])
     return open_source(manifest, folder, known_checksums(manifest, folder)), done

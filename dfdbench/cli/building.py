@@ -15,6 +15,7 @@ from dfdbench.cli.screen import download_progress, progress, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.tables.wording import counted
 
 if TYPE_CHECKING:
@@ -71,9 +72,14 @@ def build(
     """Build a data set; what is fetched or finished already is kept."""
     from dfdbench.building.build import build_store
     from dfdbench.building.plan import plan_build
+    from dfdbench.system.location import is_local
 
     plan = plan_build(find_manifest(name), store, recipe, _steps(pair), cache)
     _refuse_memory(plan)
+    if is_local(plan.place):
+        # The cache may be inside the folder of the files; a place that the user names may not.
+        read = source if store else None
+        output_place(plan.place.path, read, option="--store", replaces=True)
     pool = pool_of(workers, scheduler)
     files = source_of(plan, source, mirror or [], offline, cache)
     with progress("building scenes") as step:
@@ -99,16 +105,23 @@ def export(
     png: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write PNG files into.")],
     out: Annotated[Path | None, typer.Option(hidden=True, callback=_called_png)] = None,
     split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "all",
+    images_only: Annotated[
+        bool,
+        typer.Option(
+            "--images-only", help="Write no depth, to run a method where it cannot see the truth."
+        ),
+    ] = False,
     cache: Cache = None,
 ) -> None:
-    """Write the pairs as PNG files; Middlebury's are named as the thesis's."""
+    """Export pairs as PNG files (Middlebury pairs keep the thesis's file names)."""
     from dfdbench.building.export import export_png
     from dfdbench.datasets.store import open_store
 
+    output_place(png, option="--png")
     store = open_store(name, cache=cache)
     store.manifest.scenes_of(split)
     with progress("writing pairs") as step:
-        count = export_png(store, png, split, step)
+        count = export_png(store, png, split, step, images_only)
     print(f"{counted(count, 'pair')} {'lies' if count == 1 else 'lie'} in {png}")
 
 
@@ -170,6 +183,8 @@ def _fetched(manifest: Manifest, mirror: list[str], offline: bool, cache: Path |
         refused = _count_files(folder / SET_ASIDE) - before
         if refused:
             say(f"refused, and set aside in {folder / SET_ASIDE}: {counted(refused, 'file')}")
+    for problem in done.lacking:
+        say(f"warning: {problem}")
     if done.new:
         say(f"fetched {counted(done.new, 'file')} into {folder}, {done.kept} were there")
     if done.lock:

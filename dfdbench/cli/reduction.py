@@ -8,11 +8,12 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.cli.answer import folder_or, writing
+from dfdbench.cli.answer import writing
 from dfdbench.cli.options import Cache, values_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.cli.training_options import Changes, Configuration, Device, Threads, use_threads
 from dfdbench.datasets.store import open_store
+from dfdbench.results.output_place import output_place
 from dfdbench.system.extras import needed
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format
@@ -80,7 +81,8 @@ def reduce(
     store = open_store(dataset, cache=cache)
     configuration = read_configuration(config, values_of(changes, "--set"))
     name = Path(weights).stem + (f"-level{level}" if level else "")
-    folder = folder_or(out, Path("training") / f"{store.path.stem}-reduction" / name)
+    default = Path("training") / f"{store.path.stem}-reduction" / name
+    folder = output_place(default if out is None else out, place)
     with progress("training maps", "nothing was written") as bar:
         found = reduce_weights(
             place,

@@ -23,12 +23,13 @@ from dfdbench.audit.split_tables import (
     split_fragment,
 )
 from dfdbench.audit.splits import Scenes, hopeless_scenes, rank_tests
-from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
+from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.completion import data_sets
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 
 
 def split_command(
@@ -79,7 +80,8 @@ class _Place:
     out: str | None
 
     def folder(self, name: str) -> Path:
-        return folder_or(self.out, Path("results") / f"{self.store.path.stem}-splits" / name)
+        default = Path("results") / f"{self.store.path.stem}-splits" / name
+        return output_place(default if self.out is None else self.out)
 
 
 def _told(manifest: Manifest, settings: ProposalSettings) -> str:

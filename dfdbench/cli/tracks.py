@@ -12,10 +12,8 @@ from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.cli.building import source_of
 from dfdbench.cli.completion import data_sets, methods
 from dfdbench.cli.methods import (
-    Isolate,
     Params,
     folder_name,
-    hidden_from_isolated,
     refuse_unfit_to_submit,
     refuse_what_cannot_be_submitted,
     require_shown,
@@ -25,6 +23,7 @@ from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError, StoreError, unknown_name
 from dfdbench.metrics.of_protocol import metrics_of, ranked_by
+from dfdbench.results.output_place import output_place
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Format
 
@@ -69,7 +68,6 @@ def tracks(
     seed: Annotated[
         int, typer.Option(min=0, max=2**32 - 1, help="Seed for methods that use random numbers.")
     ] = 0,
-    isolate: Isolate = False,
     cache: Cache = None,
     figure_format: FigureFormats = None,
     submit: Annotated[
@@ -91,18 +89,18 @@ def tracks(
     name = folder_name(method, param) + ("-told" if told else "")
     if submit:
         refuse_what_cannot_be_submitted(None)
-    place = out or Path("results") / f"{plain.file_stem}-tracks-{split}" / name
+    default = Path("results") / f"{plain.file_stem}-tracks-{split}" / name
+    place = output_place(out or default, source)
     given = values_of(param, "--param")
-    apart_from = hidden_from_isolated(place, cache) if isolate else None
     # What cannot be run is told before the tracks are built or anything is run for long.
     find_entry(method)
     stores = {CLEAN: _built(plain, dataset, CLEAN, source, cache)}
     require_shown(shown, stores[CLEAN].manifest)
-    load_for(stores[CLEAN], method, given, seed, told, apart_from)
+    load_for(stores[CLEAN], method, given, seed, told)
     stores |= {label: _built(plain, dataset, label, source, cache) for label in labels}
     results = {}
     for label, store in stores.items():
-        loaded = load_for(store, method, given, seed, told, apart_from)
+        loaded = load_for(store, method, given, seed, told)
         if submit:
             refuse_unfit_to_submit(loaded, store, split)
         options = RunOptions(keep_predictions=False, seed=seed)

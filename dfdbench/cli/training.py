@@ -24,6 +24,7 @@ from dfdbench.cli.training_options import (
 )
 from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.system.extras import needed
 from dfdbench.tables.table import Table
 
@@ -87,8 +88,11 @@ def train_command(
     task = task_of(method.value, store, configuration, split, fold, seed, start)
     name = f"{method.value}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     trained = f"all-but-{fold}" if fold else split
-    folder = TrainingFolder(out or Path("training") / f"{store.path.stem}-{trained}" / name)
-    _prepare(folder, resume, fresh, start)
+    default = Path("training") / f"{store.path.stem}-{trained}" / name
+    # --fresh removes an earlier training, and must not remove the weights to begin with.
+    place = output_place(out or default, start if fresh else None, replaces=True)
+    folder = TrainingFolder(place)
+    _prepare(folder, resume, fresh)
     if configuration.precision == "auto":
         say("precision    {}: {}".format(*precision_for(find_device(device))))
     with progress(f"training {method.value}", RESUMED) as bar:
@@ -165,7 +169,7 @@ def patches_table(drawn: Selections) -> Table:
     return Table(title, ("", "patches", "pair"), tuple(rows), "lrl")
 
 
-def _prepare(training: TrainingFolder, resume: bool, fresh: bool, start: Path | None) -> None:
+def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
     folder, started = training.path, training.started
     if folder.exists() and not folder.is_dir():
         raise InputError(
@@ -178,12 +182,6 @@ def _prepare(training: TrainingFolder, resume: bool, fresh: bool, start: Path | 
             "the folder holds something else than a training",
             where=str(folder),
             fix="choose another with --out DIR",
-        )
-    if fresh and start and start.resolve().parent == folder.resolve():
-        raise InputError(
-            "--fresh would remove the weights to begin with",
-            where=str(start),
-            fix="choose another folder with --out DIR",
         )
     if resume and not started:
         raise InputError("no checkpoint to go on from", where=str(folder), fix="leave --resume out")

@@ -22,7 +22,13 @@ from dfdbench.datasets.pair_images import PairImages
 from dfdbench.datasets.store_place import default_store, place_of
 from dfdbench.datasets.tracked import manifest_in
 from dfdbench.datasets.whole_arrays import WholeArrays, open_scene
-from dfdbench.errors import DfdbenchError, StoreError, UnknownNameError, unknown_name
+from dfdbench.errors import (
+    DfdbenchError,
+    StoreError,
+    UnknownNameError,
+    is_lack_of_memory,
+    unknown_name,
+)
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
 
 FORMAT = "dfdbench store"
@@ -255,16 +261,18 @@ def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
     try:
         return tuple(root.group_keys())
     except DAMAGED as error:
-        raise _unreadable(location, str(error)) from error
+        raise _unreadable(location, error) from error
 
 
-def _unreadable(location: UPath, got: str) -> StoreError:
+def _unreadable(location: UPath, error: Exception) -> StoreError:
+    # A MemoryError may as well come from a size that a damaged file names.
+    lacking = is_lack_of_memory(error) and not isinstance(error, MemoryError)
     return StoreError(
         "cannot read the store",
         where=str(location),
         expected="metadata of Zarr, version 3, as `dfdbench build` wrote it",
-        got=got[:LONGEST],
-        fix="build it again",
+        got=str(error)[:LONGEST],
+        fix="allow more memory and threads" if lacking else "build it again",
     )
 
 
@@ -291,4 +299,4 @@ def _open_root(location: UPath) -> zarr.Group:
         # What an object store's library raises is its own: unreachable, forbidden, no bucket.
         if is_local(location) and not isinstance(error, DAMAGED):
             raise
-        raise _unreadable(location, str(error)) from error
+        raise _unreadable(location, error) from error

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,11 +16,8 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.fitting import training_scenes
 from dfdbench.evaluation.lens import rig_of, told_by_lens
-from dfdbench.methods.isolated import Order, load_isolated
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import entry_of, load_method, make_method
-from dfdbench.system.cache import cache_folder
-from dfdbench.system.location import is_local
 
 Facts = dict[str, Callable[[], Any]]
 
@@ -32,7 +28,6 @@ def load_for(
     parameters: Mapping[str, Any],
     seed: int = 0,
     told: bool = False,
-    apart_from: Sequence[Path] | None = None,
 ) -> Method:
     """Load a method and hand it the facts of the data set that it asks for.
 
@@ -48,9 +43,6 @@ def load_for(
     which is not told otherwise: what that knowledge is worth. The result then has ``recipe``
     among the method's uses, by which it has no rank.
 
-    With `apart_from`, the method runs in a process of its own from which these folders, the store
-    and the cache are hidden: see `dfdbench.methods.isolated.load_isolated`.
-
     Raises
     ------
     MethodError
@@ -59,11 +51,7 @@ def load_for(
     taken, recorded = told_by_lens(store.manifest, parameters)
     offers, for_fits = _offers(store, seed, told)
     entry = method if isinstance(method, str) else entry_of(method)
-    if apart_from is None:
-        found = load_method(entry, taken, offers, for_fits)
-    else:
-        hidden = (*apart_from, cache_folder(), *([Path(str(store.path))] * is_local(store.path)))
-        found = load_isolated(Order(entry, taken, offers, for_fits, seed, hidden), apart_from)
+    found = load_method(entry, taken, offers, for_fits)
     if told and "recipe" not in found.uses:
         raise MethodError(
             "nothing to tell: the method does not ask for the blur recipe, or was given one",

@@ -7,7 +7,6 @@ import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +20,8 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import protocols_on
 from dfdbench.methods.calling import UNIT_LEVELS, call, in_unit_range
 from dfdbench.methods.fit import restore
-from dfdbench.methods.isolation import seeded
 from dfdbench.methods.method import Method, Prediction
+from dfdbench.methods.process_state import seeded
 from dfdbench.metrics.protocol import Protocol, score
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.results.record import PairResult, pair_scores
@@ -91,8 +90,6 @@ class RemoteEvaluator:
         What the method's fit learned here, from `pack`; None where it has no fit.
     told : bool
         As for `dfdbench.evaluation.loading.load_for`.
-    apart_from : tuple of Path or None
-        As for `load_for`, too.
     """
 
     place: str
@@ -101,7 +98,6 @@ class RemoteEvaluator:
     seed: int
     learned: bytes | None = field(default=None, repr=False)
     told: bool = False
-    apart_from: tuple[Path, ...] | None = None
 
     @classmethod
     def of(cls, store: Store, method: Method, seed: int, fit: Fit | None = None) -> RemoteEvaluator:
@@ -110,7 +106,7 @@ class RemoteEvaluator:
         learned = None if fit is None or fit.learned is None else pack(fit.learned)
         told = store.manifest.on_track and "recipe" in method.uses
         parameters = json.dumps(method.parameters)
-        return cls(str(place), method.entry, parameters, seed, learned, told, method.apart_from)
+        return cls(str(place), method.entry, parameters, seed, learned, told)
 
     def __call__(self, pair: Pair) -> Evaluated:
         """Evaluate one pair; its time is marked as not comparable."""
@@ -123,7 +119,7 @@ def _evaluator_here(remote: RemoteEvaluator) -> PairEvaluator:
     # A process keeps what it has loaded: graph cuts compile, networks read their weights.
     store = Store(remote.place)
     parameters = json.loads(remote.parameters)
-    method = load_for(store, remote.entry, parameters, remote.seed, remote.told, remote.apart_from)
+    method = load_for(store, remote.entry, parameters, remote.seed, remote.told)
     if remote.learned is not None:
         restore(method, unpack(remote.learned))
     return PairEvaluator(store, method, remote.seed)

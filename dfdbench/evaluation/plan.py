@@ -91,8 +91,6 @@ class RunPlan:
         if self.store.manifest.on_track and "recipe" in self.method.uses:
             # The same method, parameters and data without it are another run.
             identity["told"] = True
-        if self.method.apart_from is not None:
-            identity["isolated"] = True
         return dict(json.loads(json.dumps(identity)))
 
 

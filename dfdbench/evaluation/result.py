@@ -111,7 +111,6 @@ def _method_record(plan: RunPlan) -> MethodRecord:
         fitted_on=plan.fit.fitted_on if plan.fit else None,
         fit_seconds=plan.fit.seconds if plan.fit else None,
         paper=method.paper,
-        isolated=method.apart_from is not None,
     )
 
 

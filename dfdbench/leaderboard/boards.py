@@ -61,12 +61,11 @@ class Entry:
     def status(self) -> str:
         """``reproduced``, where a sample of its pairs was run again, or ``rerun``.
 
-        Depth maps that were scored, not run, are ``unverified``: nothing can be run again. A run in
-        a process of its own says ``isolated`` besides.
+        Depth maps that were scored, not run, are ``unverified``: nothing can be run again.
         """
         if self.result.method.scored:
             return "unverified"
-        return status_of(self.result, self.verification)
+        return status_of(self.verification)
 
     @property
     def seconds(self) -> float | None:

@@ -95,7 +95,6 @@ def _different_runs(results: Mapping[str, Result]) -> Iterator[Problem]:
             "source": method.source_sha256,
             "weights": method.weights_sha256,
             "files": method.files_sha256,
-            "isolated": method.isolated,
             "split": dataset.split,
             "manifest": dataset.manifest_sha256,
             "seed": result.seed,

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import writable
 from dfdbench.methods.importing import describe, place_of
-from dfdbench.methods.isolation import process_kept
 from dfdbench.methods.method import Image, Predict, Prediction
+from dfdbench.methods.process_state import process_kept
 from dfdbench.metrics.scores import LARGEST_NUMBER
 
 # Each becomes a row of every table of a run.
@@ -25,10 +25,6 @@ _ROUNDING = 1e-3
 
 #: What is said of depth maps in which 1 seems to stand for the nearest.
 UNIT_LEVELS = "all levels between 0 and 1; levels go from 0 (far) to 255 (near)"
-
-
-class NoDepthError(Exception):
-    """Raised by what stands for a method elsewhere: why that gave no depth map."""
 
 
 def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
@@ -70,11 +66,13 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
     except KeyboardInterrupt:
         raise
     except BaseException as raised:
-        told = isinstance(raised, NoDepthError)
-        error = str(raised) if told else f"raised {describe(raised)}{place_of(raised)}"
+        error = f"raised {describe(raised)}{place_of(raised)}"
         seconds = time.perf_counter() - begin
     else:
         depth, error = _checked(returned, infocus.shape[:2])
+        if len(numbers) > _MOST_NUMBERS:
+            error = f"keeps {len(numbers):,} values in `numbers`; expected {_MOST_NUMBERS} at most"
+            depth, numbers = None, {}
     return Prediction(depth, seconds, writable(error), writable(printed.getvalue()), numbers)
 
 
@@ -158,10 +156,6 @@ def in_unit_range(depth: NDArray[np.float32]) -> bool:
 
 
 def _finite_numbers(given: Any) -> dict[str, float]:
-    if isinstance(given, Mapping) and len(given) > _MOST_NUMBERS:
-        raise NoDepthError(
-            f"keeps {len(given):,} values in `numbers`; expected {_MOST_NUMBERS} at most"
-        )
     # Strings, infinities and the like are no numbers that a result could average: left out.
     numbers = {}
     for name, value in given.items() if isinstance(given, Mapping) else ():

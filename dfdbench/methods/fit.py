@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import DfdbenchError, MethodError, Problem
 from dfdbench.methods.importing import describe, place_of
-from dfdbench.methods.isolation import process_kept, seeded
 from dfdbench.methods.method import Method
+from dfdbench.methods.process_state import process_kept, seeded
 
 #: What a fit may return: numbers and arrays of numbers by name.
 Learned = dict[str, bool | int | float | NDArray[Any]]

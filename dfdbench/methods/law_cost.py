@@ -15,7 +15,6 @@ from functools import lru_cache
 from typing import Any
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +23,7 @@ from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.methods.alignment import Alignment, find_alignment
 from dfdbench.methods.kernel_mixture import few_kernels
 from dfdbench.methods.light import aim_of, light_of, noise_of
+from dfdbench.system.compiled import compiled
 
 Array = NDArray[Any]
 
@@ -218,7 +218,7 @@ def _room(blurred: Blurred, out: NDArray[np.uint16] | None) -> NDArray[np.uint16
     return np.empty(shape, np.uint16) if out is None else out
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _levels(nodes: Array, factors: Array, out: Array) -> None:
     """Write one pixel's value in one channel, blurred at every level."""
     count, levels = factors.shape
@@ -232,7 +232,7 @@ def _levels(nodes: Array, factors: Array, out: Array) -> None:
             out[level] += factors[count - 1, level] * nodes[count - 1]
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _fill(
     nodes: Array,
     aim: Array,
@@ -266,7 +266,7 @@ def _fill(
     return offset  # type: ignore[return-value]  # compiled, it is a number of the machine
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _leave(
     nodes: Array, aim: Array, factors: Array, noise: Array, bounds: Array, unary: Array
 ) -> None:

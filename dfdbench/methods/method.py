@@ -6,7 +6,6 @@ import functools
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,8 +37,6 @@ class Method:
         Which facts of the data set it was handed, of those offered to `load_method`.
     source_sha256 : str or None
         Of the file it is defined in.
-    apart_from : tuple of Path or None
-        What is hidden from it, where it runs in a process of its own; None where it runs in this.
     """
 
     name: str
@@ -48,7 +45,6 @@ class Method:
     parameters: dict[str, Any] = field(default_factory=dict)
     uses: tuple[str, ...] = ()
     source_sha256: str | None = None
-    apart_from: tuple[Path, ...] | None = None
 
     @property
     def warm_up(self) -> Predict | None:

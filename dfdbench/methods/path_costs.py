@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from dfdbench.system.compiled import compiled
 
 __all__ = ["MOST", "path_costs"]
 
@@ -51,7 +52,7 @@ def path_costs(
     return sums
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _sweeps(costs: Array, small: Any, large: Any, sources: Array, sums: Array) -> None:
     height, width, labels = costs.shape
     # Two rows of path costs a direction, one spare label at either end.
@@ -79,7 +80,7 @@ def _sweeps(costs: Array, small: Any, large: Any, sources: Array, sums: Array) -
                     )
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _step(
     cost: Array, before: Array, least: Any, small: Any, large: Any, now: Array, total: Array
 ) -> Any:

@@ -14,12 +14,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.kernel_mixture import few_kernels
+from dfdbench.system.compiled import compiled
 
 __all__ = ["costs_of_misfits", "rounded_cost"]
 
@@ -170,7 +170,7 @@ def _mixture(kernels: Array) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
 
 # Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
 # dozen, for every pixel.
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _misfits(
     padded: Array, defocus: Array, kernels: Array, lengths: Array, mixture: Array, out: Array
 ) -> None:
@@ -235,7 +235,7 @@ def _misfits(
                     out[y, start + pixel, label] = np.uint16(min(steps, 65535.0))
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, inline="always")
+@compiled(fastmath={"contract"}, inline="always")
 def _add_four(factors: Array, at: Array, out: Array) -> None:
     # Add four nodes' parts to what each label makes of four pixels.
     for half in range(0, 4, 2):
@@ -252,7 +252,7 @@ def _add_four(factors: Array, at: Array, out: Array) -> None:
             out[half + 1, label] += f0 * b0 + f1 * b1 + f2 * b2 + f3 * b3
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _costs(unary: Array, entry: float, slope: float, limit: int) -> int:
     # Turns misfits into costs in place: the volume is the largest array there is.
     height, width, labels = unary.shape

@@ -17,13 +17,13 @@ from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
+from dfdbench.results.output_place import RUN_IDENTITY
 from dfdbench.results.record import PairResult, Result
 from dfdbench.system.files import write_whole
 from dfdbench.system.json_text import parse_json
 from dfdbench.system.location import Place, as_location, is_local
 from dfdbench.tables.wording import listed
 
-_IDENTITY = "run.json"
 _JOURNAL = "pairs.jsonl"
 _STORE = "store.txt"
 #: How the name of a run ends that was set aside for a newer one.
@@ -55,7 +55,7 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> P
     """
     set_aside = None
     if folder.exists() and any(folder.iterdir()):
-        if not (folder / _IDENTITY).exists():
+        if not (folder / RUN_IDENTITY).exists():
             raise ResultError(
                 "the folder holds something else than a run",
                 where=str(folder),
@@ -67,19 +67,19 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> P
                 shutil.rmtree(set_aside)
             folder.rename(set_aside)
     folder.mkdir(parents=True, exist_ok=True)
-    if not (folder / _IDENTITY).exists():
-        write_whole(folder / _IDENTITY, json.dumps(identity, indent=1) + "\n")
+    if not (folder / RUN_IDENTITY).exists():
+        write_whole(folder / RUN_IDENTITY, json.dumps(identity, indent=1) + "\n")
     return set_aside
 
 
 def is_begun(folder: Path) -> bool:
     """Return whether a run was begun in a folder, ended or not."""
-    return (folder / _IDENTITY).is_file()
+    return (folder / RUN_IDENTITY).is_file()
 
 
 def is_of_run(folder: Path, identity: Mapping[str, Any]) -> bool:
     """Return whether a folder was begun by an earlier call of the same run."""
-    path = folder / _IDENTITY
+    path = folder / RUN_IDENTITY
     return path.is_file() and _read_identity(path) == identity
 
 

@@ -182,8 +182,7 @@ class MethodRecord(Record):
     `files_sha256` is of what parameters name: files, and folders by their files' names and
     contents. `fitted_on` says which pairs the method's fit saw before the run, in the words of
     `trained_on`; `fit_seconds` how long that took, which no pair's time holds. `scored` is set
-    where nothing was run: depth maps made elsewhere were handed in, in that unit. `isolated` is set
-    where the method ran in a process of its own, by ``--isolate``.
+    where nothing was run: depth maps made elsewhere were handed in, in that unit.
     """
 
     name: Line
@@ -198,7 +197,6 @@ class MethodRecord(Record):
     fitted_on: str | None = None
     fit_seconds: Seconds | None = None
     scored: Unit | None = None
-    isolated: bool = False
 
     @property
     def title(self) -> str:

@@ -30,7 +30,6 @@ from dfdbench.methods.mrf import (
     Solution,
     coarse_to_fine,
     expansion,
-    message_passing,
     published,
     split,
     truncated_absolute,
@@ -186,11 +185,6 @@ def test_split(benchmark: Any, energy: Energy, quality: Quality) -> None:
     print(f"\nsplit {quality}: energy {solution.energy}")
 
 
-def test_message_passing(benchmark: Any, energy: Energy) -> None:
-    message_passing(Energy(energy.unary[:4], energy.smoothness), 1)
-    benchmark.pedantic(message_passing, (energy, 2), rounds=1)
-
-
 @pytest.fixture(params=["demo", "aloe-exposure1", "aloe-exposure2"])
 def photograph(request: pytest.FixtureRequest, demo_store: Store) -> Energy:
     """The published energy of a demo pair, and of the two published pairs with step 0.01."""
@@ -222,7 +216,6 @@ def test_against_pymaxflow(
     solvers: dict[str, Callable[[], Any]] = {
         **{f"split {quality}": partial(split, energy, quality) for quality in get_args(Quality)},
         "expansion": lambda: expansion(energy),
-        "message passing, 10 iterations": lambda: message_passing(energy, 10),
     }
     solvers["split fast"]()
     for name, solve in solvers.items():
@@ -230,8 +223,7 @@ def test_against_pymaxflow(
         solution = solve()
         own = time.process_time() - start
         change = 100 * (solution.energy / reached - 1)
-        bound = f", lower bound {solution.lower_bound}" if solution.lower_bound else ""
         print(
             f"{name}: {own:.2f} s CPU, 1/{seconds / own:.1f} of aexpansion_grid, "
-            f"energy {solution.energy} ({change:+.4f} %){bound}"
+            f"energy {solution.energy} ({change:+.4f} %)"
         )

@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from dfdbench.building.folder_layout import find_layout, image_files
+from dfdbench.errors import InputError
 
 SCENES = ("desk_1", "door", "x-2")
 
@@ -104,3 +105,17 @@ def test_only_images_count_and_none_that_is_hidden(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     assert image_files(tmp_path) == ("a/b.PNG", "a/c.tif", "a/gt.npy")
+
+
+def test_a_folder_that_may_not_be_looked_into_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "one.png").touch()
+
+    def refused(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "is_file", refused)
+    with pytest.raises(InputError, match="cannot look into the folder") as caught:
+        image_files(tmp_path)
+    assert caught.value.problems[0].where == str(tmp_path / "one.png")

@@ -131,3 +131,18 @@ def test_what_is_not_there_is_named(tiny_store: Store, tmp_path: Path) -> None:
 def test_less_than_one_pair_is_no_limit(tiny_store: Store, limit: int) -> None:
     with pytest.raises(InputError, match="no number of pairs"):
         dfdbench.evaluate(grey, tiny_store, limit=limit)
+
+
+def test_pairs_are_no_data_set_but_their_store_is(tiny_store: Store) -> None:
+    pairs = dfdbench.open(str(tiny_store.path), "test")
+    with pytest.raises(InputError, match=r"pairs\.store"):
+        dfdbench.evaluate(grey, pairs)  # type: ignore[arg-type]
+    assert dfdbench.evaluate(grey, pairs.store, limit=1).result.dataset.evaluated == 1
+
+
+def test_a_run_is_not_kept_inside_its_store(tiny_store: Store) -> None:
+    place = Path(str(tiny_store.path))
+    for out in (place, place / "run"):
+        with pytest.raises(InputError, match="would write into"):
+            dfdbench.evaluate(grey, tiny_store, out=out)
+    assert not (place / "run").exists()

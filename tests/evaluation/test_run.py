@@ -15,7 +15,6 @@ from dfdbench.errors import ResultError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
-from dfdbench.methods.isolated import DISK_OPEN
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.results.folder import PREDICTIONS, read_prediction, read_store_place
 from dfdbench.results.record_file import RESULT, load_result
@@ -266,80 +265,3 @@ def test_what_a_method_does_to_the_process_ends_with_its_call(
     assert load_result(tmp_path / "out" / RESULT) == result
     after = np.random.get_state(legacy=False)
     assert np.array_equal(after["state"]["key"], state["state"]["key"])
-
-
-LOOKING = """
-import os
-import numpy as np
-
-class Looking:
-    ways = ""
-
-    def __init__(self, training_mean):
-        self.mean = training_mean
-        self.warnings = []
-
-    def fit(self, pairs):
-        return {"brightest": int(max(pair.depth.max() for pair in pairs))}
-
-    def restore(self, learned):
-        self.brightest = learned["brightest"]
-
-    def __call__(self, infocus, defocus):
-        np.random.seed(os.getpid())
-        self.warnings = [str([dict(os.environ), os.getcwd(), os.listdir("."), self.look()])]
-        return np.minimum(infocus[..., 0] / 2 + self.mean / 4, self.brightest)
-
-    def look(self):
-        found = []
-        for place in ("..", os.path.dirname(os.path.abspath(__file__))):
-            for folder, _, files in os.walk(place):
-                for name in files:
-                    try:
-                        found.append(open(os.path.join(folder, name), "rb").read() and name)
-                    except OSError:
-                        pass
-        return found
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("workers", [None, pytest.param(2, marks=pytest.mark.slow)])
-def test_an_isolated_method_gives_the_same_depth_maps_and_sees_no_data(
-    tiny_store: Store, tmp_path: Path, workers: int | None
-) -> None:
-    (tmp_path / "looking.py").write_text(LOOKING)
-    name = f"{tmp_path / 'looking.py'}:Looking"
-    # The first is run while there is no other run to be seen.
-    folders = [tmp_path / "apart", tmp_path / "here"]
-    pool = Processes(workers) if workers else None
-    runs = {
-        folder.name: run_method(
-            tiny_store,
-            load_for(tiny_store, name, {}, apart_from=None if number else [folder]),
-            "test",
-            folder,
-            pool=None if number else pool,
-        ).result
-        for number, folder in enumerate(folders)
-    }
-    here, apart = runs["here"], runs["apart"]
-    assert [pair.prediction_sha256 for pair in apart.pairs] == [
-        pair.prediction_sha256 for pair in here.pairs
-    ]
-    assert [pair.scores for pair in apart.pairs] == [pair.scores for pair in here.pairs]
-    assert (here.method.isolated, apart.method.isolated) == (False, True)
-    same = {"isolated": False, "fit_seconds": None}
-    assert apart.method.model_copy(update=same) == here.method.model_copy(update=same)
-    assert load_result(folders[0]) == apart
-    said = str(apart.warnings)
-    if workers is None:
-        assert str(tiny_store.path) not in said
-        assert "DFDBENCH_CACHE" not in said
-        if DISK_OPEN not in said:
-            assert "looking.py" in said
-            assert not any(name in said for name in ("zarr.json", "run.json", "result.json"))
-    # A run that was not isolated gives no pair to one that is.
-    again = load_for(tiny_store, name, {}, apart_from=[folders[1]])
-    limited = run_method(tiny_store, again, "test", folders[1], RunOptions(limit=1))
-    assert (limited.reused, limited.set_aside) == (0, tmp_path / "here.previous")

@@ -16,7 +16,9 @@ VALUES = {("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("b", 5, 1, 0): None}
 def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
     result = make_result(VALUES)
     save_result(result, tmp_path / "r.json")
-    assert load_result(tmp_path / "r.json") == result
+    assert load_result(tmp_path / "r.json") == load_result(f"{tmp_path}/r.json") == result
+    with pytest.raises(ResultError, match="cannot read the result"):
+        load_result("no such file")
 
 
 def test_the_published_schema_is_that_of_the_code_and_holds(tmp_path: Path) -> None:

@@ -55,11 +55,14 @@ class Fate:
         came and was refused, twice.
     problems : tuple of Problem
         What was wrong with it.
+    lacking : tuple of str
+        The addresses that were asked and do not have it, each after its status: ``404 https://...``
     """
 
     name: str
     kind: Literal["new", "kept", "missing", "unreachable", "damaged"]
     problems: tuple[Problem, ...] = ()
+    lacking: tuple[str, ...] = ()
 
 
 def fetch(
@@ -153,12 +156,14 @@ def _bring(file: WantedFile, folder: Path, transfer: Transfer | None) -> Fate:
         chances = 1
     part = path.with_name(path.name + ".part")
     unreachable: list[Problem] = []
+    lacking: list[str] = []
     to_ask = list(file.addresses) if transfer else []
     for address in to_ask:
         assert transfer is not None
         try:
             transfer.receive(address, part)
-        except NotThereError:
+        except NotThereError as error:
+            lacking.append(f"{error} {address}")
             continue
         except UnreachableError as error:
             unreachable.append(error.problem)
@@ -166,7 +171,7 @@ def _bring(file: WantedFile, folder: Path, transfer: Transfer | None) -> Fate:
         refused = _refusal(file, part, address)
         if not refused:
             part.replace(path)
-            return Fate(file.name, "new")
+            return Fate(file.name, "new", (), tuple(lacking))
         _set_aside(part, folder, file.name)
         chances -= 1
         if not chances:
@@ -174,10 +179,10 @@ def _bring(file: WantedFile, folder: Path, transfer: Transfer | None) -> Fate:
         # The others first: a server that sent a bad file may well send it again.
         to_ask.append(address)
     if refused:
-        return Fate(file.name, "damaged", refused)
+        return Fate(file.name, "damaged", refused, tuple(lacking))
     if unreachable:
-        return Fate(file.name, "unreachable", tuple(unreachable[:1]))
-    return Fate(file.name, "missing")
+        return Fate(file.name, "unreachable", tuple(unreachable[:1]), tuple(lacking))
+    return Fate(file.name, "missing", (), tuple(lacking))
 
 
 def _refusal(file: WantedFile, path: Path, where: str) -> tuple[Problem, ...]:

@@ -47,7 +47,7 @@ class Patience:
 
 
 class NotThereError(Exception):
-    """The server says that it has no such file."""
+    """The server has no such file; the text is the status that it answers with."""
 
 
 class UnreachableError(Exception):
@@ -232,7 +232,7 @@ def _validator(answer: requests.Response) -> str:
 def _refuse_errors(answer: requests.Response) -> None:
     status = answer.status_code
     if status in _NOT_THERE:
-        raise NotThereError
+        raise NotThereError(str(status))
     if status >= 500 or status in _TRY_AGAIN:
         asked = answer.headers.get("Retry-After", "")
         raise _FailedTryError(f"{status} {answer.reason}", float(asked) if asked.isdigit() else 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,7 @@ from dfdbench.datasets.manifest import Manifest, Scene
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
 from dfdbench.system.location import as_location
 from dfdbench.system.lock import hold
-from dfdbench.tables.wording import listed
+from dfdbench.tables.wording import counted, listed
 
 _NAMES_SHOWN = 10
 
@@ -45,6 +45,8 @@ class Download:
         Files that no address has, or that are not there where nobody may be asked.
     lock : Path or None
         The lock file, where this call was the first that was complete.
+    lacking : tuple of Problem
+        One for each mirror that was asked for files that it does not have.
     """
 
     folder: Path
@@ -52,6 +54,7 @@ class Download:
     kept: int
     missing: tuple[str, ...]
     lock: Path | None
+    lacking: tuple[Problem, ...] = ()
 
 
 def download_middlebury(
@@ -107,13 +110,15 @@ def download_middlebury(
             got=reason_of(error),
             fix=room_or("choose another place with --cache DIR", error),
         ) from error
-    _refuse(fates, folder)
+    lacking = tuple(_lacking(fates, mirrors))
+    _refuse(fates, folder, lacking)
     return Download(
         folder,
         sum(fate.kind == "new" for fate in fates),
         sum(fate.kind == "kept" for fate in fates),
         tuple(fate.name for fate in fates if fate.kind == "missing"),
         lock,
+        lacking,
     )
 
 
@@ -241,7 +246,21 @@ def _write_lock(manifest: Manifest, folder: Path, fates: list[Fate]) -> Path | N
     return path
 
 
-def _refuse(fates: list[Fate], folder: Path) -> None:
+def _lacking(fates: list[Fate], mirrors: Sequence[str]) -> Iterator[Problem]:
+    answers = [answer for fate in fates for answer in fate.lacking]
+    for mirror in mirrors:
+        base = f" {mirror.rstrip('/')}/"
+        from_it = [answer for answer in answers if base in answer]
+        if from_it:
+            yield Problem(
+                f"the mirror lacks {counted(len(from_it), 'file')}",
+                where=mirror,
+                expected="an address that stands for .../stereo/data",
+                got=from_it[0],
+            )
+
+
+def _refuse(fates: list[Fate], folder: Path, lacking: tuple[Problem, ...]) -> None:
     problems = [
         problem
         for kind in ("damaged", "unreachable")
@@ -268,7 +287,7 @@ def _refuse(fates: list[Fate], folder: Path) -> None:
             )
         )
     if problems:
-        raise SourceError.of(problems)
+        raise SourceError.of([*problems, *lacking])
 
 
 def _told_once(fates: list[Fate], kind: str) -> list[Problem]:

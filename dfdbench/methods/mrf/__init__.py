@@ -12,7 +12,6 @@ from dfdbench.methods.mrf.smoothness import (
     truncated_quadratic,
 )
 from dfdbench.methods.mrf.split import Quality, split
-from dfdbench.methods.mrf.trws import lower_bound, message_passing
 
 __all__ = [
     "Energy",
@@ -21,8 +20,6 @@ __all__ = [
     "adaptive_potts_weights",
     "coarse_to_fine",
     "expansion",
-    "lower_bound",
-    "message_passing",
     "potts",
     "published",
     "repair",

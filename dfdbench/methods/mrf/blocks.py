@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.methods.mrf.energy import Energy, Solution
 from dfdbench.methods.mrf.repair import repair
+from dfdbench.system.compiled import compiled
 
 __all__ = ["coarse_to_fine", "coarser", "finer"]
 
@@ -125,7 +125,7 @@ def finer(labels: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
     return np.ascontiguousarray(whole[: shape[0], : shape[1]])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _add_blocks(costs: Array, blocks: Array) -> None:
     height, width, labels = costs.shape
     for y in range(0, height, 2):

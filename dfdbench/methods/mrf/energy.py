@@ -175,14 +175,11 @@ class Solution:
         Energy of the labels, offset included.
     history : tuple of int
         Energy after each sweep over the moves, never rising; the last is `energy`.
-    lower_bound : int or None
-        A bound that no labeling can be below, where the solver gives one.
     """
 
     labels: NDArray[Any]
     energy: int
     history: tuple[int, ...]
-    lower_bound: int | None = None
 
 
 def label_dtype(labels: int) -> type[np.unsignedinteger[Any]]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.methods.mrf.energy import Energy, Solution, label_dtype, starting_labels
 from dfdbench.methods.mrf.moves import Mover, expansion_offer
+from dfdbench.system.compiled import compiled
 
 __all__ = ["expansion"]
 
@@ -76,7 +76,7 @@ def expansion(
     return Solution(labels.astype(label_dtype(energy.labels)), history[-1], tuple(history))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _planes(costs: Array) -> Array:
     height, width, labels = costs.shape
     planes = np.empty((labels, height, width), costs.dtype)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import Any, Literal, get_args
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,7 @@ from dfdbench.methods.mrf.maxflow import GridGraph
 from dfdbench.methods.mrf.moves import Mover
 from dfdbench.methods.mrf.repair import repair
 from dfdbench.methods.mrf.smoothness import COST_LIMIT
+from dfdbench.system.compiled import compiled
 
 __all__ = ["Quality", "split"]
 
@@ -159,7 +159,7 @@ def _halve(energy: Energy, graph: GridGraph | None = None) -> NDArray[np.int32]:
     return labels
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _pair_minima(costs: Array) -> Array:
     height, width, count = costs.shape
     minima = np.empty((height, width, (count + 1) // 2), costs.dtype)

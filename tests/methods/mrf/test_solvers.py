@@ -6,20 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.methods.mrf import (
-    Energy,
-    Solution,
-    expansion,
-    lower_bound,
-    message_passing,
-    split,
-    truncated_absolute,
-)
+from dfdbench.methods.mrf import Energy, Solution, expansion, split, truncated_absolute
 from tests.methods.mrf.conftest import KINDS, brute_force, random_energy
 
 SOLVERS: dict[str, Callable[[Energy], Solution]] = {
     "expansion": expansion,
-    "message_passing": lambda energy: message_passing(energy, 8),
     "fast": lambda energy: split(energy, "fast"),
     "default": split,
     "high": lambda energy: split(energy, "high"),
@@ -57,7 +48,7 @@ def test_two_labels_are_solved_exactly(rng: np.random.Generator, solver: str) ->
 def test_cost_types_agree(rng: np.random.Generator, dtype: type[Any]) -> None:
     energy = random_energy(rng, 5, 6, 8, "absolute", dtype=dtype)
     twin = Energy(energy.unary.astype(np.uint16), energy.smoothness, offset=energy.offset)
-    for solve in (expansion, split, message_passing):
+    for solve in (expansion, split):
         assert solve(energy).history == solve(twin).history
 
 
@@ -73,5 +64,3 @@ def test_bad_arguments_are_refused(rng: np.random.Generator) -> None:
     energy = random_energy(rng, 2, 2, 4, "absolute")
     with pytest.raises(ValueError, match="quality: expected one of"):
         split(energy, "superb")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="iterations: expected at least 1, got 0"):
-        lower_bound(energy, 0)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dfdbench.methods.calling import call
-from dfdbench.methods.isolation import seeded
+from dfdbench.methods.process_state import seeded
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 

@@ -1,4 +1,4 @@
-"""Put back what a method changed of this process; a process of its own is `isolated.py`."""
+"""Restore what a method changed in the process."""
 
 from __future__ import annotations
 
