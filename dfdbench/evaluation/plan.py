@@ -13,8 +13,7 @@ from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.fitting import Fit
 from dfdbench.methods.method import Method
-from dfdbench.metrics.of_protocol import protocols_of
-from dfdbench.metrics.protocol import Protocol
+from dfdbench.metrics.protocol import Protocol, protocols_of
 from dfdbench.system.version import PACKAGE_VERSION
 from dfdbench.tables.wording import listed
 

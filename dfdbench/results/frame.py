@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from dfdbench.metrics.of_protocol import metrics_of
-from dfdbench.metrics.protocol import require_scored
+from dfdbench.metrics.protocol import metrics_of, require_scored
 from dfdbench.results.first_table import shown_protocol
 from dfdbench.results.record import Result
 

@@ -13,9 +13,8 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.errors import InputError, Problem, reason_of
 from dfdbench.methods.networks.architectures import UNET_FILTERS
-from dfdbench.methods.networks.choices import SITES, SIZED, plain_choices
+from dfdbench.methods.networks.choices import FILTERS, SITES, SIZED, narrowed, plain_choices
 from dfdbench.methods.networks.inference import Readout
-from dfdbench.methods.networks.widths import FILTERS, narrowed
 from dfdbench.system.files import read_whole
 from dfdbench.system.record import Record, problems_of
 from dfdbench.system.toml_text import parse_toml

@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError, Problem
-from dfdbench.methods.networks.preparation import start_from_differences
+from dfdbench.methods.networks.architectures import start_from_differences
 from dfdbench.methods.networks.weights import build_network, load_weights, weights_sha256
 from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels
 from dfdbench.training.schedule import schedule_of

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.blur.gather import blur_by_level
 from dfdbench.blur.layers import GAP, composite_layers, without_tails
 from dfdbench.blur.point_spread import DISK, point_spread_functions
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.blur.synthesis import synthesize
+from dfdbench.blur.synthesis import blur_by_level, synthesize
 from dfdbench.errors import InputError
 
 Floats = NDArray[np.float64]

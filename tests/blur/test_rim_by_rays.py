@@ -9,8 +9,8 @@ from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
 from scipy.stats import qmc
 
 from dfdbench.blur.formation import encode
-from dfdbench.blur.gather import blur_by_level
 from dfdbench.blur.layers import GAP, composite_layers
+from dfdbench.blur.synthesis import blur_by_level
 from dfdbench.building.sources.demo_scenes import SCENES
 from dfdbench.simulation.photographs import photograph
 from dfdbench.simulation.raycast import View, cast, look

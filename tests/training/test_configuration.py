@@ -11,8 +11,8 @@ import torch
 
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.errors import InputError
+from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.weights import find_weights, load_weights
-from dfdbench.methods.networks.widths import FILTERS
 from dfdbench.training.configuration import (
     TrainingConfiguration,
     precision_for,

@@ -13,8 +13,8 @@ import torch
 from dfdbench.blur.recipe import LEVELS as DEPTH_LEVELS
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
+from dfdbench.methods.networks.choices import LAYERS
 from dfdbench.methods.networks.weights import build_network, count_parameters, load_weights
-from dfdbench.methods.networks.widths import LAYERS
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table

@@ -10,7 +10,7 @@ from torch import Tensor
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, MethodError, UnknownNameError
 from dfdbench.methods.networks.architectures import DfDNet, UNet
-from dfdbench.methods.networks.widths import LAYERS
+from dfdbench.methods.networks.choices import LAYERS
 from dfdbench.training.reduction.counts import (
     TAPS,
     Counts,

@@ -9,8 +9,8 @@ pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, MethodError
 from dfdbench.leaderboard.published import load_published
+from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.methods.networks.weights import build_network, count_parameters, save_weights
-from dfdbench.methods.networks.widths import FILTERS, LAYERS
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
 from dfdbench.training.reduction.counts import STATISTICS, Counts, Statistic
 from dfdbench.training.reduction.reduce import (
