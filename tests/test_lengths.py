@@ -15,7 +15,7 @@ REASONS = {
     "dfdbench/methods/mrf/maxflow.py:_grow_and_augment": _KERNEL,
     "dfdbench/methods/mrf/moves.py:_propose": _KERNEL,
     "dfdbench/methods/mrf/moves.py:move": "one order of steps, over arrays that all of them change",
-    "dfdbench/methods/rounded_cost.py:_misfits": _KERNEL,
+    "dfdbench/methods/rounded_graph_cuts.py:_misfits": _KERNEL,
     "dfdbench/metrics/similarity.py:mean_similarity": _KERNEL,
 }
 

@@ -74,7 +74,7 @@ def reduce(
     with needed():
         from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
-        from dfdbench.training.configuration_file import read_configuration
+        from dfdbench.training.configuration import read_configuration
         from dfdbench.training.reduction.reduce import reduce_weights
     use_threads(threads)
     place = find_weights("dfd-net", weights)

@@ -19,7 +19,7 @@ from dfdbench.cli.methods import (
 )
 from dfdbench.cli.options import Cache, FigureFormats, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
-from dfdbench.metrics.of_protocol import metrics_of, ranked_by
+from dfdbench.metrics.protocol import metrics_of, ranked_by
 from dfdbench.results.output_place import output_place
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Format

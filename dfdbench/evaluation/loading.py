@@ -42,9 +42,9 @@ def load_for(
     of what the manifest knows of the lens. A recipe that is a lens becomes the blur law that
     follows: see `dfdbench.evaluation.lens`.
 
-    With `told`, ``recipe`` is on a track the law of its formation, `dfdbench.blur.told.told_law`,
-    which is not told otherwise: what that knowledge is worth. The result then has ``recipe``
-    among the method's uses, by which it has no rank.
+    With `told`, a method on a track is given the law of its formation as ``recipe``, see
+    `dfdbench.blur.formation.told_law`: what is that knowledge worth? The result then has
+    ``recipe`` among the method's uses, by which it has no rank.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def _formation_of(store: Store) -> BlurRecipe | BlurLaw | None:
     if not manifest.on_track or manifest.recipe is None:
         return store.recipe
     # Here: it needs scipy, which no other method's loading does.
-    from dfdbench.blur.told import told_law
+    from dfdbench.blur.formation import told_law
 
     formation = find_degradation(manifest.degradation).formation
     return told_law(find_recipe(manifest.recipe), formation)

@@ -15,8 +15,7 @@ from dfdbench.errors import StoreError
 from dfdbench.evaluation.fitting import Fit
 from dfdbench.methods.method import Method
 from dfdbench.methods.sources import ABSENT, changes
-from dfdbench.metrics.of_protocol import protocols_of
-from dfdbench.metrics.protocol import Protocol
+from dfdbench.metrics.protocol import Protocol, protocols_of
 from dfdbench.results.environment import software
 from dfdbench.system.json_text import differences
 from dfdbench.system.version import PACKAGE_VERSION

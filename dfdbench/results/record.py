@@ -13,8 +13,7 @@ from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, WithJsonSche
 
 from dfdbench.datasets.manifest import Name, Pair, simulated_label
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric, mean_of
-from dfdbench.metrics.of_protocol import metrics_of
-from dfdbench.metrics.protocol import label_of
+from dfdbench.metrics.protocol import label_of, metrics_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
 from dfdbench.system.record import Record
 

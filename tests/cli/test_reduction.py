@@ -73,7 +73,7 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) 
         (["--weights", "wide.safetensors"], "fewer pixels than filters"),
         (["--weights", "none.safetensors"], "cannot be read"),
         (["--weights", "nowhere.safetensors"], "no such weights"),
-        (["--weights", small, "--level", "4"], "no such level"),
+        (["--weights", small, "--level", "4"], "there is no level 4"),
         (["--weights", small, "--split", "tset"], "test"),
         (["--weights", small, "--config", "publisht"], "no such configuration"),
     ):
@@ -91,7 +91,7 @@ def test_unknown_rows_are_named_before_anything_is_trained(
     Path("rows/original.toml").write_text("crop = 16\nsteps = 1\n")
     for arguments, told in (
         (["reduction", "--rows", "rows", "--values", "B-09-01"], "unknown row"),
-        (["reduction", "--rows", "nowhere"], "no reduced networks"),
+        (["reduction", "--rows", "nowhere"], "lacks original.toml"),
         (["reduction", "--values", "B-09-01", *FEW], "B-01-01"),
         (["reduction", "--rows", "rows", "--config", "demo"], "its own configuration"),
         (["noise", "--rows", "rows"], "has no rows"),
