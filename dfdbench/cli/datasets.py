@@ -49,8 +49,8 @@ def list_datasets(
     note = "Of any set with synthetic blur: dfdbench build demo@noise-1"
     print_table(Table("tracks", ("track", "", ""), tracks, "lll", (note,)))
     found = registered_methods() if entries else method_words()
-    heads = ("name", "entry" if entries else "what it is")
-    print_table(Table("methods", heads, tuple(sorted(found.items())), "ll"))
+    columns = ("name", "entry" if entries else "what it is")
+    print_table(Table("methods", columns, tuple(sorted(found.items())), "ll"))
 
 
 def _listed(manifest: Manifest, name: str, built: bool) -> tuple[str, ...]:
