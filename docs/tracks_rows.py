@@ -11,16 +11,15 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from matplotlib.figure import Figure
+import pandas as pd
 
-from dfdbench.blur.tracks import CLEAN, TRACKS
+from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.figures.style import write_figure
 from dfdbench.figures.tracks import tracks_figure
-from dfdbench.leaderboard.folder import LEADERBOARD
-from dfdbench.leaderboard.track_boards import TracksEntry, collect_tracks
-from dfdbench.leaderboard.tracks_submission import HEADLINE
+from dfdbench.leaderboard.board import leaderboard
+from dfdbench.leaderboard.ranking import TRACKS_PROTOCOL, ScoreBoard
 from dfdbench.metrics.metric import RANKED_BY
-from dfdbench.results.track_tables import severities
+from dfdbench.results.track_tables import track_means
 from dfdbench.results.wording import score_text
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown
@@ -34,48 +33,48 @@ BEGIN, END = "<!-- written by docs/tracks_rows.py -->\n", "<!-- end -->"
 
 def main(place: str) -> None:
     """Write the table between its two marks, and draw the picture."""
-    entries = {
-        entry.label: entry
-        for entry in collect_tracks(LEADERBOARD)
-        if f"{entry.clean.dataset.name}-{entry.clean.dataset.split}" == place
+    means = {
+        label: found
+        for board in leaderboard().boards
+        if board.suite in SUITES
+        and f"{board.result.dataset.name}-{board.result.dataset.split}" == place
+        for label, found in means_of(board).items()
     }
-    there = [name for name in METHODS if name in entries]
-    if lacking := [name for name in METHODS if name not in entries]:
+    there = {name: means[name] for name in METHODS if name in means}
+    if lacking := [name for name in METHODS if name not in means]:
         print(f"no runs on tracks of {place}: {', '.join(lacking)}", file=sys.stderr)
     if not there:
         sys.exit("nothing is written; dfdbench tracks --method NAME --submit")
     before, _, rest = PAGE.read_text("utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)
-    text = as_markdown(table_of([entries[name] for name in there], place))
-    write_whole(PAGE, f"{before}{BEGIN}\n{text}\n{END}{after}")
-    write_figure(picture_of(list(entries.values()), place), PICTURE)
+    write_whole(PAGE, f"{before}{BEGIN}\n{as_markdown(table_of(there, place))}\n{END}{after}")
+    title = f"{place}, protocol {TRACKS_PROTOCOL}, best mean first"
+    write_figure(tracks_figure(means, RANKED_BY, title), PICTURE)
 
 
-def table_of(entries: list[TracksEntry], place: str) -> Table:
-    """Return a row a track and severity, a column a method."""
-    rows = [(CLEAN, *(_score(entry, CLEAN) for entry in entries))]
-    for track in TRACKS.values():
-        for severity in range(1, len(track.severities) + 1):
-            label = f"{track.name}-{severity}"
-            rows.append((label, *(_score(entry, label) for entry in entries)))
-    columns = ("", *(entry.label for entry in entries))
-    title = f"NRMSE, {place}, protocol {HEADLINE}"
-    return Table(title, columns, tuple(rows), "l" + "r" * len(entries))
-
-
-def picture_of(entries: list[TracksEntry], place: str) -> Figure:
-    """Return the metric against severity, a panel a track, a line a method, best mean first."""
-    whole = [(mean, entry) for entry in entries if (mean := entry.mean(RANKED_BY)) is not None]
-    scores = {
-        entry.label: severities(entry.results, HEADLINE, RANKED_BY)
-        for _, entry in sorted(whole, key=lambda found: found[0])
+def means_of(board: ScoreBoard) -> dict[str, pd.DataFrame]:
+    """Return the means by track and severity of the methods with a complete set, best first."""
+    complete = {
+        standing.entry.label: (standing.scores[RANKED_BY], row)
+        for row, standing in enumerate(board.standings)
+        if standing.scores[RANKED_BY] is not None
     }
-    return tracks_figure(scores, RANKED_BY, f"{place}, protocol {HEADLINE}, best mean first")
+    return {
+        label: track_means(board.scores[board.scores["row"] == row], TRACKS_PROTOCOL, RANKED_BY)
+        for label, (_, row) in sorted(complete.items(), key=lambda item: item[1])
+    }
 
 
-def _score(entry: TracksEntry, label: str) -> str:
-    result = entry.results.get(label)
-    return score_text(((result and result.averages) or {}).get(HEADLINE, {}).get(RANKED_BY))
+def table_of(means: dict[str, pd.DataFrame], place: str) -> Table:
+    """Return a row a track and severity, a column a method."""
+    first = next(iter(means.values()))
+    rows = [(CLEAN, *(score_text(found[0].iloc[0]) for found in means.values()))]
+    for track in first.index:
+        for severity in first.columns[1:]:
+            scores = (score_text(found[severity][track]) for found in means.values())
+            rows.append((f"{track}-{severity}", *scores))
+    title = f"NRMSE, {place}, protocol {TRACKS_PROTOCOL}"
+    return Table(title, ("", *means), tuple(rows), "l" + "r" * len(means))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Numbers that the pages quote from the leaderboard are those of its sealed results."""
+"""Numbers that the pages quote from the leaderboard are those of its rows."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.leaderboard.boards import mean_over
-from dfdbench.leaderboard.submission import load_submission
-from dfdbench.leaderboard.verification_file import SUFFIX
+from dfdbench.leaderboard.row_file import read_row
+from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.results.record import Result
 from dfdbench.results.wording import score_text
@@ -72,10 +71,14 @@ class Column:
 @functools.cache
 def results(board: str, protocol: str) -> dict[str, Result]:
     """Return the results of a data set and split by method and parameters."""
-    folder = ROOT / "leaderboard/results" / board / protocol
-    paths = [path for path in folder.glob("*.json") if not path.name.endswith(SUFFIX)]
-    found = [load_submission(path, ROOT / "leaderboard") for path in paths]
-    return {key(result.method.name, result.method.parameters): result for result in found}
+    rows = [read_row(path) for path in (ROOT / "leaderboard/results" / board).glob("*.json")]
+    return {
+        key(result.method.name, result.method.parameters): result
+        for row in rows
+        if "clean" in row.suites
+        for result in row.results
+        if result.dataset.degradation == "clean" and protocol in result.protocol_names
+    }
 
 
 def key(name: str, parameters: object) -> str:
@@ -140,7 +143,7 @@ def methods(quoted: Quoted, rows: list[list[str]]) -> Iterator[tuple[str, list[s
 def expected(result: Result, column: Column, cell: str, scenes: list[str]) -> str:
     def mean(of: list[str]) -> float | None:
         pairs = [pair for pair in result.pairs if pair.scene in of]
-        return mean_over(pairs, column.protocol, column.metric)
+        return mean_of(pair.score(column.protocol, column.metric) for pair in pairs)
 
     by_scene = [score for scene in scenes if (score := mean([scene])) is not None]
     over_scenes = f"{score_text(min(by_scene))} to {score_text(max(by_scene))}"

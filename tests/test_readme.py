@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from dfdbench.datasets.store import Store
+from dfdbench.leaderboard.row_file import read_row
 from dfdbench.metrics.metric import METRICS, mean_of
-from dfdbench.results.record_file import load_result
 
 ROOT = Path(__file__).parents[1]
 
@@ -59,7 +59,7 @@ def test_the_demos_table_holds_the_scores_of_the_leaderboards_rows() -> None:
     rows = re.findall(r"^\| `([\w-]+)` \|[^|]+\| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|", text, re.M)
     assert [name for name, *_ in rows] == ["graph-cuts", "local", "s-transform", "constant"]
     for name, *shown in rows:
-        result = load_result(ROOT / f"leaderboard/results/demo-1-test/thesis/{name}.json")
+        result = read_row(ROOT / f"leaderboard/results/demo-1-test/{name}.json").results[0]
         pairs = [pair for pair in result.pairs if pair.scene == "Market"]
         assert len(pairs) == 18
         for metric, printed in zip(METRICS, shown, strict=True):
