@@ -11,10 +11,17 @@ from typing import Annotated
 import typer
 from matplotlib.figure import Figure
 
-from dfdbench.audit.coverage import Criterion, DensityBound
-from dfdbench.audit.coverage_record import CoverageRecord, compare_depths
-from dfdbench.audit.coverage_tables import coverage_table, each_as_json, each_table, verdict_line
-from dfdbench.audit.leaks import Leak, LeakError, LeakKind, find_leaks, leaks_between, scene_hashes
+from dfdbench.audit.coverage import (
+    CoverageRecord,
+    Criterion,
+    DensityBound,
+    compare_depths,
+    coverage_table,
+    each_as_json,
+    each_table,
+    verdict_line,
+)
+from dfdbench.audit.leaks import Leak, LeakError, find_leaks, leaks_between, scene_hashes
 from dfdbench.audit.run_errors import (
     conclusion,
     error_table,
@@ -136,10 +143,7 @@ class Rule:
 def _end(*records: CoverageRecord) -> None:
     leaks = [leak for record in records for leak in record.leaks]
     if leaks:
-        raise LeakError.of(
-            Leak(LeakKind(leak.kind), leak.train, leak.test, leak.detail).as_problem()
-            for leak in leaks
-        )
+        raise LeakError.of(leak.as_problem() for leak in leaks)
     if not all(record.covered for record in records):
         raise typer.Exit(1)
 

@@ -12,8 +12,8 @@ from dfdbench.audit.depth_errors import (
     constant_errors,
     depth_error_tables,
     depth_errors,
+    level_count_table,
 )
-from dfdbench.audit.depth_tables import depth_table
 from dfdbench.audit.sides import scene_histograms, side_of
 from dfdbench.cli.completion import data_sets
 from dfdbench.cli.options import Cache
@@ -60,7 +60,7 @@ def depths(
         side = side_of(store, scene_histograms(store), split or ALL_PAIRS, scenes)
         if figure is not None:
             save_figure(depths_figure(side), figure)
-        tables = [depth_table(side)]
+        tables = [level_count_table(side)]
     if format is Format.table:
         for table in tables:
             print_table(table)

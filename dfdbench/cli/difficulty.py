@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.audit.difficulty import Difficulty, smallest_step
-from dfdbench.audit.difficulty_tables import (
+from dfdbench.audit.difficulty import (
     COARSE,
+    Difficulty,
     difficulty_as_json,
     difficulty_rows,
     difficulty_table,
+    smallest_step,
 )
 from dfdbench.audit.sides import depth_maps
 from dfdbench.blur.recipe import LAST_LEVEL

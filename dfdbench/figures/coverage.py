@@ -14,12 +14,10 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
-from dfdbench.audit.coverage import Verdict
-from dfdbench.audit.coverage_record import CoverageRecord, SideRecord
+from dfdbench.audit.coverage import CoverageRecord, SideRecord, Verdict
 from dfdbench.audit.difficulty import STEPS, Difficulty
-from dfdbench.audit.level_ranges import runs
 from dfdbench.audit.run_errors import ErrorJoin
-from dfdbench.audit.sides import Side
+from dfdbench.audit.sides import Side, runs
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.store import Store
 from dfdbench.figures.style import legend_beside, without_ticks

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.audit.depth_errors import DepthErrors
-from dfdbench.audit.level_errors import LevelErrors
+from dfdbench.audit.run_errors import LevelErrors
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.figures.style import COLOURS, legend_beside, plain_text

@@ -2,8 +2,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dfdbench.audit.coverage import Verdict
-from dfdbench.audit.coverage_record import compare_depths
+from dfdbench.audit.coverage import Verdict, compare_depths
 from dfdbench.audit.run_errors import join_errors
 from dfdbench.audit.sides import sides_of
 from dfdbench.datasets.store import Store

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dfdbench.audit.depth_errors import DepthErrors
-from dfdbench.audit.level_errors import LevelErrors
+from dfdbench.audit.run_errors import LevelErrors
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.figures.depth_errors import depth_error_figure
 
