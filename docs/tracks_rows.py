@@ -14,8 +14,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
+from dfdbench.figures.comparisons import tracks_figure
 from dfdbench.figures.style import write_figure
-from dfdbench.figures.tracks import tracks_figure
 from dfdbench.leaderboard.folder import LEADERBOARD
 from dfdbench.leaderboard.track_boards import TracksEntry, collect_tracks
 from dfdbench.leaderboard.tracks_submission import HEADLINE

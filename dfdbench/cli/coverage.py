@@ -35,7 +35,7 @@ from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
 from dfdbench.cli.completion import data_sets
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError, Problem
-from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_figure
+from dfdbench.figures.audits import coverage_figure, level_error_figure, mask_figure
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT, load_result
 

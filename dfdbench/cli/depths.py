@@ -21,8 +21,7 @@ from dfdbench.cli.screen import print_table, save_figure
 from dfdbench.datasets.manifest import ALL_PAIRS
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError, StoreError
-from dfdbench.figures.coverage import depths_figure
-from dfdbench.figures.depth_errors import depth_error_figure
+from dfdbench.figures.audits import depth_error_figure, depths_figure
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import load_result
 from dfdbench.results.wording import method_label

@@ -23,7 +23,7 @@ from dfdbench.cli.screen import progress
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError
-from dfdbench.figures.coverage import difficulty_figure
+from dfdbench.figures.audits import difficulty_figure
 
 
 def difficulty(

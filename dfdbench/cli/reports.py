@@ -13,7 +13,7 @@ from dfdbench.cli.answer import writing
 from dfdbench.cli.options import FigureFormat, FigureFormats
 from dfdbench.cli.screen import PICTURES, print_table, progress, save_figure, say
 from dfdbench.errors import InputError
-from dfdbench.figures.comparison import accuracy_figure, change_figure
+from dfdbench.figures.comparisons import accuracy_figure, change_figure
 from dfdbench.figures.style import write_figure
 from dfdbench.leaderboard.folder import file_stems
 from dfdbench.metrics.of_protocol import ranked_by

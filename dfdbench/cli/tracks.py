@@ -126,7 +126,7 @@ def _show(
     folder: Path,
     forms: Sequence[str],
 ) -> None:
-    from dfdbench.figures.tracks import tracks_figure
+    from dfdbench.figures.comparisons import tracks_figure
     from dfdbench.results.track_tables import severities, tracks_table
     from dfdbench.tables.render import render
 

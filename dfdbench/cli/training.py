@@ -107,7 +107,7 @@ def train_command(
 def _keep_figures(
     training: TrainingFolder, task: Task, outcome: TrainingOutcome, title: str
 ) -> Selections:
-    from dfdbench.figures.training import levels_figure, patches_figure, training_figure
+    from dfdbench.figures.trainings import levels_figure, patches_figure, training_figure
     from dfdbench.training.checkpoint import LEVELS_FIGURE, PATCHES_FIGURE, TRAINING_FIGURE
     from dfdbench.training.selections import selections_of
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from dfdbench.figures.comparison import accuracy_figure, lighting_figures, time_figure
-from dfdbench.figures.groups import group_figures
+from dfdbench.figures.comparisons import accuracy_figure, lighting_figures, time_figure
+from dfdbench.figures.runs import group_figures
 from dfdbench.leaderboard.board_tables import lighting_table, runs_table, standings_table
 from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards
 from dfdbench.metrics.metric import find_metric

@@ -15,9 +15,8 @@ from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.frames import Image, average_frames, decode, png_problems
 from dfdbench.datasets.manifest import Capture
 from dfdbench.errors import Problem, SourceError
-from dfdbench.rig.depth_map import depth_image, warp
-from dfdbench.rig.geometry import Rig
-from dfdbench.rig.lidar import Beams, average_scans
+from dfdbench.rig.geometry import CaptureRig
+from dfdbench.rig.lidar import Beams, average_scans, depth_image, warp
 from dfdbench.rig.lidar_files import read_beams, read_ranges
 from dfdbench.rig.registration_file import NAME as REGISTRATION
 from dfdbench.rig.registration_file import read_registration
@@ -98,7 +97,7 @@ class RawScene:
         self.folder = folder
         self._capture = capture
         height, width = capture.frame_size
-        self.rig = Rig(frame_size=(height, width), crop_size=capture.crop_size)
+        self.rig = CaptureRig(frame_size=(height, width), crop_size=capture.crop_size)
         self._depth: Depth | None = None
 
     def exposures(self) -> tuple[int, ...]:
