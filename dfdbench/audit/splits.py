@@ -63,9 +63,9 @@ class Ranking:
         return sum(candidate.covered for candidate in self.candidates)
 
     def rank(self, test: Sequence[str]) -> int | None:
-        """Return the rank of a test set, from 1, or None where it is not among them."""
-        tests = [set(candidate.test) for candidate in self.candidates]
-        return tests.index(set(test)) + 1 if set(test) in tests else None
+        """Return the rank of a test set, from 1, or None if it is not among them."""
+        ranked = enumerate((set(candidate.test) for candidate in self.candidates), 1)
+        return next((number for number, scenes in ranked if scenes == set(test)), None)
 
 
 @dataclass(frozen=True)
