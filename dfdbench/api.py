@@ -43,7 +43,7 @@ from dfdbench.results.saved_run import open_run as _open_run
 from dfdbench.results.summary import summarise
 from dfdbench.system.location import Place
 from dfdbench.system.parallel import Threads
-from dfdbench.tables.html import as_html
+from dfdbench.tables.table import as_html
 from dfdbench.tables.wording import counted, listed
 
 Progress = Callable[[int, int], None]

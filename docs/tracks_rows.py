@@ -14,8 +14,8 @@ from pathlib import Path
 import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN, SUITES
+from dfdbench.figures.comparisons import tracks_figure
 from dfdbench.figures.style import write_figure
-from dfdbench.figures.tracks import tracks_figure
 from dfdbench.leaderboard.board import leaderboard
 from dfdbench.leaderboard.ranking import TRACKS_PROTOCOL, ScoreBoard
 from dfdbench.metrics.metric import RANKED_BY

@@ -172,7 +172,7 @@ def _forms_of(
 def _keep_law(calibration: Any, folder: Path, forms: Sequence[str]) -> None:
     if calibration is None:
         return
-    from dfdbench.figures.calibration import law_figure
+    from dfdbench.figures.camera import law_figure
     from dfdbench.figures.style import write_forms
     from dfdbench.methods.calibration import Calibration
     from dfdbench.system.files import write_whole

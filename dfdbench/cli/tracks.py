@@ -118,7 +118,7 @@ def _show(
     folder: Path,
     forms: Sequence[str],
 ) -> None:
-    from dfdbench.figures.tracks import tracks_figure
+    from dfdbench.figures.comparisons import tracks_figure
     from dfdbench.results.frame import scores_of
     from dfdbench.results.track_tables import track_means, tracks_table
     from dfdbench.tables.render import render

@@ -1,4 +1,4 @@
-"""Keep a registration in a small file that a person can read and correct."""
+"""Read and write a registration, in a small file that a person can correct."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.rig.lidar import Floats
 from dfdbench.system.files import read_text, write_whole
 from dfdbench.system.toml_text import parse_toml
 
-Floats = NDArray[np.float64]
-
 NAME = "registration.toml"
-#: What an earlier registration is kept as.
+#: The earlier registration, perhaps corrected by hand.
 PREVIOUS = "registration.previous.toml"
 _LEAST_PAIRS = 4
 _HEAD = """\
@@ -44,7 +42,7 @@ def read_registration(path: Path) -> Floats:
     Raises
     ------
     SourceError
-        Where the file gives no such matrix.
+        If the file gives no such matrix.
     """
     where = str(path)
     try:
@@ -53,38 +51,26 @@ def read_registration(path: Path) -> Floats:
         got = reason_of(error)
         raise SourceError("cannot read the registration", where=where, got=got) from error
     if "matrix" in content and "pairs" in content:
-        raise SourceError("a matrix and pairs", where=where, expected="one of them", got="both")
+        raise SourceError("the file has both a matrix and pairs", where=where, fix="leave out one")
     if "matrix" in content:
         return _matrix(content["matrix"], where)
     pairs = content.get("pairs", [])
     if not isinstance(pairs, list) or len(pairs) < _LEAST_PAIRS:
-        raise SourceError(
-            "too few pairs of points",
-            where=where,
-            expected=f"{_LEAST_PAIRS} or more [[pairs]], or a matrix",
-            got=f"{len(pairs) if isinstance(pairs, list) else pairs}",
-        )
+        what = f"too few pairs of points: {_LEAST_PAIRS} or more [[pairs]] are needed, or a matrix"
+        raise SourceError(what, where=where)
     source, target = (_points(pairs, key, where) for key in ("lidar", "image"))
     for key, points in (("lidar", source), ("image", target)):
         if len(np.unique(points, axis=0)) < len(points):
-            raise SourceError(
-                "two pairs share a point",
-                where=f"{where}: {key}",
-                expected="a point of its own a pair",
-            )
+            raise SourceError("two pairs share a point", where=f"{where}: {key}")
     fitted, _ = cv2.findHomography(source, target, 0)
-    flat = any(
-        np.linalg.matrix_rank(points - points[0], tol=1e-6) < 2 for points in (source, target)
-    )
+    flat = any(np.linalg.matrix_rank(p - p[0], tol=1e-6) < 2 for p in (source, target))
     if flat or fitted is None or not np.isfinite(fitted).all():
-        raise SourceError(
-            "the points lie on one line", where=where, expected="corners of a surface"
-        )
+        raise SourceError("the points lie on one line: no surface has them", where=where)
     return np.asarray(fitted, np.float64)
 
 
 def write_registration(path: Path, matrix: Floats, corners: Floats, note: str) -> None:
-    """Write a registration as the pairs of four corners.
+    """Write a registration as the pairs of four corners; an older file is kept as `PREVIOUS`.
 
     Parameters
     ----------
@@ -100,11 +86,7 @@ def write_registration(path: Path, matrix: Floats, corners: Floats, note: str) -
     Raises
     ------
     SourceError
-        Where the file cannot be written.
-
-    Notes
-    -----
-    A file that is there, perhaps corrected by hand, is kept as `PREVIOUS`.
+        If the file cannot be written.
     """
     target = cv2.perspectiveTransform(corners[np.newaxis].astype(np.float64), matrix)[0]
     pairs = [
@@ -126,12 +108,8 @@ def _matrix(given: Any, where: str) -> Floats:
     except (TypeError, ValueError):
         matrix = np.zeros(0)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not np.linalg.det(matrix):
-        raise SourceError(
-            "not a projective matrix",
-            where=f"{where}: matrix",
-            expected="3 rows of 3 numbers",
-            got=f"{given}",
-        )
+        what = "not a projective matrix of 3 rows of 3 numbers"
+        raise SourceError(what, where=f"{where}: matrix", got=str(given))
     return matrix
 
 
@@ -144,9 +122,7 @@ def _points(pairs: list[Any], key: str, where: str) -> Floats:
                 raise ValueError
             points.append((x, y))
         except (TypeError, ValueError, KeyError):
-            problems.append(
-                Problem("not a point", where=f"{where}: pairs[{number}].{key}", expected="[x, y]")
-            )
+            problems.append(Problem("not a point [x, y]", where=f"{where}: pairs[{number}].{key}"))
     if problems:
         raise SourceError.of(problems)
     return np.array(points)

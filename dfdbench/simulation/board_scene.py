@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.optics.lens_table import LensTable
-from dfdbench.rig.geometry import Pose, Rig, beam_directions
+from dfdbench.rig.geometry import CaptureRig, Pose, beam_directions
 from dfdbench.rig.lidar import Beams
 from dfdbench.simulation.photographs import near_normal_numbers, photograph
 from dfdbench.simulation.raycast import Board, Surface, Texture, View, look
 
 Floats = NDArray[np.float64]
 
-RIG = Rig()
+RIG = CaptureRig()
 #: How the simulated LIDAR is turned on its mount: what registration has to find.
 MOUNTED = Pose(yaw=0.55, pitch=-0.35, roll=0.9)
 
@@ -79,14 +79,14 @@ class SimulatedScene:
     ----------
     number : int
         0 to 63: 16 textures of 4 geometries each, as k00 to k63 (thesis, 3.2.4).
-    rig : Rig
+    rig : CaptureRig
         Camera and mount.
     pose : Pose
         How the LIDAR is turned.
     """
 
     number: int
-    rig: Rig = RIG
+    rig: CaptureRig = RIG
     pose: Pose = MOUNTED
 
     @property

@@ -14,9 +14,8 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.figures.comparison import lighting_figures
-from dfdbench.figures.groups import group_figures
-from dfdbench.figures.runs import panel_figure, score_figure
+from dfdbench.figures.comparisons import lighting_figures
+from dfdbench.figures.runs import group_figures, panel_figure, score_figure
 from dfdbench.leaderboard.ranking import Entry, boards
 from dfdbench.leaderboard.tables import lighting_table, standings_table
 from dfdbench.metrics import metric
@@ -100,7 +99,7 @@ def test_a_metric_more_is_in_every_table_figure_and_page(tiny_store: Store, tmp_
 @pytest.mark.usefixtures("with_a_fourth")
 def test_a_metric_more_is_in_what_experiments_show() -> None:
     pytest.importorskip("torch", reason="needs the extra nets")
-    from dfdbench.figures.training import experiment_figure, training_figure
+    from dfdbench.figures.trainings import experiment_figure, training_figure
     from dfdbench.training.checkpoint import Log
     from dfdbench.training.experiments import experiment_table, find_experiment
     from tests.methods.made_weights import card

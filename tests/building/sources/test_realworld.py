@@ -15,7 +15,7 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError
 from dfdbench.rig.lidar_files import write_ranges
 from dfdbench.rig.registration_file import NAME as REGISTRATION
-from dfdbench.simulation.captures import CaptureSettings, write_captures
+from dfdbench.simulation.capture_files import CaptureSettings, write_captures
 from dfdbench.system.parallel import Threads
 from tests.conftest import write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene

@@ -1,24 +1,36 @@
-"""Figures of trainings: their course, the levels and patches trained on, an experiment's scores."""
+"""Figures of trainings, of experiments, and of an architecture search."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, StrMethodFormatter
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
-from dfdbench.figures.style import COLOURS, legend_below, legend_beside
-from dfdbench.methods.networks.weights import Card
+from dfdbench.figures.style import (
+    BLUE,
+    GREEN,
+    RED,
+    legend_below,
+    legend_beside,
+    plain_text,
+    single_axes,
+)
+from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.metrics.metric import METRICS
-from dfdbench.training.checkpoint import Log, Row
-from dfdbench.training.selections import Selections
 
-_TRAIN, _TEST, _ENDS = COLOURS[0], COLOURS[5], COLOURS[2]
+if TYPE_CHECKING:
+    from dfdbench.methods.networks.weights import Card
+    from dfdbench.training.checkpoint import Log, Row
+    from dfdbench.training.search.course import Iteration
+    from dfdbench.training.selections import Selections
+
 _POINTS = 400
 
 
@@ -31,15 +43,11 @@ def training_figure(log: Log, title: str) -> Figure:
     _draw_losses(axes[0, 0], axes[0, 1], log.losses)
     drawn = axes.flat[: 2 + len(METRICS)]
     for axis, (metric, shown) in zip(drawn[2:], METRICS.items(), strict=True):
-        for name, colour in (("train", _TRAIN), ("test", _TEST)):
+        for name, colour in (("train", BLUE), ("test", RED)):
             rows = [row for row in log.scores if f"{name}_{metric}" in row]
-            axis.plot(
-                [int(row["step"]) for row in rows],
-                [float(row[f"{name}_{metric}"]) for row in rows],
-                marker=".",
-                color=colour,
-                label=f"{name} pairs",
-            )
+            steps = [int(row["step"]) for row in rows]
+            scores = [float(row[f"{name}_{metric}"]) for row in rows]
+            axis.plot(steps, scores, marker=".", color=colour, label=f"{name} pairs")
         axis.set(ylabel=shown.title, xlabel="step")
         axis.xaxis.set_tick_params(labelbottom=True)
         if log.scores:
@@ -55,12 +63,8 @@ def _draw_losses(losses: Axes, rates: Axes, rows: Sequence[Row]) -> None:
     steps = np.array([int(row["step"]) for row in rows])
     values = np.array([float(row["loss"]) for row in rows])
     width = max(1, len(rows) // _POINTS)
-    losses.plot(
-        _means(steps, width),
-        _means(values, width),
-        color="black",
-        label=f"mean of {width} steps" if width > 1 else "each step",
-    )
+    label = f"mean of {width} steps" if width > 1 else "each step"
+    losses.plot(_means(steps, width), _means(values, width), color="black", label=label)
     losses.set(ylabel="training loss")
     legend_beside(losses)
     rates.plot(steps, [float(row["learning_rate"]) for row in rows], color="black")
@@ -69,12 +73,11 @@ def _draw_losses(losses: Axes, rates: Axes, rows: Sequence[Row]) -> None:
 
 def levels_figure(rows: Sequence[Row], title: str) -> Figure:
     """Draw how often each level occurs in the training pairs and was trained on, as Fig. 5.9."""
-    figure = Figure(figsize=(11, 5), layout="constrained")
-    axis = figure.subplots()
+    figure, axis = single_axes(11, 5)
     levels = np.array([int(row["level"]) for row in rows])
     for name, label, colour in (
-        ("present", "in the training pairs", _TRAIN),
-        ("trained", "trained on", _TEST),
+        ("present", "in the training pairs", BLUE),
+        ("trained", "trained on", RED),
     ):
         counts = np.array([int(row[name]) for row in rows], np.float64)
         axis.stairs(
@@ -86,7 +89,6 @@ def levels_figure(rows: Sequence[Row], title: str) -> Figure:
             alpha=0.6,
         )
     axis.set(title=title, xlabel="depth level", ylabel="pixels (%)", xlim=(-1, LEVELS))
-    axis.grid(alpha=0.3)
     legend_below(figure, axis)
     return figure
 
@@ -95,30 +97,27 @@ def patches_figure(drawn: Selections, title: str) -> Figure:
     """Draw how often each pair was drawn from, and each pixel of three of them, as Fig. 5.8."""
     patches = drawn.patches
     median = int(np.argsort(patches, kind="stable")[len(patches) // 2])
-    # With less than three pairs, the least and the most are shown.
+    # Of fewer than three pairs, show the least and the most.
     names = {median: "median", int(patches.argmax()): "most", int(patches.argmin()): "least"}
     maps = {number: drawn.uses(number) for number in sorted(names, key=lambda n: patches[n])}
     figure = Figure(figsize=(13, 8), layout="constrained")
     figure.suptitle(f"{title}: {patches.sum():,} patches of {drawn.size} x {drawn.size}")
     top, bottom = figure.subfigures(2, 1, squeeze=False)[:, 0]
     axis = top.subplots()
-    axis.stairs(patches, np.arange(len(patches) + 1) + 0.5, fill=True, color=_TRAIN)
-    axis.axhline(patches.mean(), color=_TEST)
+    axis.stairs(patches, np.arange(len(patches) + 1) + 0.5, fill=True, color=BLUE)
+    axis.axhline(patches.mean(), color=RED)
     # A legend would lie on the bars.
     axis.set_title(f"line: the mean, {patches.mean():,.2f} patches a pair", fontsize=9)
     axis.set(xlabel="training pair, by number", ylabel="patches drawn", xlim=(0, len(patches) + 1))
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+    axis.yaxis.set_major_formatter("{x:,.0f}")
     axis.grid(axis="y", alpha=0.3)
     axes = bottom.subplots(1, len(maps), squeeze=False)[0]
     highest = max(1, *(int(uses.max()) for uses in maps.values()))
     for axis, (number, uses) in zip(axes, maps.items(), strict=True):
         image = axis.imshow(uses, cmap="viridis", vmin=0, vmax=highest, interpolation="nearest")
-        axis.set_title(
-            f"{names[number]}: pair {number + 1}, {patches[number]:,} patches\n"
-            f"{drawn.pairs[number]}",
-            fontsize=9,
-        )
+        count = f"pair {number + 1}, {patches[number]:,} patches"
+        axis.set_title(f"{names[number]}: {count}\n{drawn.pairs[number]}", fontsize=9)
         axis.set_xticks([])
         axis.set_yticks([])
     bottom.colorbar(image, ax=axes, label="patches that a pixel lay in", fraction=0.05)
@@ -128,9 +127,9 @@ def patches_figure(drawn: Selections, title: str) -> Figure:
 def experiment_figure(title: str, cards: Sequence[tuple[str, Card]], baseline: str = "") -> Figure:
     """Draw the scores of trainings by value, as Figs 5.18 and 5.21 to 5.23 do.
 
-    Where a value was trained several times, its mean with bars of two standard deviations, its
-    minimum and its maximum; where there is one value alone, every training and the mean. The band
-    is two standard deviations about the baseline's mean, where that was trained several times.
+    For a value trained several times: the mean with bars of two standard deviations, minimum and
+    maximum; for a single value, every training and the mean. The band is two standard deviations
+    about the baseline's mean, if that was trained several times.
 
     Parameters
     ----------
@@ -139,7 +138,7 @@ def experiment_figure(title: str, cards: Sequence[tuple[str, Card]], baseline: s
     cards : sequence of (str, Card)
         Value and card of each training.
     baseline : str
-        The value that the band is of.
+        The value with the band.
     """
     by_value: dict[str, list[Card]] = {}
     for value, card in cards:
@@ -170,14 +169,9 @@ def _draw_band(axis: Axes, scores: NDArray[np.float64], baseline: str) -> None:
         return
     mean, deviation = scores.mean(), scores.std(ddof=1)
     whose = f" of {baseline}" if baseline else ""
-    axis.axhspan(
-        mean - 2 * deviation,
-        mean + 2 * deviation,
-        color=_TRAIN,
-        alpha=0.15,
-        label=f"mean{whose} ± 2 σ",
-    )
-    axis.axhline(mean, color=_TRAIN, linestyle="--", label=f"mean{whose}")
+    ends = mean - 2 * deviation, mean + 2 * deviation
+    axis.axhspan(*ends, color=BLUE, alpha=0.15, label=f"mean{whose} ± 2 σ")
+    axis.axhline(mean, color=BLUE, linestyle="--", label=f"mean{whose}")
 
 
 def _draw_values(axis: Axes, scores: Mapping[str, NDArray[np.float64]]) -> None:
@@ -186,10 +180,10 @@ def _draw_values(axis: Axes, scores: Mapping[str, NDArray[np.float64]]) -> None:
     if several:
         means = [groups[place].mean() for place in several]
         bars = [2 * groups[place].std(ddof=1) for place in several]
-        axis.errorbar(several, means, bars, fmt="o", color=_TEST, capsize=4, label="mean ± 2 σ")
+        axis.errorbar(several, means, bars, fmt="o", color=RED, capsize=4, label="mean ± 2 σ")
         ends = [groups[place].min() for place in several]
         ends += [groups[place].max() for place in several]
-        axis.plot(several * 2, ends, "o", color=_ENDS, label="minimum, maximum")
+        axis.plot(several * 2, ends, "o", color=GREEN, label="minimum, maximum")
     single = [place for place, found in enumerate(groups) if len(found) == 1]
     axis.plot(single, [groups[place][0] for place in single], "o", color="black")
     axis.set_xticks(range(len(groups)), list(scores))
@@ -202,3 +196,52 @@ def _means(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     whole = len(values) // width * width
     means: NDArray[np.float64] = values[:whole].reshape(-1, width).mean(axis=1)
     return means
+
+
+def objective_figure(course: Sequence[Iteration], title: str) -> Figure:
+    """Draw the best objective so far, and the least and the mean of each iteration."""
+    figure, axis = single_axes(9, 5)
+    numbers = [item.number for item in course]
+    best = [item.best for item in course]
+    axis.step(numbers, best, where="post", color=BLUE, label="best so far")
+    for name, marker, line in (("mean", "s", "-"), ("least", "o", "")):
+        values = [getattr(item, name) for item in course]
+        axis.plot(numbers, values, marker=marker, linestyle=line, color=RED, label=name)
+    axis.set(title=plain_text(title), xlabel="iteration", ylabel="objective, Eq. 6.1")
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    legend_beside(axis)
+    return figure
+
+
+def convergence_figure(course: Sequence[Iteration], title: str) -> Figure:
+    """Draw the share of all components that are equal to the best position's, and its marks."""
+    from dfdbench.training.search.course import MARKS
+
+    figure, axis = single_axes(9, 5)
+    shares = [100 * item.alike for item in course]
+    axis.plot([item.number for item in course], shares, marker="o", color=BLUE, label="equal")
+    for mark in MARKS:
+        axis.axhline(100 * mark, color=GREEN, linestyle="--", linewidth=1)
+        axis.annotate(f"{100 * mark:.0f} %", (course[0].number, 100 * mark), va="bottom")
+    axis.set(title=plain_text(title), xlabel="iteration", ylim=(0, 104))
+    axis.set_ylabel("components equal to the best's (%)")
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    legend_beside(axis)
+    return figure
+
+
+def widths_figure(filters: Sequence[int], title: str) -> Figure:
+    """Draw the widths found beside the baseline's, as Fig. 6.2 tells them."""
+    figure = Figure(figsize=(11, 5), layout="constrained")
+    axis = figure.subplots()
+    places = np.arange(len(LAYERS))
+    for shift, label, colour, widths in (
+        (-0.2, "DfD-Net", RED, FILTERS["original"]),
+        (0.2, "found", BLUE, filters),
+    ):
+        axis.bar(places + shift, widths, 0.4, color=colour, label=label)
+    axis.set_xticks(places, [str(layer) for layer in LAYERS])
+    axis.set(title=plain_text(title), xlabel="layer, input to output", ylabel="filters")
+    axis.grid(axis="y", alpha=0.3)
+    legend_below(figure, axis)
+    return figure

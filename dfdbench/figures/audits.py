@@ -1,4 +1,4 @@
-"""Figures of depths and their coverage, of errors on uncovered levels, and of difficulty."""
+"""Figures of audits: depths, coverage, errors by depth and on uncovered levels, difficulty."""
 
 from __future__ import annotations
 
@@ -11,31 +11,44 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
-from dfdbench.audit.coverage import Verdict
-from dfdbench.audit.coverage_record import CoverageRecord, SideRecord
+from dfdbench.audit.coverage import CoverageRecord, SideRecord, Verdict
+from dfdbench.audit.depth_errors import DepthErrors
 from dfdbench.audit.difficulty import STEPS, Difficulty
-from dfdbench.audit.level_ranges import runs
-from dfdbench.audit.run_errors import ErrorJoin
-from dfdbench.audit.sides import Side
+from dfdbench.audit.run_errors import ErrorJoin, LevelErrors
+from dfdbench.audit.sides import Side, range_text, runs
 from dfdbench.blur.recipe import LEVELS
+from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.store import Store
-from dfdbench.figures.style import legend_beside, without_ticks
+from dfdbench.figures.style import (
+    BLUE,
+    COLOURS,
+    ERROR_LIMIT,
+    GREEN,
+    ORANGE,
+    PINK,
+    RED,
+    SKY,
+    legend_beside,
+    plain_text,
+    single_axes,
+    without_ticks,
+)
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
 from dfdbench.tables.wording import counted
 
-# Okabe and Ito's colours, which the colour-blind can tell apart.
-_TRAIN, _TEST, _MISSING, _SCARCE = "#0072B2", "#D55E00", "#CC79A7", "#E69F00"
-_OF_VERDICT = {Verdict.missing: _MISSING, Verdict.scarce: _SCARCE, Verdict.covered: "#009E73"}
-_UNKNOWN = "#56B4E9"
+_OF_VERDICT = {Verdict.missing: PINK, Verdict.scarce: ORANGE, Verdict.covered: GREEN}
+_UNKNOWN = SKY
 _LABELLED = 12
 _SHADE = 0.6
 _ALL_COVERED = "largest errors; training covers every level"
 _PANELS = 3
-_ERROR_LIMIT = 50.0
+# Levels drawn as one: single ones are of few scenes.
+_TOGETHER = 4
+_METRES = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 10.0, 20.0, 50.0)
+_LEAST_APART = 0.03  # of the axis: marks in metres that would overlap are left out
 
 
 def coverage_figure(record: CoverageRecord) -> Figure:
@@ -44,25 +57,19 @@ def coverage_figure(record: CoverageRecord) -> Figure:
     top, middle, bottom = figure.subplots(3, 1, sharex=True)
     figure.suptitle(f"depths of {_name(record.test)}, held against {_name(record.train)}")
     for axis in (top, middle):
-        _steps(axis, record.train.counts, f"training ({record.train.split})", _TRAIN, fill=True)
-        _steps(axis, record.test.counts, f"test ({record.test.split})", _TEST)
+        _steps(axis, record.train.counts, f"training ({record.train.split})", BLUE, fill=True)
+        _steps(axis, record.test.counts, f"test ({record.test.split})", RED)
         axis.set_ylabel("pixels of all pairs")
         for item in record.ranges:
-            axis.axvspan(
-                item.first - 0.5,
-                item.last + 0.5,
-                color=_OF_VERDICT[item.verdict],
-                alpha=_SHADE,
-                linewidth=0,
-                zorder=0,
-            )
-    top.yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+            style = {"color": _OF_VERDICT[item.verdict], "alpha": _SHADE, "linewidth": 0}
+            axis.axvspan(item.first - 0.5, item.last + 0.5, zorder=0, **style)
+    top.yaxis.set_major_formatter("{x:,.0f}")
     middle.set_yscale("log")
     middle.set_ylabel("pixels of all pairs, log scale")
     _label_ranges(middle, record)
-    _steps(bottom, record.train.counts, "training, as is", _TRAIN, fill=True, share=True)
+    _steps(bottom, record.train.counts, "training, as is", BLUE, fill=True, share=True)
     _steps(bottom, record.train.expanded, "training, as 32 x 32 crops", "black", share=True)
-    _steps(bottom, record.test.counts, "test, as is", _TEST, share=True)
+    _steps(bottom, record.test.counts, "test, as is", RED, share=True)
     bottom.set(ylabel="known pixels (%)", xlabel="depth level", xlim=(-1, LEVELS))
     handles = [
         Patch(color=_OF_VERDICT[verdict], alpha=_SHADE, label=f"{verdict}: {text}")
@@ -79,9 +86,8 @@ def coverage_figure(record: CoverageRecord) -> Figure:
 def depths_figure(side: Side) -> Figure:
     """Draw how often each depth level occurs in some scenes, as Figs 3.5, 3.9 and 7.4."""
     histogram = side.histogram
-    figure = Figure(figsize=(11, 5), layout="constrained")
-    axis = figure.subplots()
-    axis.stairs(histogram.counts, np.arange(LEVELS + 1) - 0.5, fill=True, color=_TRAIN)
+    figure, axis = single_axes(11, 5)
+    axis.stairs(histogram.counts, np.arange(LEVELS + 1) - 0.5, fill=True, color=BLUE)
     scenes = counted(len(side.scenes), "scene")
     axis.set(
         title=f"depths of {side.label}, {side.name}: {histogram.known:,} pixels of known depth, "
@@ -90,8 +96,7 @@ def depths_figure(side: Side) -> Figure:
         ylabel="pixels of all pairs",
         xlim=(-1, LEVELS),
     )
-    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
-    axis.grid(alpha=0.3)
+    axis.yaxis.set_major_formatter("{x:,.0f}")
     return figure
 
 
@@ -99,7 +104,7 @@ def level_error_figure(join: ErrorJoin, title: str) -> Figure:
     """Draw the mean absolute error at each true level, coloured by the level's verdict."""
     total = join.total
     present = total.pixels > 0
-    mean = np.where(present, total.absolute / np.maximum(total.pixels, 1), 0)
+    mean = total.absolute / np.maximum(total.pixels, 1)
     figure = Figure(figsize=(12, 6), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     levels = np.arange(LEVELS)
@@ -137,15 +142,9 @@ def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> 
         assert prediction is not None
         _draw_mask(figure, axes, join, depth, valid, prediction)
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
-    figure.legend(
-        handles=[
-            Patch(color=_SCARCE, label="scarce"),
-            Patch(color=_MISSING, label="missing"),
-            Patch(color=_UNKNOWN, label="depth unknown"),
-        ],
-        loc="outside lower center",
-        ncols=3,
-    )
+    shown_as = {"scarce": ORANGE, "missing": PINK, "depth unknown": _UNKNOWN}
+    handles = [Patch(color=colour, label=label) for label, colour in shown_as.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
 
 
@@ -161,25 +160,20 @@ def _draw_mask(
     kind = np.ma.masked_where(~valid, kind)
     covered = np.ma.filled(kind, 0) == 0
     known = np.ma.masked_where(~valid, np.abs(prediction - depth))
-    levels: dict[str, Any] = {"cmap": "viridis", "vmin": 0, "vmax": 255}
-    errors: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": _ERROR_LIMIT}
-    kinds: dict[str, Any] = {
-        "cmap": ListedColormap(["white", _SCARCE, _MISSING]),
-        "vmin": 0,
-        "vmax": 2,
-    }
-    images: tuple[tuple[Any, dict[str, Any]], ...] = (
-        (np.ma.masked_where(~valid, depth), levels),
-        (prediction, levels),
-        (kind, kinds),
-        (known, errors),
-        (known, errors),
+    verdicts = ListedColormap(["white", ORANGE, PINK])
+    images: tuple[tuple[Any, Any, float], ...] = (
+        (np.ma.masked_where(~valid, depth), "viridis", 255),
+        (prediction, "viridis", 255),
+        (kind, verdicts, 2),
+        (known, "gray", ERROR_LIMIT),
+        (known, "gray", ERROR_LIMIT),
     )
     shown = [
-        axis.imshow(image, interpolation="nearest", **style)
-        for axis, (image, style) in zip(axes, images, strict=True)
+        axis.imshow(image, cmap=colours, vmin=0, vmax=most, interpolation="nearest")
+        for axis, (image, colours, most) in zip(axes, images, strict=True)
     ]
-    axes[4].imshow(np.ma.masked_where(covered, kind), interpolation="nearest", alpha=0.5, **kinds)
+    over = np.ma.masked_where(covered, kind)
+    axes[4].imshow(over, cmap=verdicts, vmin=0, vmax=2, interpolation="nearest", alpha=0.5)
     figure.colorbar(shown[0], ax=axes[1], label="depth level", fraction=0.05)
     figure.colorbar(shown[3], ax=axes[4], label="levels", fraction=0.05, extend="max")
     without_ticks(axes, _UNKNOWN)
@@ -190,13 +184,8 @@ def difficulty_figure(
 ) -> Figure:
     """Draw in-focus images and, beside them, the smallest level step that their blur shows.
 
-    Parameters
-    ----------
-    title : str
-        Above the figure.
-    panels : sequence of (str, ndarray of uint8 of shape (y, x, 3), Difficulty)
-        A pair's name, its in-focus image and what `smallest_step` found, a row each. Pixels of
-        unknown depth are light blue.
+    A panel is a pair's name, its in-focus image and what `smallest_step` found. Pixels of unknown
+    depth are light blue.
     """
     figure = Figure(figsize=(9, 2.6 * len(panels) + 0.8), layout="constrained")
     grid = figure.subplots(len(panels), 2, squeeze=False)
@@ -245,18 +234,13 @@ def _steps(
 
 
 def _label_ranges(axis: Axes, record: CoverageRecord) -> None:
-    # Neighbouring levels of one verdict share a label; of many only the largest can be read.
-    marked = [
-        verdict if verdict in (Verdict.missing, Verdict.scarce) else None
-        for verdict in record.verdicts
-    ]
+    # Neighbouring levels of one verdict share a label; there is room for the largest only.
+    marked = [None if verdict is Verdict.covered else verdict for verdict in record.verdicts]
     counts = np.asarray(record.test.counts)
-    largest = sorted(runs(marked), key=lambda span: -counts[span[0] : span[1] + 1].sum())[
-        :_LABELLED
-    ]
-    for first, last in largest:
+    largest = sorted(runs(marked), key=lambda span: -counts[span[0] : span[1] + 1].sum())
+    for first, last in largest[:_LABELLED]:
         axis.annotate(
-            str(first) if first == last else f"{first}-{last}",
+            range_text(first, last),
             ((first + last) / 2, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(0, 3),
@@ -270,3 +254,70 @@ def _label_ranges(axis: Axes, record: CoverageRecord) -> None:
 
 def _name(side: SideRecord) -> str:
     return f"{side.label}, {side.split}"
+
+
+def depth_error_figure(
+    title: str, found: Sequence[DepthErrors], scale: DepthScale | None
+) -> Figure:
+    """Draw runs' mean absolute error over true depth, and below it each run's answers.
+
+    With a scale, an axis on top shows metres.
+    """
+    figure = Figure(figsize=(max(9.0, 3.6 * len(found)), 8), layout="constrained")
+    figure.suptitle(plain_text(title))
+    grid = figure.add_gridspec(2, len(found), height_ratios=(1.1, 1))
+    there = np.flatnonzero(found[0].levels.pixels)
+    span = (float(there[0]) - 2, float(there[-1]) + 2)
+    top = figure.add_subplot(grid[0, :])
+    for number, one in enumerate(found):
+        levels, means = _curve(one.levels)
+        colour = COLOURS[number % len(COLOURS)]
+        top.plot(levels, means, color=colour, label=plain_text(one.name))
+    top.set(xlabel="true depth level", ylabel="mean absolute error (levels)", xlim=span)
+    top.set_ylim(bottom=0)
+    top.grid(alpha=0.3)
+    legend_beside(top)
+    if scale is not None:
+        _metres_on_top(top, scale, span)
+    for number, one in enumerate(found):
+        axis = figure.add_subplot(grid[1, number])
+        _draw_answers(axis, one, span)
+        axis.set_title(plain_text(one.name), fontsize=10)
+        if number == 0:
+            axis.set_ylabel("predicted level")
+    return figure
+
+
+def _curve(errors: LevelErrors) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    pixels, absolute = (
+        values.reshape(-1, _TOGETHER).sum(axis=1) for values in (errors.pixels, errors.absolute)
+    )
+    middle = np.arange(0, LEVELS, _TOGETHER) + (_TOGETHER - 1) / 2
+    mean = np.divide(absolute, pixels, out=np.full(len(pixels), np.nan), where=pixels > 0)
+    return np.asarray(middle, np.float64), np.asarray(mean, np.float64)
+
+
+def _draw_answers(axis: Axes, one: DepthErrors, span: tuple[float, float]) -> None:
+    # Shares of each true depth: otherwise common depths would hide the answers at rare ones.
+    side = LEVELS // _TOGETHER
+    answers = one.answers.reshape(side, _TOGETHER, side, _TOGETHER).sum(axis=(1, 3))
+    known = answers.sum(axis=1, keepdims=True)
+    share = np.divide(answers, known, out=np.zeros(answers.shape), where=known > 0)
+    ends = (-0.5, LEVELS - 0.5)
+    style: dict[str, Any] = {"cmap": "gray_r", "vmin": 0, "vmax": 1, "interpolation": "nearest"}
+    axis.imshow(np.sqrt(share).T, origin="lower", extent=(*ends, *ends), aspect="auto", **style)
+    axis.plot(span, span, color=RED, linewidth=1)
+    axis.set(xlabel="true level", xlim=span, ylim=span)
+
+
+def _metres_on_top(axis: Axes, scale: DepthScale, span: tuple[float, float]) -> None:
+    inside = [metres for metres in _METRES if scale.near <= metres <= scale.far]
+    places = scale.to_exact_levels(np.array(inside))
+    shown: list[tuple[float, float]] = []
+    for place, metres in sorted(zip(places.tolist(), inside, strict=True)):
+        apart = place - shown[-1][0] if shown else np.inf
+        if span[0] <= place <= span[1] and apart >= _LEAST_APART * (span[1] - span[0]):
+            shown.append((place, metres))
+    above = axis.secondary_xaxis("top")
+    above.set_xticks([place for place, _ in shown], [f"{metres:g}" for _, metres in shown])
+    above.set_xlabel("metres")

@@ -1,17 +1,25 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.figures.training import (
+from dfdbench.figures.trainings import (
+    convergence_figure,
     experiment_figure,
     levels_figure,
+    objective_figure,
     patches_figure,
     training_figure,
+    widths_figure,
 )
+from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.training.checkpoint import Log
+from dfdbench.training.search.course import Iteration
 from dfdbench.training.selections import Selections
 from tests.methods.made_weights import card
 
@@ -90,3 +98,31 @@ def test_seeds_alone_are_drawn_one_by_one() -> None:
 def test_a_metric_that_no_pair_defines_leaves_its_panel_empty() -> None:
     figure = experiment_figure("title", [("", card(scores={"ssim": 0.5}))])
     assert [len(heights(axis.lines[0])) for axis in figure.axes] == [0, 0, 1]
+
+
+COURSE = [
+    Iteration(0, 0.9, 0.9, 1.2, 0, 0.2),
+    Iteration(1, 0.9, math.nan, math.nan, 6, 0.5),
+    Iteration(2, 0.7, 0.7, 0.8, 1, 0.93),
+]
+
+
+def test_the_objective_is_drawn_with_its_best_and_mean() -> None:
+    figure = objective_figure(COURSE, "a $ swarm")
+    lines = {line.get_label(): line for line in figure.axes[0].lines}
+    assert heights(lines["best so far"]) == [0.9, 0.9, 0.7]
+    assert [y for y in heights(lines["mean"]) if y == y] == [1.2, 0.8]
+
+
+def test_convergence_has_the_author_s_marks() -> None:
+    axis = convergence_figure(COURSE, "swarm").axes[0]
+    assert heights(axis.lines[0]) == pytest.approx([20, 50, 93])
+    assert [heights(line)[0] for line in axis.lines[1:]] == pytest.approx([90, 95, 99])
+    assert [text.get_text() for text in axis.texts] == ["90 %", "95 %", "99 %"]
+
+
+def test_widths_stand_beside_the_baseline_s() -> None:
+    axis = widths_figure(FILTERS["pso"], "swarm").axes[0]
+    heights = [patch.get_bbox().height for patch in axis.patches if isinstance(patch, Rectangle)]
+    assert heights[: len(LAYERS)] == list(FILTERS["original"])
+    assert heights[len(LAYERS) :] == list(FILTERS["pso"])
