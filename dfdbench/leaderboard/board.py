@@ -28,7 +28,8 @@ from dfdbench.metrics.metric import IN_METRES
 from dfdbench.results.frame import scores_of
 from dfdbench.results.told import told
 from dfdbench.system.files import read_text, write_whole
-from dfdbench.tables.table import Table, as_html, as_markdown, escape_markdown
+from dfdbench.tables.render import as_markdown, escape_markdown
+from dfdbench.tables.table import Table, as_html
 from dfdbench.tables.wording import counted
 
 #: The leaderboard's folder in a clone.

@@ -20,7 +20,7 @@ RELEASED = {
     "middlebury-third-1": "5efa8c101606001b3df58039f67e2311cf41cb67ace5abb14fbc90c0b51db3cc",
     "realworld-1": "741267aff01aa194c306d188a55192cbbfb28fa0b27d3917916e00171c81b656",
     "realworld-2": "88ab8a431c59102a33abc0f093d01d3b3bce06cb437be057dfca7c19664dd77e",
-    "realworld-sim-1": "e50e6dfee415f85c6c9b9c7444624a426ba4e900e98f01271e87b8366a1bc517",
+    "realworld-sim-1": "a8644ff74b48e71580a7ef6868d5a0c324d75953d6e56979a0c563d58137ce85",
     "realworld-synthetic-1": "7ead23e57f88e9500ef1a5604051a8cbcc91d2ce117d81ba4493c50cb48e1cfe",
     "realworld-synthetic-2": "21da5d7708784076e666132d0f4dfb887451c2ec1786522e178909908b367c26",
 }
