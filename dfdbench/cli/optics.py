@@ -18,6 +18,7 @@ from dfdbench.figures.optics import blur_figure, pair_figure
 from dfdbench.optics.lens_table import StepPair, rank_pairs, read_lens_table
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.optics.white_dot import Measurement, read_lens_captures
+from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Table
 
 app = typer.Typer(
@@ -102,6 +103,7 @@ def sharpness(
     out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("sharpness"),
 ) -> None:
     """Measure a lens from images of a dot: over temperature, and voltage up and down (7.2.1)."""
+    output_place(out, source)
     found = read_lens_captures(source)
     warming = found.get("temperature", ())
     if warming:

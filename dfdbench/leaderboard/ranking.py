@@ -12,8 +12,7 @@ import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
 from dfdbench.metrics.intervals import scene_interval
-from dfdbench.metrics.of_protocol import metrics_of, ranked_by
-from dfdbench.metrics.protocol import RELEASED
+from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
 from dfdbench.results.differences import PairedDifference, paired_difference
 from dfdbench.results.first_table import first_protocol
 from dfdbench.results.frame import mean_defined, mean_scores, scores_of

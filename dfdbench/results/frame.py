@@ -10,8 +10,7 @@ import pandas as pd
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.tracked import part_name
 from dfdbench.metrics.metric import mean_of
-from dfdbench.metrics.of_protocol import metrics_of
-from dfdbench.metrics.protocol import require_scored
+from dfdbench.metrics.protocol import metrics_of, require_scored
 from dfdbench.results.first_table import shown_protocol
 from dfdbench.results.record import Result
 from dfdbench.results.wording import method_label, parameters_of

@@ -14,8 +14,7 @@ from dfdbench.leaderboard.board import leaderboard
 from dfdbench.leaderboard.ranking import Entry, ScoreBoard
 from dfdbench.leaderboard.tables import link_to, plain, tracks_of
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.of_protocol import metrics_of
-from dfdbench.metrics.protocol import title_of
+from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import SCORED, Result
 from dfdbench.results.told import told
 from dfdbench.results.wording import machine_of
