@@ -15,13 +15,14 @@ from dfdbench.audit.leaks import manifest_leaks
 from dfdbench.audit.trained_on import scenes_trained_on
 from dfdbench.blur.tracks import CLEAN, SUITES, TRACKS
 from dfdbench.datasets.catalog import find_manifest, released_manifests
-from dfdbench.datasets.manifest import Manifest, Name
+from dfdbench.datasets.manifest import Manifest, Name, Pair
 from dfdbench.datasets.tracked import AT
 from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unknown_name
 from dfdbench.evaluation.result import without_folder
 from dfdbench.methods.registry import registered_methods
 from dfdbench.metrics.protocol import RELEASED, metrics_of
 from dfdbench.results.record import (
+    Count,
     DatasetRecord,
     Environment,
     Finite,
@@ -58,7 +59,9 @@ class RowRun(Record):
     """A run on clean images or on a track at a severity.
 
     Lists have a place for each of the row's pairs, null if it was not evaluated. `method` and
-    `environment` hold what differs from the row's. `scores` are by protocol and metric.
+    `environment` hold what differs from the row's. If the run went on elsewhere, `machine` says for
+    each pair where: 0 for `environment`, then `other_environments`. `scores` are by protocol and
+    metric.
     """
 
     label: Annotated[str, Field(json_schema_extra={"enum": list(_LABELS)})]
@@ -67,6 +70,8 @@ class RowRun(Record):
     options: dict[str, JsonValue] = Field(default_factory=dict)
     method: dict[str, JsonValue] = Field(default_factory=dict)
     environment: dict[str, JsonValue] = Field(default_factory=dict)
+    other_environments: list[Environment] = Field(default_factory=list)
+    machine: list[Count] = Field(default_factory=list)
     status: list[Literal["ok", "failed", "missing", "not-run"]]
     timed_alone: bool = True
     seconds: list[Seconds | None]
@@ -79,6 +84,8 @@ class RowRun(Record):
     def _check(self) -> RowRun:
         if self.label not in _LABELS:
             raise ValueError(f"no such run: {self.label}")
+        if max(self.machine, default=0) > len(self.other_environments):
+            raise ValueError(f"{self.label}: a pair was run on a machine that is not listed")
         for protocol, columns in self.scores.items():
             if protocol not in RELEASED:
                 raise ValueError(f"{self.label}: no such protocol: {protocol}")
@@ -100,6 +107,32 @@ class RowRun(Record):
                         f"not {wrong[0]}"
                     )
         return self
+
+    def records(self, pairs: Sequence[Pair]) -> list[PairResult]:
+        """Return what became of each pair. The lists were checked, so this does not check again."""
+        return [
+            PairResult.model_construct(
+                id=pair.id,
+                scene=pair.scene,
+                coordinates=pair.at,
+                status=self.status[at],
+                seconds=self.seconds[at],
+                timed_alone=self.timed_alone,
+                machine=self.machine[at] if self.machine else 0,
+                prediction_sha256=self.prediction_sha256[at],
+                scores={
+                    label: {name: column[at] for name, column in columns.items()}
+                    for label, columns in self.scores.items()
+                    if self.status[at] == "ok"
+                },
+                numbers={
+                    k: v for k, values in self.numbers.items() if (v := values[at]) is not None
+                },
+                error=None,
+                warnings=[],
+            )
+            for at, pair in enumerate(pairs)
+        ]
 
     def columns(self) -> Iterator[tuple[str, Sequence[object]]]:
         """Yield the lists that have a place for each pair, with their names."""
@@ -137,13 +170,16 @@ class Row(Record):
         taken: set[tuple[str, str]] = set()
         for run in self.runs:
             done = [status == "ok" for status in run.status]
-            for name, column in (("status", run.status), *run.columns()):
+            whole = (("status", run.status), ("machine", run.machine or run.status))
+            for name, column in (*whole, *run.columns()):
                 if len(column) != len(self.pairs):
                     raise ValueError(
                         f"{run.label}: {name} has {len(column)} places for {len(self.pairs)} pairs"
                     )
                 there = [value is not None for value in column]
-                if name != "status" and any(t > d for t, d in zip(there, done, strict=True)):
+                if (name, column) not in whole and any(
+                    t > d for t, d in zip(there, done, strict=True)
+                ):
                     raise ValueError(f"{run.label}: {name} of a pair that was not evaluated")
                 if name in needed and there != done:
                     raise ValueError(f"{run.label}: an evaluated pair has no {name}")
@@ -175,29 +211,7 @@ class Row(Record):
         method, environment = self.method.model_dump(), self.environment.model_dump()
         found = []
         for run in self.runs:
-            records = [
-                PairResult.model_construct(
-                    id=pair.id,
-                    scene=pair.scene,
-                    coordinates=pair.at,
-                    status=run.status[at],
-                    seconds=run.seconds[at],
-                    timed_alone=run.timed_alone,
-                    prediction_sha256=run.prediction_sha256[at],
-                    scores={
-                        label: {name: column[at] for name, column in columns.items()}
-                        for label, columns in run.scores.items()
-                    }
-                    if run.status[at] == "ok"
-                    else {},
-                    numbers={
-                        k: v for k, values in run.numbers.items() if (v := values[at]) is not None
-                    },
-                    error=None,
-                    warnings=[],
-                )
-                for at, pair in enumerate(pairs)
-            ]
+            records = run.records(pairs)
             done = sum(status == "ok" for status in run.status)
             on = "" if run.label == CLEAN else f"{AT}{run.label}"
             dataset = DatasetRecord(
@@ -216,19 +230,19 @@ class Row(Record):
                 rows=manifest.table.rows,
                 simulated=manifest.simulated,
             )
-            found.append(
-                Result.model_construct(
-                    schema_version=1,
-                    dataset=dataset,
-                    protocols=[RELEASED[label].as_dict() for label in run.scores],
-                    method=MethodRecord.model_validate(method | run.method),
-                    environment=Environment.model_validate(environment | run.environment),
-                    seed=self.seed,
-                    pairs=records,
-                    averages=average(records, list(run.scores)) if done == len(records) else None,
-                    warnings=run.warnings,
-                )
+            result = Result.model_construct(
+                schema_version=1,
+                dataset=dataset,
+                protocols=[RELEASED[label].as_dict() for label in run.scores],
+                method=MethodRecord.model_validate(method | run.method),
+                environment=Environment.model_validate(environment | run.environment),
+                other_environments=run.other_environments,
+                seed=self.seed,
+                pairs=records,
+                averages=average(records, list(run.scores)) if done == len(records) else None,
+                warnings=run.warnings,
             )
+            found.append(result)
         return tuple(found)
 
     @property
@@ -257,35 +271,6 @@ def row_of(results: Sequence[Result], suites: Sequence[str]) -> Row:
     """
     order = sorted(results, key=lambda result: _LABELS.index(result.dataset.degradation))
     first = order[0]
-    method, environment = first.method.model_dump(), first.environment.model_dump()
-
-    def run(result: Result) -> RowRun:
-        dataset, pairs = result.dataset, result.pairs
-        names = dict.fromkeys(name for pair in pairs for name in pair.numbers)
-        return RowRun(
-            label=dataset.degradation,
-            fingerprint=dataset.fingerprint,
-            recipe=dataset.recipe,
-            options=dataset.options,
-            method=_other(result.method.model_dump(), method),
-            environment=_other(result.environment.model_dump(), environment),
-            status=[pair.status for pair in pairs],
-            timed_alone=all(pair.timed_alone for pair in pairs),
-            seconds=[pair.seconds for pair in pairs],
-            prediction_sha256=[pair.prediction_sha256 for pair in pairs],
-            scores={
-                label: {
-                    name: [pair.scores.get(label, {}).get(name) for pair in pairs]
-                    for name in metrics_of(label)
-                    if any(name in pair.scores.get(label, {}) for pair in pairs)
-                    or not metrics_of(label)[name].younger
-                }
-                for label in result.protocol_names
-            },
-            numbers={name: [pair.numbers.get(name) for pair in pairs] for name in names},
-            warnings=result.warnings,
-        )
-
     return Row(
         schema_version=1,
         dataset=first.dataset.name.partition(AT)[0],
@@ -296,12 +281,46 @@ def row_of(results: Sequence[Result], suites: Sequence[str]) -> Row:
         environment=first.environment,
         seed=first.seed,
         pairs=[pair.id for pair in first.pairs],
-        runs=[run(result) for result in order],
+        runs=[_run_of(result, first) for result in order],
     )
 
 
-def _other(own: dict[str, Any], shared: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in own.items() if value != shared[name]}
+def _run_of(result: Result, first: Result) -> RowRun:
+    dataset, pairs = result.dataset, result.pairs
+    numbers = dict.fromkeys(name for pair in pairs for name in pair.numbers)
+    scores = {}
+    for label in result.protocol_names:
+        columns = {
+            name: [pair.scores.get(label, {}).get(name) for pair in pairs]
+            for name in metrics_of(label)
+        }
+        scored = {name for pair in pairs for name in pair.scores.get(label, ())}
+        # A younger metric that the run was not scored by is left out.
+        younger = {name for name, metric in metrics_of(label).items() if metric.younger}
+        scores[label] = {k: v for k, v in columns.items() if k in scored or k not in younger}
+    return RowRun(
+        label=dataset.degradation,
+        fingerprint=dataset.fingerprint,
+        recipe=dataset.recipe,
+        options=dataset.options,
+        method=_other(result.method, first.method),
+        environment=_other(result.environment, first.environment),
+        other_environments=result.other_environments,
+        machine=[pair.machine for pair in pairs] if result.other_environments else [],
+        status=[pair.status for pair in pairs],
+        timed_alone=all(pair.timed_alone for pair in pairs),
+        seconds=[pair.seconds for pair in pairs],
+        prediction_sha256=[pair.prediction_sha256 for pair in pairs],
+        scores=scores,
+        numbers={name: [pair.numbers.get(name) for pair in pairs] for name in numbers},
+        warnings=result.warnings,
+    )
+
+
+def _other(own: Record, shared: Record) -> dict[str, Any]:
+    """Return the fields of a record that differ from another's."""
+    there = shared.model_dump()
+    return {name: value for name, value in own.model_dump().items() if value != there[name]}
 
 
 def file_stem(label: str) -> str:

@@ -227,54 +227,25 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
 
 def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
     """Return the rows of a ranking as data, numbers in full."""
-    axis, metric = board.result.dataset.blocks, board.metric
-    parts = (
-        _by_level(board)
-        if board.suite == CLEAN
-        else board.means(board.scores, "metric", "track", "severity")
-    ).sort_index()
-    tracks = tracks_of(board) if board.suite != CLEAN else parts
+    metric, data = board.metric, board.result.dataset
     newer = RELEASED[board.protocol].superseded_by if board.protocol in RELEASED else None
+    by_place = _by_place(board)
     records = []
     for row, standing in enumerate(board.standings):
         entry, above = standing.entry, standing.above
         low, high = standing.interval or (None, None)
-        dataset, method = entry.result.dataset, entry.result.method
-        seen: dict[str, object] = {
-            "told": told(entry.result),
-            "trained_on": method.trained_on,
-            "fitted_on": method.fitted_on,
-        }
-        by_track: dict[str, float | None] = {}
-        if board.suite != CLEAN:
-            by_track = {
-                f"{name} {track}": plain(value)
-                for name, values in tracks.loc[row].iterrows()
-                for track, value in values.items()
-            }
-            seen = {
-                "given_blur": entry.given_blur,
-                "trained_on": _seen(entry, lambda run: run.method.trained_on),
-                "fitted_on": _seen(entry, lambda run: run.method.fitted_on),
-            }
-        places = (
-            f"{name} {axis} {rest[0]}"
-            if board.suite == CLEAN
-            else f"{name} {rest[0]}-{rest[1]}".replace(f"{CLEAN}-0", CLEAN)
-            for name, *rest in parts.index
-        )
         records.append(
             {
-                "dataset": part_name(dataset.name)[0] if board.suite != CLEAN else dataset.name,
-                "split": dataset.split,
+                "dataset": data.name if board.suite == CLEAN else part_name(data.name)[0],
+                "split": data.split,
                 "suite": board.suite,
                 "protocol": board.protocol,
                 "superseded_by": newer.label if newer else None,
-                "fingerprint": dataset.fingerprint,
+                "fingerprint": data.fingerprint,
                 "rank": standing.rank,
-                "method": method.name,
+                "method": entry.result.method.name,
                 "parameters": parameters_of(entry.result),
-                **seen,
+                **_knowledge(board, entry),
                 **standing.scores,
                 f"{metric}_low": low,
                 f"{metric}_high": high,
@@ -282,8 +253,7 @@ def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
                 f"{metric}_difference": above.mean if above else None,
                 f"{metric}_difference_low": above.low if above else None,
                 f"{metric}_difference_high": above.high if above else None,
-                **dict(zip(places, map(plain, parts[row]), strict=True)),
-                **by_track,
+                **{place: plain(values[row]) for place, values in by_place.items()},
                 "seconds": entry.seconds,
                 "machine": machine_of(entry.ranked_runs[0]),
                 "pairs": "/".join(
@@ -294,6 +264,36 @@ def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
             }
         )
     return records
+
+
+def _by_place(board: ScoreBoard) -> dict[str, list[float]]:
+    """Return means by metric and lighting, or by metric and track, a value for each row."""
+    if board.suite == CLEAN:
+        axis = board.result.dataset.blocks
+        levels = _by_level(board).sort_index()
+        places = [f"{name} {axis} {level}" for name, level in levels.index.tolist()]
+        return dict(zip(places, levels.to_numpy().tolist(), strict=True))
+    runs = board.means(board.scores, "metric", "track", "severity").sort_index()
+    tracks = pd.DataFrame(tracks_of(board).stack("track").unstack("row"))
+    places = [
+        f"{name} {track}" + (f"-{severity}" if severity else "")
+        for name, track, severity in runs.index.tolist()
+    ]
+    places += [f"{name} {track}" for name, track in tracks.index.tolist()]
+    values = runs.to_numpy().tolist() + tracks[list(runs.columns)].to_numpy().tolist()
+    return dict(zip(places, values, strict=True))
+
+
+def _knowledge(board: ScoreBoard, entry: Entry) -> dict[str, object]:
+    if board.suite == CLEAN:
+        method = entry.result.method
+        said = {"told": told(entry.result), "trained_on": method.trained_on}
+        return {**said, "fitted_on": method.fitted_on}
+    return {
+        "given_blur": entry.given_blur,
+        "trained_on": _seen(entry, lambda run: run.method.trained_on),
+        "fitted_on": _seen(entry, lambda run: run.method.fitted_on),
+    }
 
 
 def link_to(path: Path, folder: Path) -> str:

@@ -28,7 +28,8 @@ def track_means(scores: pd.DataFrame, protocol: str, metric: str) -> pd.DataFram
     """
     own = scores[(scores["protocol"] == protocol) & (scores["metric"] == metric)]
     means = mean_scores(own, "track", "severity")
-    tracks = [name for name in TRACKS if name in means.index.get_level_values("track")]
+    names = means.index.get_level_values("track")
+    tracks = [name for name in dict.fromkeys(names) if name != CLEAN]
     most = max((len(TRACKS[name].severities) for name in tracks), default=0)
     table = means.unstack("severity").reindex(index=tracks, columns=range(most + 1))
     table[0] = means.get((CLEAN, 0), np.nan)

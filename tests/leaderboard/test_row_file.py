@@ -35,6 +35,9 @@ def test_a_row_gives_back_every_number_of_its_runs(tmp_path: Path) -> None:
     pairs = [pair.model_copy(update={"numbers": {"energy": 1.5}}) for pair in clean.pairs]
     clean = clean.model_copy(update={"pairs": pairs})
     stopped = limited(runs["noise-1"], 5)
+    elsewhere = clean.environment.model_copy(update={"cpu": "another"})
+    moved = [pair.model_copy(update={"machine": 1}) for pair in stopped.pairs]
+    stopped = stopped.model_copy(update={"other_environments": [elsewhere], "pairs": moved})
     results = [clean, stopped, runs["camera-2"]]
     assert list(read_row(saved(tmp_path, results)).results) == results
 
@@ -104,6 +107,7 @@ SCORE = (*RUN, "scores", "thesis", "nrmse", 3)
         (change(*RUN, "prediction_sha256", 0, to=None), "no prediction_sha256"),
         (change(*RUN, "status", 0, to="failed"), "of a pair that was not evaluated"),
         (change(*RUN, "label", to="fog-1"), "no such run"),
+        (change(*RUN, "machine", to=[1] * 54), "a machine that is not listed"),
         (lambda content: content["runs"].append(content["runs"][0]), "is there twice"),
     ],
 )
