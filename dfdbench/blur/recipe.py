@@ -98,13 +98,11 @@ class BlurRecipe:
             raise InputError.of(problems)
         largest = self.sigma_min + (self.levels - 1) * self.sigma_step
         if largest > size:
-            raise InputError(
-                "wrong blur recipe",
-                where=f"sigma_min + {self.levels - 1} * sigma_step",
-                expected=f"at most the kernel_size, {size} pixels",
-                got=f"{largest:g}",
-                fix="a smaller sigma, or a larger kernel_size",
+            what = (
+                f"sigma_min + {self.levels - 1} * sigma_step, {largest:g}, is above the kernel_size"
             )
+            fix = "a smaller sigma, or a larger kernel_size"
+            raise InputError(what, where="kernel_size", fix=fix)
 
     @property
     def sigmas(self) -> NDArray[np.float64]:

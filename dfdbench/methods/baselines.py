@@ -37,10 +37,7 @@ class Constant:
     def __init__(self, training_mean: float) -> None:
         if not 0 <= training_mean <= 255:
             raise MethodError(
-                "wrong parameter",
-                where="training_mean",
-                expected="0 to 255",
-                got=str(training_mean),
+                f"training_mean must be 0 to 255, not {training_mean}", where="training_mean"
             )
         self._level = training_mean
 

@@ -100,9 +100,7 @@ class Calibrated:
             return self._told
         if self.calibration is None:
             raise MethodError(
-                "the method was not told the blur, and was not fitted",
-                where=type(self).__name__,
-                expected="a recipe, or fit(pairs) and restore(learned) before the first pair",
+                "the method was neither given the blur nor fitted", where=type(self).__name__
             )
         return self.calibration.law
 
@@ -118,6 +116,7 @@ Fit = Callable[[Sequence[TrainingPair]], Learned]
 
 #: At most so many training pairs are read, evenly spread over all.
 MOST_PAIRS = 64
+REFIT = "fit the method again"
 # The largest default.
 _SMALL_WINDOW = 9
 # Entries of a table of depths, and pixels of a pair that go into it.
@@ -140,10 +139,7 @@ def evenly_spread(count: int, most: int = MOST_PAIRS) -> list[int]:
 def not_fitted(method: str) -> MethodError:
     """Return the error of a method that was neither told the blur nor fitted."""
     return MethodError(
-        "the method knows no blur yet",
-        where=method,
-        expected="a recipe, or a fit to training pairs",
-        fix="give recipe=NAME, or call restore(fit(pairs)) first",
+        "the method knows no blur yet", where=method, fix="give recipe=NAME, or fit the method"
     )
 
 
@@ -162,13 +158,8 @@ def learned_array(learned: Learned, name: str, method: str, dimensions: int) -> 
     """
     found = np.asarray(learned.get(name, ()), np.float64)
     if found.ndim != dimensions or not found.size or not np.isfinite(found).all():
-        raise MethodError(
-            "not what this method learns",
-            where=f"{method}: {name}",
-            expected=f"finite numbers, {dimensions} dimensions",
-            got=f"shape {found.shape}" if name in learned else "nothing",
-            fix="fit the method again",
-        )
+        what = f"not what this method learns: {dimensions} dimensions of finite numbers"
+        raise MethodError(what, where=f"{method}: {name}", fix=REFIT)
     return found
 
 
@@ -244,12 +235,8 @@ def require_window_fits(window: int, image: Image, method: str) -> None:
     """
     height, width = image.shape[:2]
     if window > max(min(height, width), _SMALL_WINDOW):
-        raise MethodError(
-            "the window is larger than the image",
-            where=f"{method}: window",
-            expected=f"at most {min(height, width)}, of an image of {height} x {width} pixels",
-            got=str(window),
-        )
+        what = f"the window is larger than the image, {window} of {height} x {width} pixels"
+        raise MethodError(what, where=f"{method}: window")
 
 
 def number_within(name: str, value: Any, low: float, high: float) -> list[Problem]:

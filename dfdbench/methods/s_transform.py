@@ -88,12 +88,8 @@ class STransform:
             variances = np.square(recipe.sigmas)
             rises = np.diff(variances)
             if rises.min() < 0 < rises.max():
-                raise MethodError(
-                    "the blur neither rises nor falls with depth",
-                    where=_NAME,
-                    expected="one depth for a variance",
-                    fix="recipe=null fits a table of variance and depth",
-                )
+                what = "the blur neither rises nor falls with depth"
+                raise MethodError(what, where=_NAME, fix="recipe=null fits a table")
             levels = np.argsort(variances, kind="stable")
             self._variances = variances[levels]
             self._depths = recipe.depth_of_level(levels)

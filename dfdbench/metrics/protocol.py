@@ -338,22 +338,14 @@ def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
     asked = RELEASED.get(label)
     for other in (RELEASED[found] for found in there if found in RELEASED):
         if asked and other.name == asked.name:
+            shown = f"{other.name}-{other.version}"
+            fix = f"--protocol {shown} shows it; `dfdbench run` scores under the newest"
             raise UnknownNameError(
-                what=f"scored under another version of protocol {asked.name}",
-                where=whose,
-                expected=asked.title,
-                got=other.title,
-                fix=f"`dfdbench run` scores under version {_newest(asked.name).version}; "
-                f"--protocol {other.name}-{other.version} shows what is there",
+                f"scored under another version: {other.title}", where=whose, fix=fix
             )
     if asked and asked.metrics:
-        raise UnknownNameError(
-            what="not scored in metres",
-            where=whose,
-            expected="a data set whose manifest says how levels become metres",
-            got=f"--protocol {label}",
-            fix=f"one of: {', '.join(there)}",
-        )
+        what = f"not scored in metres, which {label} takes"
+        raise UnknownNameError(what, where=whose, expected=f"one of: {', '.join(there)}")
     raise unknown_name(f"protocol of {whose}", label, there)
 
 

@@ -216,12 +216,7 @@ def checked(
     truth, test = arrays
     if not problems and truth.shape != test.shape:
         problems.append(
-            Problem(
-                "sizes differ",
-                where="image_test",
-                expected=f"{truth.shape}, as image_true",
-                got=str(test.shape),
-            )
+            Problem(f"sizes differ, {truth.shape} and {test.shape}", where="image_test")
         )
     if problems:
         raise InputError.of(problems)

@@ -116,7 +116,7 @@ def test_an_older_protocol_is_verified_under_its_own_window(run: Path, tiny_stor
     )
     save_result(result, run)
     assert verify_result(load_result(run), run, tiny_store).largest_difference == 0
-    with pytest.raises(UnknownNameError, match="another version of protocol"):
+    with pytest.raises(UnknownNameError, match="scored under another version"):
         run_tables(summarise(load_result(run), find_protocol("thesis-networks").label))
     shown = run_tables(summarise(load_result(run), find_protocol("thesis-networks-1").label))
     assert "thesis-networks, version 1: superseded by version 2" in shown[0].title

@@ -88,10 +88,7 @@ class Predictor:
         _require_one_of(READOUTS, readout, "readout")
         if tile is not None and (not isinstance(tile, int) or tile < _SMALLEST_TILE):
             raise MethodError(
-                "wrong parameter",
-                where="tile",
-                expected=f"at least {_SMALLEST_TILE} pixels",
-                got=str(tile),
+                f"a tile has at least {_SMALLEST_TILE} pixels, not {tile}", where="tile"
             )
         folded = fold_batch_norm(network).to(device)
         self._network = folded.to(memory_format=torch.channels_last)  # type: ignore[call-overload]

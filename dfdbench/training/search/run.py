@@ -94,7 +94,7 @@ def run_search(
     until = time.time() + max_seconds if max_seconds is not None else float("inf")
     with writing_folder(folder, "search"):
         log = SearchFolder(folder)
-        log.open(plan.identity, plan.box)
+        log.open(plan.identity)
         judge = _Judge(plan, log, iterations, pool, device, threads, until, on_done)
         finished = True
         try:

@@ -73,11 +73,6 @@ class Box:
         round_ = np.where(round_ >= self.above, self.low, round_)
         return np.where(self.wraps, round_, np.clip(found, self.low, self.high))
 
-    def outside(self, position: Numbers) -> NDArray[np.int64]:
-        """Return the components of a position that lie outside, or are no number."""
-        ends = np.where(self.wraps, position < self.above, position <= self.high)
-        return np.flatnonzero(~((position >= self.low) & ends))
-
 
 @dataclass(frozen=True)
 class Swarm:

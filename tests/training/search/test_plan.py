@@ -92,7 +92,7 @@ def test_every_choice_makes_another_search(tiny_store: Store) -> None:
     ("configuration", "choices", "told"),
     [
         ({}, {"bounds": Bounds()}, "at most 24"),
-        ({}, {"split": "train"}, "too few training scenes"),
+        ({}, {"split": "train"}, "too few to hold"),
         ({}, {"held_out": 2}, "more than 2"),
         ({"filters": "pso"}, {}, "chooses this itself"),
         ({"crop": 68}, {}, "how patches of this size are counted"),
