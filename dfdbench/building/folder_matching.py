@@ -31,12 +31,15 @@ class Matching:
         The fields to write into a manifest.
     found, open : tuple of str
         In words: what was found, and what a person has to decide.
+    measured : int
+        How many pairs could be compared.
     """
 
     align: Align = "none"
     match_gain: bool = False
     found: tuple[str, ...] = ()
     open: tuple[str, ...] = ()
+    measured: int = 0
 
 
 def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
@@ -65,7 +68,7 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
     gain = max(map(abs, gains))
     align, moved, magnified = _movement(moves)
     found = (*moved, f"photographs differ in brightness by up to {100 * gain:.1f} %")
-    return Matching(align, gain > _UNGAINED, found, (*problems, *magnified))
+    return Matching(align, gain > _UNGAINED, found, (*problems, *magnified), len(moves))
 
 
 def _movement(moves: list[tuple[Movement, tuple[int, ...]]]) -> tuple[Align, list[str], list[str]]:

@@ -105,4 +105,4 @@ def reduce(
         print(render(found.tables, format), end="")
     say(f"tables       {folder / 'counts.md'}, rows.md, and both as CSV")
     say(f"networks     {', '.join(found.files)} in {folder}")
-    say(f"next         dfdbench experiment reduction --dataset {dataset} --rows {folder}")
+    say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")

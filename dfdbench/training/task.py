@@ -155,6 +155,6 @@ def require_trainable(task: Task) -> dict[str, Any]:
         tracks = tracks_of(task)
         margin = max(margin_of(recipe), tracks.margin if tracks else 0)
     scenes = dict.fromkeys(pair.scene for pair in task.train)
-    shapes = (task.store.scene(name)["depth"].shape[-2:] for name in scenes)
+    shapes = (task.store.to_xarray(name)["depth"].shape[-2:] for name in scenes)
     require_crops_fit(choices.crop, shapes, margin)
     return architecture

@@ -30,11 +30,11 @@ def test_a_submission_is_one_small_file_of_all_tracks(tmp_path: Path) -> None:
 def test_who_was_told_has_a_file_of_its_own_by_what_the_record_says(tmp_path: Path) -> None:
     submit_tracks(make_tracks("graph-cuts"), tmp_path)
     told = make_tracks("graph-cuts", uses=["recipe"])
-    assert tracks_label(told) == "graph-cuts, told"
+    assert tracks_label(told) == "graph-cuts, given the blur"
     assert submit_tracks(told, tmp_path).name == "graph-cuts-told.json"
     # Whoever gives a blur may give the true one.
     given = make_tracks("graph-cuts", parameters={"recipe": "published"})
-    assert tracks_label(given) == "graph-cuts (recipe=published), told"
+    assert tracks_label(given) == "graph-cuts (recipe=published), given a blur"
     assert len(list(tmp_path.rglob("*.json"))) == 2
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,15 +16,21 @@ from dfdbench.building.fetching.checksums import (
     sha256,
     write_checksums,
 )
-from dfdbench.building.fetching.download import SET_ASIDE, Fate, Progress, WantedFile, fetch
-from dfdbench.building.fetching.transfer import Patience
-from dfdbench.building.png import decode_depth, decode_image, png_size
+from dfdbench.building.fetching.download import (
+    SET_ASIDE,
+    Fate,
+    Patience,
+    Progress,
+    WantedFile,
+    fetch,
+    mirrors_lacking,
+)
+from dfdbench.building.sources.image_files import decode_file, decode_image, decode_levels
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Scene
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
-from dfdbench.system.location import as_location
-from dfdbench.system.lock import hold
-from dfdbench.tables.wording import counted, listed
+from dfdbench.system.work_folder import hold
+from dfdbench.tables.wording import listed
 
 _NAMES_SHOWN = 10
 
@@ -96,7 +102,7 @@ def download_middlebury(
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with hold(as_location(folder / f".{lock_name(manifest)}.lock"), taken):
+        with hold(folder / f".{lock_name(manifest)}.lock", taken):
             site = _Site(manifest, folder, tuple(mirrors), known_checksums(manifest, folder))
             stages = _Stages(folder, on_progress, patience, offline)
             # The site's archives hold the default lighting and no other.
@@ -110,7 +116,7 @@ def download_middlebury(
             got=reason_of(error),
             fix=room_or("choose another place with --cache DIR", error),
         ) from error
-    lacking = tuple(_lacking(fates, mirrors))
+    lacking = mirrors_lacking(fates, mirrors)
     _refuse(fates, folder, lacking)
     return Download(
         folder,
@@ -160,7 +166,7 @@ class _Site:
     def _check_depth(self, name: str, path: Path, where: str) -> None:
         content = path.read_bytes()
         if not self._is_known(name, content, where):
-            decode_depth(content, where, self.manifest.depth.unknown)
+            decode_levels(content, where, self.manifest.depth.unknown)
 
     def _check_image(self, name: str, path: Path, where: str) -> None:
         content = path.read_bytes()
@@ -168,7 +174,7 @@ class _Site:
             return
         view = path.name.removeprefix("view").split(".")[0]
         depth = self.folder / name.split("/")[0] / depth_name({"view": int(view)})
-        size = png_size(depth.read_bytes(), str(depth)) if depth.exists() else None
+        size = decode_file(depth.read_bytes(), str(depth)).shape[:2] if depth.exists() else None
         decode_image(content, where, size)
 
     def _check_archive(self, name: str, path: Path, where: str) -> None:
@@ -244,20 +250,6 @@ def _write_lock(manifest: Manifest, folder: Path, fates: list[Fate]) -> Path | N
     found = {name: sha256((folder / name).read_bytes()) for name in had - set(locked)}
     write_checksums(path, locked | found)
     return path
-
-
-def _lacking(fates: list[Fate], mirrors: Sequence[str]) -> Iterator[Problem]:
-    answers = [answer for fate in fates for answer in fate.lacking]
-    for mirror in mirrors:
-        base = f" {mirror.rstrip('/')}/"
-        from_it = [answer for answer in answers if base in answer]
-        if from_it:
-            yield Problem(
-                f"the mirror lacks {counted(len(from_it), 'file')}",
-                where=mirror,
-                expected="an address that stands for .../stereo/data",
-                got=from_it[0],
-            )
 
 
 def _refuse(fates: list[Fate], folder: Path, lacking: tuple[Problem, ...]) -> None:

@@ -22,7 +22,7 @@ _TURNS = 9
 
 
 def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str, str]:
-    """Return the configurations that ``dfdbench reduce`` wrote into a folder, by row.
+    """Return the configurations that ``dfdbench thesis reduce`` wrote into a folder, by row.
 
     Parameters
     ----------
@@ -40,8 +40,10 @@ def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str,
     """
     there = {path.stem: str(path) for path in sorted(folder.glob("*.toml"))}
     if BASELINE not in there:
-        what = f"the folder lacks {BASELINE}.toml, which dfdbench reduce writes"
-        raise InputError(what, where=str(folder), fix="name a folder that dfdbench reduce wrote")
+        what = f"the folder lacks {BASELINE}.toml, which dfdbench thesis reduce writes"
+        raise InputError(
+            what, where=str(folder), fix="name a folder that dfdbench thesis reduce wrote"
+        )
     chosen = (
         list(map(str, names))
         if names

@@ -19,8 +19,7 @@ from dfdbench.methods.networks.inference import Predictor, Readout, find_device
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import Protocol, find_protocol, score
-from dfdbench.system.location import as_location
-from dfdbench.system.lock import hold
+from dfdbench.system.work_folder import hold
 from dfdbench.training.checkpoint import WEIGHTS
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.learner import DivergedError
@@ -238,7 +237,7 @@ def evaluate(job: Job) -> Outcome | None:
     taken = InputError(
         "another process is training this particle", where=str(job.folder), fix="wait for it to end"
     )
-    with hold(as_location(job.folder.with_name(f".{job.folder.name}.lock")), taken):
+    with hold(job.folder.with_name(f".{job.folder.name}.lock"), taken):
         try:
             return _trained_and_scored(job)
         except _TimeUpError:

@@ -12,7 +12,7 @@ import pytest
 
 from dfdbench.building.build import build_store
 from dfdbench.building.fetching.checksums import known_checksums
-from dfdbench.building.fetching.transfer import Patience
+from dfdbench.building.fetching.download import Patience
 from dfdbench.building.sources import open_source
 from dfdbench.building.sources.middlebury_download import Download, download_middlebury
 from dfdbench.datasets.manifest import Manifest
