@@ -148,9 +148,9 @@ def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:
     Raises
     ------
     UnknownNameError
-        Where no recipe has that name.
+        If no recipe has that name.
     InputError
-        Where a parameter is unknown, lacking, of the wrong type or out of range.
+        If a parameter is unknown, lacking, of the wrong type or out of range.
 
     Examples
     --------
@@ -174,7 +174,7 @@ def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:
         for field in fields(BlurRecipe)
         if field.default is MISSING and field.name not in recipe
     ]
-    # Fields that are there are looked at too, so that all is told at once.
+    # Check the other fields too, so that all problems are reported at once.
     problems += _wrong_values(recipe) if problems else []
     if problems:
         raise InputError.of(problems)

@@ -1,4 +1,4 @@
-"""Tracks: the same scenes made harder in a way that a method is not told."""
+"""Tracks: the same scenes made harder, in a way that a method does not know."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def find_degradation(label: str) -> Degradation:
     Raises
     ------
     UnknownNameError
-        Where there is no such track or no such severity; near misses are named.
+        If there is no such track or no such severity; near misses are named.
 
     Examples
     --------

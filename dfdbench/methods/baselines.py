@@ -56,8 +56,8 @@ class Local(Calibrated):
     Parameters
     ----------
     recipe : BlurRecipe, BlurLaw or None
-        How the defocus images were made; in a run, the data set's recipe. Where that is not told,
-        the method is fitted: see `dfdbench.methods.calibration`.
+        How the defocus images were made; in a run, the data set's recipe. Without one the
+        method is fitted: see `dfdbench.methods.calibration`.
     window : int
         Side of the square window in pixels, odd.
 

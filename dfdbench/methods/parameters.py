@@ -51,7 +51,7 @@ def read_parameters(
     Raises
     ------
     UnknownNameError
-        Where no blur recipe has that name.
+        If no blur recipe has that name.
     MethodError
         Where fields of a recipe are unknown, lacking or wrong, or its file cannot be read; where
         a number is none, or a text is not UTF-8, which no result can keep.
@@ -123,9 +123,9 @@ def read_fields(file: str | Path) -> dict[str, Any]:
     Raises
     ------
     UnknownNameError
-        Where it is not called ``.toml``, and so is taken for a recipe's name.
+        If it is not called ``.toml``, and so is taken for a recipe's name.
     MethodError
-        Where it cannot be read.
+        If it cannot be read.
     """
     path = Path(file)
     if path.suffix != ".toml":
@@ -208,12 +208,9 @@ def _of_folder(folder: Path) -> str:
     some = list(itertools.islice(names, _MOST_FILES + 1))
     files = [path for path in some if path.is_file()] if len(some) <= _MOST_FILES else []
     if len(some) > _MOST_FILES or sum(path.stat().st_size for path in files) > _MOST_BYTES:
-        raise MethodError(
-            "a parameter names a folder that is too large to hash",
-            where=str(folder),
-            expected=f"at most {_MOST_FILES:,} files and {_MOST_BYTES / 1e9:.0f} GB",
-            got="more than that",
-            fix="name the folder or the file that the method reads",
-        )
+        most = f"{_MOST_FILES:,} files or {_MOST_BYTES / 1e9:.0f} GB"
+        what = f"a parameter names a folder that is too large to hash, above {most}"
+        fix = "name the folder or the file that the method reads"
+        raise MethodError(what, where=str(folder), fix=fix)
     lines = sorted(f"{_of_file(path)}  {path.relative_to(folder).as_posix()}\n" for path in files)
     return hashlib.sha256("".join(lines).encode("utf-8", "surrogateescape")).hexdigest()

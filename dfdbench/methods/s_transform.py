@@ -32,8 +32,8 @@ _MIDDLE_VARIANCE = 3.0
 class STransform:
     """Depth from the variance that the blur adds, in closed form.
 
-    Where an image is a cubic polynomial, a blur of variance v along each axis adds v / 2 times
-    its Laplacian, whatever the blur's shape. So the difference of the two images tells v: the
+    If an image is a cubic polynomial, a blur of variance v along each axis adds v / 2 times
+    its Laplacian, whatever the blur's shape. So the difference of the two images gives v: the
     least squares over a window of ``defocus - infocus = v / 2 * laplacian``, with the Laplacian of
     both images' mean.
 
@@ -96,7 +96,7 @@ class STransform:
 
     @property
     def fit(self) -> Fit | None:
-        """What learns the table of variance and depth; None where a recipe tells it."""
+        """Learns the table of variance and depth; None if a recipe gives it."""
         if self._recipe is not None:
             return None
         return lambda pairs: depth_table(self.variance, pairs, _NAME)

@@ -48,7 +48,7 @@ def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
     Raises
     ------
     MethodError
-        Where no level tells its width.
+        If no level shows its width.
     """
     splines = CubicSpline(np.log(LADDER), sums, axis=1)
     # To begin with, neighbouring levels stand together.

@@ -86,7 +86,7 @@ def score_distances(
     Raises
     ------
     InputError
-        Where there is no scale.
+        If there is no scale.
     """
     if scale is None:
         raise InputError("nothing says how levels become metres", where="scale")
@@ -168,7 +168,7 @@ class Protocol:
         The whole image; the centre square of the data set's `network_crop`; or that square of
         the image cut to multiples of 16, at its lower and right edge.
     source : str
-        Where the definition comes from.
+        If the definition comes from.
     metrics : tuple of str
         By which of `IN_METRES` distances are scored; none: levels, by all of `METRICS`.
     alignment : {"", "scale and shift in inverse depth"}
@@ -293,7 +293,7 @@ def find_protocol(name: str) -> Protocol:
     Raises
     ------
     UnknownNameError
-        Where there is none; near misses are named.
+        If there is none; near misses are named.
 
     Examples
     --------
@@ -330,7 +330,7 @@ def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
     Raises
     ------
     UnknownNameError
-        Where `label` is not among `scored`; another version that is gets named.
+        If `label` is not among `scored`; another version that is gets named.
     """
     there = tuple(scored)
     if label in there:
@@ -378,7 +378,7 @@ def score(
     Returns
     -------
     dict of str to float
-        Each of the protocol's metrics by name, NaN where it is undefined. All are where nothing
+        Each of the protocol's metrics by name, NaN if it is undefined. All are where nothing
         is left to score: ``network-of-16`` on fewer than 16 rows or columns, an image that the
         published networks cannot take either.
 

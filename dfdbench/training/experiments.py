@@ -90,7 +90,7 @@ def find_experiment(name: str) -> Experiment:
     Raises
     ------
     UnknownNameError
-        Where there is none; near misses are named.
+        If there is none; near misses are named.
     """
     known = experiments()
     if name not in known:
@@ -158,7 +158,7 @@ def trials(
     Raises
     ------
     InputError
-        Where a value is none that the configuration takes, or the network cannot be trained.
+        If a value is none that the configuration takes, or the network cannot be trained.
     """
     chosen = tuple(values or (experiment.values if isinstance(config, str) else config))
     if not isinstance(store, Store):
@@ -202,7 +202,7 @@ def run_trial(
     Raises
     ------
     InputError
-        Where the folder holds another training.
+        If the folder holds another training.
     """
     path = trial.folder / WEIGHTS
     if path.exists():

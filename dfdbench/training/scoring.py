@@ -66,11 +66,11 @@ def mean_scores(
     network : nn.Module
         Left as it is: a copy is asked.
     store : Store
-        Where the pairs lie.
+        If the pairs lie.
     pairs : sequence of Pair
         Which pairs.
     device : torch.device
-        Where it runs.
+        If it runs.
     readout : {"mode", "median"}
         Which level of a pixel's distribution is the answer.
     """

@@ -121,7 +121,7 @@ class DfDNet(nn.Module):
     Raises
     ------
     InputError
-        Where a choice is none, or filters do not fit each other, naming the thesis's layers.
+        If a choice is none, or filters do not fit each other, naming the thesis's layers.
 
     Examples
     --------
@@ -204,7 +204,7 @@ class UNet(nn.Module):
     Raises
     ------
     InputError
-        Where `filters` are not five positive numbers, all but the first even.
+        If `filters` are not five positive numbers, all but the first even.
 
     Examples
     --------

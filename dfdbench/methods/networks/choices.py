@@ -158,7 +158,7 @@ def checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
     Raises
     ------
     InputError
-        Where they do not fit each other, naming the thesis's layers.
+        If they do not fit each other, naming the thesis's layers.
     """
     numbers = tuple(int(number) for number in filters)
     if len(numbers) != len(LAYERS) or min(numbers) < 1 or numbers[-1] != LEVELS:
@@ -185,7 +185,7 @@ def checked_kernels(kernels: Sequence[int | Sequence[int]] | None) -> dict[int, 
     Raises
     ------
     InputError
-        Where there are not 14, or one is not odd or too large.
+        If there are not 14, or one is not odd or too large.
 
     Examples
     --------
@@ -212,7 +212,7 @@ def checked_activations(activations: Sequence[str] | None, first: str) -> tuple[
     Raises
     ------
     InputError
-        Where there are not nine, or one is unknown.
+        If there are not nine, or one is unknown.
 
     Examples
     --------
@@ -234,7 +234,7 @@ def checked_normalized(normalized: Sequence[bool] | None) -> tuple[bool, ...]:
     Raises
     ------
     InputError
-        Where there are not nine choices.
+        If there are not nine choices.
     """
     found = (True,) * len(SITES) if normalized is None else tuple(map(bool, normalized))
     if len(found) != len(SITES):
@@ -257,7 +257,7 @@ def plain_choices(
     Raises
     ------
     InputError
-        Where a choice does not fit the network.
+        If a choice does not fit the network.
 
     Examples
     --------

@@ -27,7 +27,7 @@ def find_device(name: str) -> torch.device:
     Raises
     ------
     MethodError
-        Where there is no such device.
+        If there is no such device.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class Predictor:
     network : nn.Module
         In evaluation mode; its batch normalization is folded in place.
     device : torch.device
-        Where it runs.
+        If it runs.
     precision : {"float32", "bf16"}
         Of the convolutions.
     tile : int, optional
@@ -73,7 +73,7 @@ class Predictor:
     Raises
     ------
     MethodError
-        Where precision or readout is unknown, or the tile is too small.
+        If precision or readout is unknown, or the tile is too small.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Predictor:
         Raises
         ------
         MemoryError
-            Where not even the smallest tile fits.
+            If not even the smallest tile fits.
         """
         rows, columns = infocus.shape[:2]
         below, right = -rows % self._multiple, -columns % self._multiple

@@ -57,7 +57,7 @@ class Normalize(nn.Module):
     Raises
     ------
     InputError
-        Where there are not six means.
+        If there are not six means.
     """
 
     # Kept in the network: weights without their means would be worth nothing.

@@ -33,8 +33,8 @@ class Card(Record):
 
     `architecture` are the network's constructor arguments, `scores` the means over `scored_on`
     under the protocol ``thesis``, `further_scores` those under others, by their labels; `seconds`
-    is the time spent training; `started_from` tells of the weights that training began with, where
-    it did not begin anew.
+    is the time spent training; `started_from` names the weights that training began with, empty
+    for random ones.
     """
 
     schema_version: Literal[1] = 1
@@ -97,7 +97,7 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
     Raises
     ------
     MethodError
-        Where there is none; it says how to come by one.
+        If there is none; it says how to come by one.
     """
     shipped = {
         name.removesuffix(f"-{method}"): path
@@ -132,7 +132,7 @@ def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
     Raises
     ------
     MethodError
-        Where the file is damaged, is no file of ours, or holds another architecture.
+        If the file is damaged, is no file of ours, or holds another architecture.
     """
     tensors, text = _read_tensors(path)
     card = _read_card(text, path)

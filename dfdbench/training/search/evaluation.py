@@ -78,11 +78,11 @@ def mean_parts(
     network : nn.Module
         In evaluation mode; its batch normalization is folded in place.
     store : Store
-        Where the pairs lie.
+        If the pairs lie.
     pairs : sequence of Pair
         Which pairs.
     device : torch.device
-        Where it runs.
+        If it runs.
     readout : {"mode", "median"}
         Which level of a pixel's distribution is the answer.
     centre : bool
@@ -165,7 +165,7 @@ class Job:
     seed : int
         Of the training.
     folder : Path
-        Where it is trained.
+        If it is trained.
     """
 
     work: Work
@@ -221,7 +221,7 @@ def training_seed(seed: int, iteration: int, particle: int) -> int:
 
 
 def evaluate(job: Job) -> Outcome | None:
-    """Train a particle's network and score it; None where time was up before.
+    """Train a particle's network and score it; None if time was up before.
 
     A training that diverges, or that the machine cannot do, is a failed one. What concerns the
     disk or the data set is raised: it says nothing of the network.
@@ -249,8 +249,8 @@ def evaluate(job: Job) -> Outcome | None:
             return Outcome(failed=f"diverged: {error.problems[0].what}")
         except (MemoryError, RuntimeError) as error:
             # What PyTorch cannot do is a RuntimeError, too little memory on a card among them.
-            told = str(error).partition("\n")[0][:200]
-            return Outcome(failed=f"failed: {told or type(error).__name__}")
+            why = str(error).partition("\n")[0][:200]
+            return Outcome(failed=f"failed: {why or type(error).__name__}")
 
 
 def _trained_and_scored(job: Job) -> Outcome:

@@ -120,7 +120,7 @@ class SearchFolder:
         Raises
         ------
         InputError
-            Where it is another.
+            If it is another.
         """
         row = self._rows.get(place)
         if row is None or np.array_equal(row.position, position):

@@ -143,7 +143,7 @@ def bounds_of(given: Mapping[str, str]) -> Bounds:
     Raises
     ------
     InputError
-        Where they are none.
+        If they are none.
 
     Examples
     --------

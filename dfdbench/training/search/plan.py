@@ -209,12 +209,12 @@ def plan_search(
     choices : Choices
         What else was asked for.
     device : str
-        Where it is trained: decides what precision ``auto`` is.
+        If it is trained: decides what precision ``auto`` is.
 
     Raises
     ------
     InputError
-        Where a choice is made twice, patches do not fit the images, or no scene can be held out.
+        If a choice is made twice, patches do not fit the images, or no scene can be held out.
     """
     if choices.variant not in VARIANTS:
         raise unknown_name("variant", choices.variant, VARIANTS)

@@ -123,7 +123,7 @@ def begun(box: Box, particles: int, seed: int, known: Numbers | None = None) -> 
     seed : int
         Whatever is random follows from it.
     known : ndarray, optional
-        Where the first particle begins instead.
+        If the first particle begins instead.
     """
     positions, velocities = [], []
     for particle in range(particles):
