@@ -216,7 +216,12 @@ def input_problems(image: Any, depth: Any, recipe: BlurRecipe) -> list[Problem]:
             )
         )
     if int(depth.max()) >= recipe.levels:
-        problems.append(Problem(f"depth {int(depth.max())} has no blur level", where="depth"))
+        problems.append(
+            Problem(
+                f"depth {int(depth.max())} is beyond the levels, 0 to {recipe.levels - 1}",
+                where="depth",
+            )
+        )
     return problems
 
 

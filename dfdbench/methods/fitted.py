@@ -95,9 +95,7 @@ class Calibrated:
         if self._told is not None:
             return self._told
         if self.calibration is None:
-            raise MethodError(
-                "the method was neither given the blur nor fitted", where=type(self).__name__
-            )
+            raise not_fitted(type(self).__name__)
         return self.calibration.law
 
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
@@ -134,9 +132,9 @@ def evenly_spread(count: int, most: int = MOST_PAIRS) -> list[int]:
 
 def not_fitted(method: str) -> MethodError:
     """Return the error of a method that was neither given the blur nor fitted."""
-    return MethodError(
-        "the method knows no blur yet", where=method, fix="give recipe=NAME, or fit the method"
-    )
+    what = "the method knows no blur yet"
+    fix = "give recipe=NAME, or call restore(fit(pairs)) first"
+    return MethodError(what, where=method, fix=fix)
 
 
 def nothing_to_fit(method: str, expected: str, got: str) -> MethodError:

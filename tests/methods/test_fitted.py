@@ -213,7 +213,7 @@ def test_who_is_neither_told_nor_fitted_says_so() -> None:
     method = Calibrated(None)
     assert method.fit is not None
     assert method.levels == LEVELS
-    with pytest.raises(MethodError, match="not told the blur, and was not fitted"):
+    with pytest.raises(MethodError, match="the method knows no blur yet"):
         _ = method.blur
 
 

@@ -52,7 +52,7 @@ def test_a_particle_is_trained_and_scored_on_both_sets(tiny_store: Store, tmp_pa
 @pytest.mark.parametrize(
     ("raised", "told"),
     [
-        (None, "diverged: the loss is no number any more, step"),
+        (None, "diverged: the loss became nan, step"),
         (RuntimeError("CUDA out of memory\nmore"), "failed: CUDA out of memory"),
         (MemoryError(), "failed: MemoryError"),
     ],
