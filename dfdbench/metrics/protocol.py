@@ -86,7 +86,7 @@ def score_distances(
     Raises
     ------
     InputError
-        Where there is no scale.
+        If there is no scale.
     """
     if scale is None:
         raise InputError("nothing says how levels become metres", where="scale")
@@ -168,7 +168,7 @@ class Protocol:
         The whole image; the centre square of the data set's `network_crop`; or that square of
         the image cut to multiples of 16, at its lower and right edge.
     source : str
-        Where the definition comes from.
+        If the definition comes from.
     metrics : tuple of str
         By which of `IN_METRES` distances are scored; none: levels, by all of `METRICS`.
     alignment : {"", "scale and shift in inverse depth"}
@@ -293,7 +293,7 @@ def find_protocol(name: str) -> Protocol:
     Raises
     ------
     UnknownNameError
-        Where there is none; near misses are named.
+        If there is none; near misses are named.
 
     Examples
     --------
@@ -330,7 +330,7 @@ def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
     Raises
     ------
     UnknownNameError
-        Where `label` is not among `scored`; another version that is gets named.
+        If `label` is not among `scored`; another version that is gets named.
     """
     there = tuple(scored)
     if label in there:
@@ -338,22 +338,14 @@ def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
     asked = RELEASED.get(label)
     for other in (RELEASED[found] for found in there if found in RELEASED):
         if asked and other.name == asked.name:
+            shown = f"{other.name}-{other.version}"
+            fix = f"--protocol {shown} shows it; `dfdbench run` scores under the newest"
             raise UnknownNameError(
-                what=f"scored under another version of protocol {asked.name}",
-                where=whose,
-                expected=asked.title,
-                got=other.title,
-                fix=f"`dfdbench run` scores under version {_newest(asked.name).version}; "
-                f"--protocol {other.name}-{other.version} shows what is there",
+                f"scored under another version: {other.title}", where=whose, fix=fix
             )
     if asked and asked.metrics:
-        raise UnknownNameError(
-            what="not scored in metres",
-            where=whose,
-            expected="a data set whose manifest says how levels become metres",
-            got=f"--protocol {label}",
-            fix=f"one of: {', '.join(there)}",
-        )
+        what = f"not scored in metres, which {label} takes"
+        raise UnknownNameError(what, where=whose, expected=f"one of: {', '.join(there)}")
     raise unknown_name(f"protocol of {whose}", label, there)
 
 
@@ -386,7 +378,7 @@ def score(
     Returns
     -------
     dict of str to float
-        Each of the protocol's metrics by name, NaN where it is undefined. All are where nothing
+        Each of the protocol's metrics by name, NaN if it is undefined. All are where nothing
         is left to score: ``network-of-16`` on fewer than 16 rows or columns, an image that the
         published networks cannot take either.
 
