@@ -39,7 +39,7 @@ class ThinLens:
     Raises
     ------
     InputError
-        If a number is none that a lens could have, or the focus is within the focal length.
+        If a number is impossible for a lens, or the focus is within the focal length.
 
     Examples
     --------
@@ -182,7 +182,7 @@ class ThinLens:
     def depth_resolution(self, distance: ArrayLike) -> Floats:
         """Return how much farther a point must lie for its blur to grow by a pixel, in metres.
 
-        Eq. 2.21 as an equality, solved for d_2 - d_1; infinite where no distance is far enough.
+        Eq. 2.21 as an equality, solved for d_2 - d_1; infinite if no distance is far enough.
 
         Parameters
         ----------

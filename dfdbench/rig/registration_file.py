@@ -19,7 +19,7 @@ NAME = "registration.toml"
 PREVIOUS = "registration.previous.toml"
 _LEAST_PAIRS = 4
 _HEAD = """\
-# Where the LIDAR's depth map lies on the image. Each pair is one point of the scene: its place
+# Where the LIDAR's depth map is on the image. Each pair is one point of the scene: its place
 # in the depth map, scaled up, and its place in the cropped image, both x, y in pixels from the
 # middle of the top left one. Move a point to correct the fit; add more, and all are fitted.
 # Instead of pairs there may be: matrix = [[...], [...], [...]], projective, 3 x 3.

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Texture:
-    """Which photograph lies on a surface, how large, and in which tint.
+    """A surface's photograph, its scale and tint.
 
     `texels` are photograph pixels per metre; `tint` multiplies red, green and blue.
     """
@@ -38,7 +38,7 @@ class Surface(Protocol):
 
     @property
     def texture(self) -> Texture:
-        """What lies on it."""
+        """Its texture."""
 
     def meet(self, origin: Floats, directions: Floats) -> Hits:
         """Return where rays from `origin` along `directions`, shape (..., 3), meet it."""
@@ -55,7 +55,7 @@ class Board:
     size : tuple of float
         Width and height, in metres.
     texture : Texture
-        What lies on it.
+        Its texture.
     slant, tilt : float
         dz/dx and dz/dy: how the surface recedes to the right and downwards.
     shape : {"rectangle", "disc"}
