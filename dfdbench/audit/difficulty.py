@@ -39,7 +39,7 @@ class Difficulty:
     Parameters
     ----------
     step : ndarray of int64, shape (y, x)
-        The smallest of `STEPS` that is seen, nearer and farther; `UNSEEN` where none is.
+        The smallest of `STEPS` that is seen, nearer and farther; or `UNSEEN`.
     valid : ndarray of bool, shape (y, x)
         True where the depth is known; only these count.
     """
@@ -50,7 +50,7 @@ class Difficulty:
     def share_above(self, step: int) -> float:
         """Return the share of known pixels that need a larger step than this one.
 
-        For step 1: pixels whose blur cannot tell neighbouring levels apart.
+        For step 1: pixels whose blur does not show the difference between neighbouring levels.
         """
         return float((self.step[self.valid] > step).mean()) if self.valid.any() else float("nan")
 
@@ -58,8 +58,7 @@ class Difficulty:
 def median_step(parts: Sequence[Difficulty]) -> int | None:
     """Return the median step over the known pixels of some pairs.
 
-    It is one of `STEPS`, or `UNSEEN` where for most pixels no step is seen; None without a known
-    pixel.
+    One of `STEPS`, or `UNSEEN` if no step is seen for most pixels; None without a known pixel.
     """
     steps = np.concatenate([part.step[part.valid] for part in parts])
     return int(np.percentile(steps, 50, method="inverted_cdf")) if steps.size else None

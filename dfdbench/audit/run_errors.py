@@ -1,4 +1,4 @@
-"""A run's errors on covered, scarce and missing levels: whose fault they are."""
+"""A run's errors on covered, scarce and missing levels: is the data at fault, or the method."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ class Ranking:
 
 @dataclass(frozen=True)
 class Hopeless:
-    """A scene whose fold no choice of companions can cover, and the levels that are why."""
+    """A scene whose fold no choice of companions can cover, and the levels at fault."""
 
     scene: str
     levels: str
@@ -146,14 +146,14 @@ def rank_tests(scenes: Scenes, size: int, seed: int = 0, also: Group = ()) -> Ra
     size : int
         Scenes in the test.
     seed : int
-        Of the draw, where there are more than `EXHAUSTIVE_LIMIT` choices.
+        Of the draw, if there are more than `EXHAUSTIVE_LIMIT` choices.
     also : tuple of str
-        A test set that is ranked whether or not it would be drawn, or keeps groups whole.
+        A test set to rank even if it would not be drawn, or splits groups.
 
     Raises
     ------
     InputError
-        Where no choice of whole groups has that size.
+        If no choice of whole groups has that size.
 
     Examples
     --------

@@ -125,7 +125,7 @@ def level_error_figure(join: ErrorJoin, title: str) -> Figure:
 def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> Figure:
     """Draw truth, prediction, mask, error and both overlaid, as Figs 5.20 and 7.5.
 
-    Shown are the pairs of different scenes with the most uncovered pixels; where all is covered,
+    The pairs are of different scenes, those with the most uncovered pixels; if all is covered,
     those with the largest errors.
     """
     rows = _most_uncovered(result, join)

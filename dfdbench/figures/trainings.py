@@ -106,7 +106,7 @@ def patches_figure(drawn: Selections, title: str) -> Figure:
     axis = top.subplots()
     axis.stairs(patches, np.arange(len(patches) + 1) + 0.5, fill=True, color=BLUE)
     axis.axhline(patches.mean(), color=RED)
-    # A legend would lie on the bars.
+    # A legend would hide bars.
     axis.set_title(f"line: the mean, {patches.mean():,.2f} patches a pair", fontsize=9)
     axis.set(xlabel="training pair, by number", ylabel="patches drawn", xlim=(0, len(patches) + 1))
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -231,7 +231,7 @@ def convergence_figure(course: Sequence[Iteration], title: str) -> Figure:
 
 
 def widths_figure(filters: Sequence[int], title: str) -> Figure:
-    """Draw the widths found beside the baseline's, as Fig. 6.2 tells them."""
+    """Draw the widths found beside the baseline's, as in Fig. 6.2."""
     figure = Figure(figsize=(11, 5), layout="constrained")
     axis = figure.subplots()
     places = np.arange(len(LAYERS))

@@ -93,7 +93,7 @@ def sharpest(images: list[Image]) -> int:
 
 
 def to_grey(image: Image) -> Image:
-    """Return an image's luma, shape (y, x); a grey image is returned as it is."""
+    """Return an image's luma, shape (y, x); a grey image is returned unchanged."""
     return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
 
 

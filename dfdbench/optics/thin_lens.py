@@ -39,7 +39,7 @@ class ThinLens:
     Raises
     ------
     InputError
-        If a number is none that a lens could have, or the focus is within the focal length.
+        If a number is impossible for a lens, or the focus is within the focal length.
 
     Examples
     --------
@@ -74,16 +74,6 @@ class ThinLens:
             d_f in metres, at least the focus distance; infinity is allowed.
         """
         return self._scale() * (1 / self.focus_distance - 1 / _distances(distance))
-
-    def blur_radius_near(self, distance: ArrayLike) -> Floats:
-        """Return the blur of points before the focus, in metres on the sensor (Eq. 2.15, 2.16).
-
-        Parameters
-        ----------
-        distance : array_like of float
-            d_n in metres, at most the focus distance.
-        """
-        return self._scale() * (1 / _distances(distance) - 1 / self.focus_distance)
 
     def blur_radius(self, distance: ArrayLike) -> Floats:
         """Return the blur at any distance, in metres on the sensor (Fig. 2.5, blue line).
@@ -189,23 +179,10 @@ class ThinLens:
         accepted = self.pixel_size if blur is None else blur
         return float(self.focal_length**2 / (self.f_number * accepted) + self.focal_length)
 
-    def blur_difference(self, first: ArrayLike, second: ArrayLike) -> Floats:
-        """Return by how many pixels the blur of two points differs (Eq. 2.20, 2.21).
-
-        The points lie on the same side of the focus; they can be told apart from 1 on.
-
-        Parameters
-        ----------
-        first, second : array_like of float
-            d_1 and d_2 in metres.
-        """
-        inverse = np.abs(1 / _distances(second) - 1 / _distances(first))
-        return np.asarray(self._scale() * inverse / self.pixel_size)
-
     def depth_resolution(self, distance: ArrayLike) -> Floats:
         """Return how much farther a point must lie for its blur to grow by a pixel, in metres.
 
-        Eq. 2.21 as an equality, solved for d_2 - d_1; infinite where no distance is far enough.
+        Eq. 2.21 as an equality, solved for d_2 - d_1; infinite if no distance is far enough.
 
         Parameters
         ----------

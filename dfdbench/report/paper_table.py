@@ -16,7 +16,7 @@ from dfdbench.tables.table import Marked, Table
 from dfdbench.tables.wording import counted
 
 SECONDS = "seconds"
-# Of a fingerprint's 64 digits: enough to tell data apart, and they fit into a caption.
+# Of a fingerprint's 64 digits: enough to distinguish data, and they fit into a caption.
 _DIGITS = 16
 
 
@@ -30,14 +30,14 @@ def paper_tables(
     runs : sequence of SavedRun
         At least one; `dfdbench.results.run_names.told_apart` tells those of one method apart.
     protocol : str
-        Under which protocol.
+        The protocol.
     columns : sequence of str
         Metrics by name, and ``seconds``, in this order; all where none is named.
 
     Raises
     ------
     UnknownNameError
-        Where a run was not scored under the protocol, or the protocol has no such metric.
+        If a run was not scored under the protocol, or the protocol has no such metric.
     """
     for run in runs:
         require_scored(protocol, run.result.protocol_names, str(run.path))

@@ -58,12 +58,12 @@ def average_scans(scans: Sequence[NDArray[np.int32]]) -> Floats:
     Parameters
     ----------
     scans : sequence of ndarray of int, shape (beam, column)
-        Ranges in millimetres, 0 where nothing came back.
+        Ranges in millimetres, 0 if nothing came back.
 
     Returns
     -------
     ndarray of float, shape (beam, column)
-        0 where no scan had a return.
+        0 if no scan had a return.
 
     Raises
     ------
@@ -255,9 +255,9 @@ def warp(
     Returns
     -------
     levels : ndarray of uint8, shape `shape`
-        0 where not valid.
+        0 if not valid.
     valid : ndarray of bool, shape `shape`
-        Also False where the image sees more than the LIDAR.
+        Also False if only the camera sees the place.
     """
     warped, seen = (
         cv2.warpPerspective(part.astype(np.uint8), matrix, shape[::-1], flags=cv2.INTER_NEAREST)

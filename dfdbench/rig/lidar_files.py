@@ -35,7 +35,7 @@ def read_ranges(path: Path) -> NDArray[np.int32]:
     Returns
     -------
     ndarray of int32, shape (beam, column)
-        Millimetres; 0 where nothing came back.
+        Millimetres; 0 if nothing came back.
 
     Raises
     ------

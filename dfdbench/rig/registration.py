@@ -41,7 +41,7 @@ _MORE_WRONG = 2  # rays
 
 @dataclass(frozen=True)
 class Registration:
-    """How the LIDAR's depth map lies on the cropped image.
+    """The transform from the LIDAR's depth map to the cropped image.
 
     Parameters
     ----------
@@ -116,9 +116,9 @@ def register(
     Returns
     -------
     registrations : dict of str to Registration
-        Of the scenes where it was found.
+        Of the scenes with a registration.
     problems : dict of str to tuple of Problem
-        Of the others: sides that are not seen, or that do not agree with the rays.
+        Of the others: sides that are not found, or that do not agree with the rays.
     """
     fitted: dict[str, Fitted] = {}
     problems: dict[str, tuple[Problem, ...]] = {}
@@ -152,7 +152,7 @@ def _registration(one: Fitted, known_to: float, boards: int, rig: CaptureRig) ->
 
 
 def _of_one_rig(fitted: Mapping[str, Fitted], rig: CaptureRig) -> dict[str, Fitted]:
-    """Return the boards that agree on one pose, under it; none where no two of several do."""
+    """Return the boards that agree on one pose, under it; none if no two of several do."""
     poses = [astuple(board.pose) for board in fitted.values()]
     middle = np.median(poses or [astuple(Pose())], axis=0)
     members = {
@@ -175,7 +175,7 @@ def _of_one_rig(fitted: Mapping[str, Fitted], rig: CaptureRig) -> dict[str, Fitt
 
 
 def _apart(first: Pose, second: Pose, rig: CaptureRig) -> float:
-    """Return how far apart two poses put what lies within the image, in pixels, at most."""
+    """Return how far apart two poses put places within the image, in pixels, at most."""
     yaw, pitch, roll = np.abs(np.subtract(astuple(first), astuple(second)))
     turned = np.hypot(yaw, pitch) * rig.focal_length + roll * max(rig.frame_size) / 2
     return float(np.deg2rad(turned))

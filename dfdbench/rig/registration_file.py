@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
+from pydantic import FiniteFloat, ValidationError
 
-from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.errors import SourceError, reason_of
 from dfdbench.rig.lidar import Floats
 from dfdbench.system.files import read_text, write_whole
+from dfdbench.system.record import Record, problems_of
 from dfdbench.system.toml_text import parse_toml
 
 NAME = "registration.toml"
@@ -19,11 +19,23 @@ NAME = "registration.toml"
 PREVIOUS = "registration.previous.toml"
 _LEAST_PAIRS = 4
 _HEAD = """\
-# Where the LIDAR's depth map lies on the image. Each pair is one point of the scene: its place
+# Where the LIDAR's depth map is on the image. Each pair is one point of the scene: its place
 # in the depth map, scaled up, and its place in the cropped image, both x, y in pixels from the
 # middle of the top left one. Move a point to correct the fit; add more, and all are fitted.
 # Instead of pairs there may be: matrix = [[...], [...], [...]], projective, 3 x 3.
 """
+
+_Row = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+
+class _Pair(Record):
+    lidar: tuple[FiniteFloat, FiniteFloat]
+    image: tuple[FiniteFloat, FiniteFloat]
+
+
+class _File(Record):
+    matrix: tuple[_Row, _Row, _Row] | None = None
+    pairs: tuple[_Pair, ...] = ()
 
 
 def read_registration(path: Path) -> Floats:
@@ -46,19 +58,24 @@ def read_registration(path: Path) -> Floats:
     """
     where = str(path)
     try:
-        content = parse_toml(read_text(path))
+        content = _File.model_validate(parse_toml(read_text(path)))
+    except ValidationError as error:
+        raise SourceError.of(problems_of(error, "not a registration", file=path)) from error
     except (OSError, ValueError) as error:
         got = reason_of(error)
         raise SourceError("cannot read the registration", where=where, got=got) from error
-    if "matrix" in content and "pairs" in content:
-        raise SourceError("the file has both a matrix and pairs", where=where, fix="leave out one")
-    if "matrix" in content:
-        return _matrix(content["matrix"], where)
-    pairs = content.get("pairs", [])
-    if not isinstance(pairs, list) or len(pairs) < _LEAST_PAIRS:
+    if content.matrix is not None:
+        if content.pairs:
+            fix = "leave out one"
+            raise SourceError("the file has both a matrix and pairs", where=where, fix=fix)
+        matrix = np.array(content.matrix, np.float64)
+        if not np.linalg.det(matrix):
+            raise SourceError("not a projective matrix", where=where, got=str(matrix.tolist()))
+        return matrix
+    if len(content.pairs) < _LEAST_PAIRS:
         what = f"too few pairs of points: {_LEAST_PAIRS} or more [[pairs]] are needed, or a matrix"
         raise SourceError(what, where=where)
-    source, target = (_points(pairs, key, where) for key in ("lidar", "image"))
+    source, target = np.array([(pair.lidar, pair.image) for pair in content.pairs]).swapaxes(0, 1)
     for key, points in (("lidar", source), ("image", target)):
         if len(np.unique(points, axis=0)) < len(points):
             raise SourceError("two pairs share a point", where=f"{where}: {key}")
@@ -100,29 +117,3 @@ def write_registration(path: Path, matrix: Floats, corners: Floats, note: str) -
     except OSError as error:
         got = reason_of(error)
         raise SourceError("cannot write the registration", where=str(path), got=got) from error
-
-
-def _matrix(given: Any, where: str) -> Floats:
-    try:
-        matrix = np.asarray(given, np.float64)
-    except (TypeError, ValueError):
-        matrix = np.zeros(0)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not np.linalg.det(matrix):
-        what = "not a projective matrix of 3 rows of 3 numbers"
-        raise SourceError(what, where=f"{where}: matrix", got=str(given))
-    return matrix
-
-
-def _points(pairs: list[Any], key: str, where: str) -> Floats:
-    problems, points = [], []
-    for number, pair in enumerate(pairs):
-        try:
-            x, y = (float(number) for number in pair[key])
-            if not (math.isfinite(x) and math.isfinite(y)):
-                raise ValueError
-            points.append((x, y))
-        except (TypeError, ValueError, KeyError):
-            problems.append(Problem("not a point [x, y]", where=f"{where}: pairs[{number}].{key}"))
-    if problems:
-        raise SourceError.of(problems)
-    return np.array(points)

@@ -73,7 +73,7 @@ _MIRROR = (0.06, 0.11, -0.02, 0.04)
 
 @dataclass(frozen=True)
 class SimulatedScene:
-    """One board before a wall.
+    """One board in front of a wall.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class SimulatedScene:
         exposure_ms : int
             In milliseconds.
         seed : tuple of int
-            Of the noise, beside the scene's number.
+            Of the noise, with the scene's number.
         """
         signal = light * (exposure_ms / _WHITE_AT)
         shot = (_NOISE_AT_GREY**2 - _READ_NOISE**2) / 0.5
@@ -135,7 +135,7 @@ class SimulatedScene:
         return (steps.astype(np.int64) >> 2).astype(np.uint8)
 
     def scan(self, beams: Beams, number: int) -> NDArray[np.int32]:
-        """Return one LIDAR scan: ranges in mm with noise, 0 where nothing came back.
+        """Return one LIDAR scan: ranges in mm with noise, 0 if nothing came back.
 
         Parameters
         ----------
@@ -177,7 +177,7 @@ def defocus(view: View, table: LensTable, step: int) -> Floats:
     Parameters
     ----------
     view : View
-        What lies before the lens.
+        What is in front of the lens.
     table : LensTable
         Its blur radius by distance.
     step : int
@@ -210,5 +210,5 @@ def _disc(radius: float) -> Floats:
 
 
 def _quantile(share: float) -> float:
-    # Where a normal number lies above with this chance.
+    # A normal number is above it with this chance.
     return NormalDist().inv_cdf(1 - share)

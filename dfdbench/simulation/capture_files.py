@@ -75,7 +75,7 @@ def write_captures(
 ) -> tuple[str, ...]:
     """Write scenes into ``folder/kNN`` and their truth into ``folder/truth/kNN``.
 
-    A scene that lies there whole with the same settings is kept, so that a stopped call goes on.
+    A complete scene with the same settings is kept, so that a stopped call resumes.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def write_captures(
     Raises
     ------
     InputError
-        Where a scene's folder holds something else; nothing is changed then.
+        If a scene's folder holds something else; then nothing is changed.
     """
     wanted = json.dumps({"version": _VERSION, **asdict(settings)}, indent=1) + "\n"
     if problems := [p for name in scenes if (p := _foreign(folder / name, wanted))]:
