@@ -13,7 +13,7 @@ from dfdbench.leaderboard.folder import link_to
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.of_protocol import metrics_of, ranked_by
-from dfdbench.metrics.protocol import RELEASED, title_of
+from dfdbench.metrics.protocol import title_of
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT
 from dfdbench.results.told import TOLD_NOTE, knew_blur, told
@@ -193,8 +193,6 @@ def standing_record(board: ScoreBoard, standing: Standing, folder: Path) -> dict
     metrics, first = metrics_of(protocol), ranked_by(protocol)[0]
     low, high = standing.interval or (None, None)
     above = standing.above
-    released = RELEASED.get(protocol)
-    newer = released.superseded_by if released else None
     by_level = {
         f"{metric} {dataset.blocks} {level}": _mean(
             entry.result, protocol, metric, dataset.blocks, level
@@ -206,7 +204,6 @@ def standing_record(board: ScoreBoard, standing: Standing, folder: Path) -> dict
         "dataset": board.dataset,
         "split": board.split,
         "protocol": protocol,
-        "superseded_by": newer.label if newer else None,
         "fingerprint": board.fingerprint,
         "rank": standing.rank,
         "method": entry.result.method.name,

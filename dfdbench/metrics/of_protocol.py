@@ -24,8 +24,7 @@ def protocols_of(in_metres: bool) -> dict[str, Protocol]:
     >>> list(protocols_of(False)), list(protocols_of(True))[3:]
     (['thesis', 'thesis-networks-2', 'valid'], ['metric', 'aligned'])
     """
-    newest = {label: p for label, p in RELEASED.items() if p.superseded_by is None}
-    return {label: p for label, p in newest.items() if in_metres or not p.metrics}
+    return {label: p for label, p in RELEASED.items() if in_metres or not p.metrics}
 
 
 def metrics_of(label: str) -> Mapping[str, Metric]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-Crop = Literal["whole", "network", "network-of-16"]
+Crop = Literal["whole", "network-of-16"]
 # The published networks halve their images four times, so their program cuts images to this.
 _NETWORK_MULTIPLE = 16
 
@@ -14,7 +14,7 @@ def window_of(crop: Crop, shape: tuple[int, ...], side: int) -> tuple[slice, ...
 
     Parameters
     ----------
-    crop : {"whole", "network", "network-of-16"}
+    crop : {"whole", "network-of-16"}
         As of a `dfdbench.metrics.protocol.Protocol`.
     shape : tuple of int
         Of the image.
@@ -28,8 +28,7 @@ def window_of(crop: Crop, shape: tuple[int, ...], side: int) -> tuple[slice, ...
     """
     if crop == "whole":
         return tuple(slice(0, extent) for extent in shape)
-    if crop == "network-of-16":
-        shape = tuple(extent - extent % _NETWORK_MULTIPLE for extent in shape)
+    shape = tuple(extent - extent % _NETWORK_MULTIPLE for extent in shape)
     starts = (max(extent - side, 0) // 2 for extent in shape)
     return tuple(
         slice(start, min(start + side, extent)) for start, extent in zip(starts, shape, strict=True)

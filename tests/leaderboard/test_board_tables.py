@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from dfdbench.leaderboard.board_tables import runs_table, standings_table
-from dfdbench.leaderboard.boards import Entry, boards, collect
+from dfdbench.leaderboard.boards import Entry, boards
 from dfdbench.leaderboard.submission import submit
 from tests.leaderboard.made_boards import WHEN, add, only_board
 from tests.made_results import make_demo_result, make_result
@@ -38,25 +38,6 @@ def test_runs_that_give_way_are_named_by_their_folders(tmp_path: Path) -> None:
         os.utime(first, (0, 0))
         (board,) = boards(entries)
         assert told in standings_table(board, tmp_path).notes[-1]
-
-
-def test_rows_of_a_superseded_protocol_stay_and_say_so(tmp_path: Path) -> None:
-    old = add(tmp_path, "old", 0.1, protocols=("thesis-networks",))
-    new = add(tmp_path, "new", 0.1, protocols=("thesis-networks-2",))
-    add(tmp_path, "new", 0.1, protocols=("valid",))
-    places = [path.relative_to(tmp_path).as_posix() for path in (old, new)]
-    assert places == [
-        "results/demo-1-test/thesis-networks/old.json",
-        "results/demo-1-test/thesis-networks-2/new.json",
-    ]
-    tables = [standings_table(board, tmp_path) for board in boards(collect(tmp_path))]
-    assert [table.title for table in tables] == [
-        "demo-1, split test, protocol thesis-networks, version 2",
-        "demo-1, split test, protocol valid",
-        "demo-1, split test, protocol thesis-networks, version 1: superseded by version 2",
-    ]
-    newer = [table.records[0]["superseded_by"] for table in tables]
-    assert newer == [None, None, "thesis-networks-2"]
 
 
 @pytest.mark.slow

@@ -117,7 +117,7 @@ def test_a_captured_set_is_held_to_its_fingerprint_too(tmp_path: Path) -> None:
         ({"degradation": "clean"}, "not what the manifest"),
         ({"name": "demo-1"}, "not what the manifest"),
         ({"name": "demo-1@camera-7"}, "unknown severity"),
-        ({"name": "realworld-2@camera-2"}, "captured"),
+        ({"name": "realworld-1@camera-2"}, "captured"),
     ],
 )
 def test_a_row_on_a_track_says_what_the_track_says(

@@ -12,18 +12,14 @@ from dfdbench.datasets.store import Store
 from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import DfdbenchError, InputError, ResultError, UnknownNameError
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.leaderboard.boards import boards, collect
 from dfdbench.leaderboard.submission import submit
 from dfdbench.leaderboard.verification import verify_result, verify_tracks
 from dfdbench.leaderboard.verification_file import load_tracks_verification, save_verification
-from dfdbench.metrics.protocol import RELEASED, find_protocol
-from dfdbench.results.record import Result, average
-from dfdbench.results.record_file import RESULT, load_result, save_result, seal_of
-from dfdbench.results.run_tables import run_tables
-from dfdbench.results.summary import summarise
+from dfdbench.results.record import Result
+from dfdbench.results.record_file import RESULT, load_result, seal_of
 from dfdbench.results.tracks_record import results_of, tracks_record
 
 
@@ -100,27 +96,8 @@ def test_a_method_whose_name_leads_elsewhere_is_not_run(run: Path, tiny_store: S
         verify_result(result.model_copy(update={"method": method}), run, tiny_store)
 
 
-def test_an_older_protocol_is_verified_under_its_own_window(run: Path, tiny_store: Store) -> None:
-    # As a run of before version 2 wrote it; the tiny images are no multiples of 16.
-    method = load_for(tiny_store, "local", {"window": 3})
-    old = tuple(RELEASED[label] for label in ("thesis", "thesis-networks"))
-    evaluate = PairEvaluator(tiny_store, method, 0, old)
-    pairs = [evaluate(pair)[0] for pair in tiny_store.pairs("test")]
-    labels = [protocol.label for protocol in old]
-    result = load_result(run).model_copy(
-        update={
-            "pairs": pairs,
-            "averages": average(pairs, labels),
-            "protocols": [protocol.as_dict() for protocol in old],
-        }
-    )
-    save_result(result, run)
-    assert verify_result(load_result(run), run, tiny_store).largest_difference == 0
-    with pytest.raises(UnknownNameError, match="another version of protocol"):
-        run_tables(summarise(load_result(run), find_protocol("thesis-networks").label))
-    shown = run_tables(summarise(load_result(run), find_protocol("thesis-networks-1").label))
-    assert "thesis-networks, version 1: superseded by version 2" in shown[0].title
-    unknown = result.model_copy(update={"protocols": [{"name": "mine", "version": 1}]})
+def test_an_unknown_protocol_is_refused(run: Path, tiny_store: Store) -> None:
+    unknown = load_result(run).model_copy(update={"protocols": [{"name": "mine", "version": 1}]})
     with pytest.raises(UnknownNameError, match="unknown protocol of"):
         verify_result(unknown, run, tiny_store)
 
