@@ -41,8 +41,8 @@ def test_every_command_is_told_with_every_option(made: Any) -> None:
         shown = [p for p in command.params if not getattr(p, "hidden", False)]
         asked = [p.opts[-1] if p.opts[0][0] == "-" else p.metavar or p.name for p in shown]
         assert [text.rstrip(".").split("/")[0] for text in told] == asked, name
-        for inner, found in getattr(command, "commands", {}).items():
-            hold(found, f"{name} {inner}")
+        for inner in command.list_commands(None) if hasattr(command, "list_commands") else ():
+            hold(command.get_command(None, inner), f"{name} {inner}")
 
     for name, verb in VERBS.items():
         hold(verb.load(name), f"dfdbench {name}")

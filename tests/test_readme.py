@@ -63,7 +63,7 @@ def test_the_ten_lines_beat_a_constant_on_every_test_scene(
     monkeypatch.setenv("DFDBENCH_CACHE", str(place / "cache"))
     names: dict[str, Any] = {}
     exec(blocks("README.md", "python")[0], names)
-    runs = [dfdbench.evaluate(method, "demo", "test") for method in (names["predict"], "constant")]
+    runs = [dfdbench.run(method, "demo", "test") for method in (names["predict"], "constant")]
     for protocol in ("valid", "thesis"):
         own, constant = (
             run.to_frame(protocol).groupby("scene")[["nrmse", "nmae"]].mean() for run in runs

@@ -103,7 +103,7 @@ def _hashes_of(store: Store, scene: str) -> Hashes:
     # Depth axes need not be the first of the pair's axes.
     others = [axis for axis in manifest.axes if axis not in manifest.depth.axes]
     order = [*manifest.depth.axes, *others]
-    arrays = store.scene(scene)
+    arrays = store.to_xarray(scene)
     last = {
         tuple(place[:views]): place
         for place in map(tuple, np.argwhere(arrays["available"].transpose(*order).values))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.gather import gather_problems, reaches
+from dfdbench.blur.synthesis import gather_problems, reaches
 from dfdbench.errors import InputError
 from dfdbench.system.compiled import compiled
 

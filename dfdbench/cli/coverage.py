@@ -150,7 +150,7 @@ def _refuse_mixtures(
 ) -> None:
     problems = []
     if dataset is None and run is None:
-        problems.append(Problem("no data set is named", fix="dfdbench coverage DATASET"))
+        problems.append(Problem("no data set is named", fix="dfdbench audit coverage DATASET"))
     others = [*named, *(["--result"] if run else [])]
     if each and others:
         problems.append(

@@ -60,7 +60,7 @@ def _nets() -> Iterator[tuple[str, str]]:
     try:
         import torch
 
-        from dfdbench.training.precision import precision_for
+        from dfdbench.training.configuration import precision_for
     except ModuleNotFoundError:
         return
     devices = [torch.device("cpu")] + [torch.device("cuda")] * torch.cuda.is_available()

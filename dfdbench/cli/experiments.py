@@ -66,7 +66,7 @@ def experiment(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="For the experiment reduction: a folder of networks that `dfdbench reduce` "
+            help="For the experiment reduction: a folder of networks that `dfdbench thesis reduce` "
             "wrote, instead of those of the thesis's Table D.2.",
         ),
     ] = None,
@@ -173,7 +173,7 @@ def _rows_of(
             "each row brings its own configuration",
             where="--config",
             got=config,
-            fix="leave it out; dfdbench reduce takes it",
+            fix="leave it out; dfdbench thesis reduce takes it",
         )
     return configurations_in(rows, chosen)
 

@@ -142,8 +142,7 @@ def protocol_of_tables(asked: str | None, data: Store) -> str:
 
 def require_shown(protocol: str, manifest: Manifest) -> None:
     """Refuse a protocol that a data set's runs are not scored under, before a long run."""
-    from dfdbench.metrics.of_protocol import protocols_of
-    from dfdbench.metrics.protocol import require_scored
+    from dfdbench.metrics.protocol import protocols_of, require_scored
 
     there = protocols_of(manifest.depth.scale is not None)
     require_scored(protocol, there, f"runs on {manifest.stem}")

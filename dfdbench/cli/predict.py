@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,15 +12,19 @@ from dfdbench.cli.methods import Params
 from dfdbench.cli.options import values_of
 from dfdbench.cli.screen import progress, say
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.tables.wording import counted
+
+if TYPE_CHECKING:
+    from dfdbench.evaluation.predict import Predictor
 
 
 def predict(
     images: Annotated[
         list[Path],
         typer.Argument(
-            help="The in-focus and the defocus photograph, or a folder of pairs: NAME.png beside "
-            "NAME_defocus.png."
+            help="The in-focus and the defocus photograph, or a folder of pairs: PAIR/infocus.png "
+            "and PAIR/defocus.png."
         ),
     ],
     out: Annotated[
@@ -53,7 +57,7 @@ def predict(
     no_align: Annotated[
         bool, typer.Option("--no-align", help="The photographs lie on each other as they are.")
     ] = False,
-    picture: Annotated[
+    figure: Annotated[
         Path | None,
         typer.Option(metavar="FILE.png", help="Draw photographs and depth in colour, too."),
     ] = None,
@@ -62,7 +66,7 @@ def predict(
     ] = 0,
 ) -> None:
     """Estimate depth from two photographs, or from a folder of pairs; no data set is needed."""
-    from dfdbench.evaluation.predict import Predictor, pairs_in, read_image, write_depth
+    from dfdbench.evaluation.predict import Predictor, pairs_in
 
     if fitted and lens:
         raise InputError(
@@ -74,35 +78,51 @@ def predict(
             f"two photographs are needed, or a folder of pairs; got {counted(len(images), 'path')}",
             fix="dfdbench predict sharp.png blurred.png --out depth.png",
         )
-    if folder and picture:
-        raise InputError("a picture is drawn of one pair", where="--picture", fix="leave it out")
+    if folder and figure:
+        raise InputError("a figure is drawn of one pair", where="--figure", fix="leave it out")
     pairs = list(pairs_in(images[0])) if folder else []
     if folder and not pairs:
         raise InputError(
             "no pair in this folder",
             where=str(images[0]),
-            fix="name photographs NAME.png and NAME_defocus.png, as `dfdbench export` does",
+            fix="name photographs PAIR/infocus.png and PAIR/defocus.png, as `dfdbench export "
+            "--images-only` does",
         )
+    output_place(out, *images, fitted)
+    if figure:
+        output_place(figure, *images, fitted, option="--figure")
     parameters = values_of(param, "--param") | ({"weights": weights} if weights else {})
     predictor = Predictor(method, fitted or lens, parameters, not no_align, seed)
-    if not folder:
-        sharp, blurred = map(read_image, images)
-        with progress("estimating depth", "nothing was written"):
-            estimate = predictor(sharp, blurred)
-        write_depth(out, estimate.depth)
-        say(f"matched      {estimate.found or 'nothing to do: the photographs are in register'}")
-        say(f"time         {estimate.seconds:.1f} s")
-        print(f"depth        {out}: {predictor.meaning}")
-        if picture:
-            from dfdbench.cli.screen import save_figure
-            from dfdbench.figures.pairs import depth_figure
+    if folder:
+        _predict_folder(predictor, pairs, out)
+    else:
+        _predict_pair(predictor, images, out, figure)
 
-            save_figure(depth_figure(sharp, blurred, estimate.depth), picture)
-        return
-    with progress("estimating depth") as step:
+
+def _predict_pair(predictor: Predictor, images: list[Path], out: Path, figure: Path | None) -> None:
+    from dfdbench.evaluation.predict import read_image, write_depth
+
+    sharp, blurred = map(read_image, images)
+    with progress("estimating depth", "nothing was written"):
+        estimate = predictor(sharp, blurred)
+    write_depth(out, estimate.depth)
+    if estimate.found:
+        say(f"matched      {estimate.found}")
+    say(f"time         {estimate.seconds:.1f} s")
+    print(f"depth        {out}: {predictor.meaning}")
+    if figure:
+        from dfdbench.cli.screen import save_figure
+        from dfdbench.figures.pairs import depth_figure
+
+        save_figure(depth_figure(sharp, blurred, estimate.depth), figure)
+
+
+def _predict_folder(predictor: Predictor, pairs: list[tuple[str, Path, Path]], out: Path) -> None:
+    from dfdbench.evaluation.predict import read_image, write_depth
+
+    with progress("estimating depth", "the same command begins anew") as step:
         for number, (name, infocus, defocus) in enumerate(pairs, 1):
-            target = out / f"{name}.npy"
-            if not target.exists():
-                write_depth(target, predictor(read_image(infocus), read_image(defocus)).depth)
+            depth = predictor(read_image(infocus), read_image(defocus)).depth
+            write_depth(out / f"{name}.npy", depth)
             step(number, len(pairs))
     print(f"depth        {out}: {counted(len(pairs), 'map')} of {predictor.meaning}")

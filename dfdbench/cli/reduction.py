@@ -74,7 +74,7 @@ def reduce(
     with needed():
         from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
-        from dfdbench.training.configuration_file import read_configuration
+        from dfdbench.training.configuration import read_configuration
         from dfdbench.training.reduction.reduce import reduce_weights
     use_threads(threads)
     place = find_weights("dfd-net", weights)
@@ -105,4 +105,4 @@ def reduce(
         print(render(found.tables, format), end="")
     say(f"tables       {folder / 'counts.md'}, rows.md, and both as CSV")
     say(f"networks     {', '.join(found.files)} in {folder}")
-    say(f"next         dfdbench experiment reduction --dataset {dataset} --rows {folder}")
+    say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")

@@ -17,8 +17,7 @@ from dfdbench.errors import InputError
 from dfdbench.figures.comparison import accuracy_figure, change_figure
 from dfdbench.figures.style import write_figure
 from dfdbench.leaderboard.folder import file_stems
-from dfdbench.metrics.of_protocol import ranked_by
-from dfdbench.metrics.protocol import find_protocol
+from dfdbench.metrics.protocol import find_protocol, ranked_by
 from dfdbench.report.html import write_html
 from dfdbench.report.markdown import write_markdown
 from dfdbench.report.paper_table import paper_tables

@@ -116,7 +116,7 @@ def architecture(
     """
     limit = seconds_of(max_time)
     with needed():
-        from dfdbench.training.configuration_file import read_configuration
+        from dfdbench.training.configuration import read_configuration
         from dfdbench.training.search.particle import bounds_of
         from dfdbench.training.search.plan import Choices, plan_search
     changed = values_of(changes, "--set") | ({"steps": steps} if steps else {})

@@ -64,7 +64,7 @@ def simulate_realworld(
     print(f"simulated {counted(len(made), 'scene')}{kept}")
     print(f"captures     {out}")
     print(f"truth        {out / 'truth'} (never read by build or register)")
-    say(f"next         dfdbench register {scenes} --source {out}")
+    say(f"next         dfdbench rig register {scenes} --source {out}")
 
 
 @app.command("lens")
@@ -74,7 +74,7 @@ def simulate_lens(out: Annotated[Path, typer.Option(help="Folder to write into."
     with writing(out):
         print(f"simulated {write_lens_test(out)} images")
     print(f"captures     {out}")
-    say(f"next         dfdbench optics sharpness {out}")
+    say(f"next         dfdbench rig optics sharpness {out}")
 
 
 def _pose(text: str) -> Pose:

@@ -103,7 +103,7 @@ def _propose_tests(
     best = ranking.candidates[0].test
     train = tuple(name for name in scenes.names if name not in best)
     why = (
-        f"dfdbench split {manifest.short} --test-scenes {size}: first of "
+        f"dfdbench audit split {manifest.short} --test-scenes {size}: first of "
         f"{len(ranking.candidates):,} ({_told(manifest, settings)})"
     )
     content = ranking_as_json(manifest, settings, ranking, published)
@@ -124,7 +124,7 @@ def _propose_folds(
         tuple(name for name in fold.test_scenes if name in scenes.names) for fold in manifest.folds
     ]
     published = Folds(tuple(scenes.judge([test for test in tests if test])))
-    why = f"dfdbench split {manifest.short} --folds {number} ({_told(manifest, settings)})"
+    why = f"dfdbench audit split {manifest.short} --folds {number} ({_told(manifest, settings)})"
     content = folds_as_json(manifest, settings, proposals, hopeless, published)
     folder = place.folder(f"folds-{number}")
     answer = Answer(content, (folds_table(manifest, proposals, hopeless, published),))

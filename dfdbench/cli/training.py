@@ -73,8 +73,7 @@ def train_command(
         from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.checkpoint import TrainingFolder
-        from dfdbench.training.configuration_file import read_configuration
-        from dfdbench.training.precision import precision_for
+        from dfdbench.training.configuration import precision_for, read_configuration
         from dfdbench.training.task import task_of
         from dfdbench.training.trainer import train
     use_threads(threads)
@@ -112,17 +111,17 @@ def _keep_figures(
     training: TrainingFolder, task: Task, outcome: TrainingOutcome, title: str
 ) -> Selections:
     from dfdbench.figures.training import levels_figure, patches_figure, training_figure
-    from dfdbench.training.checkpoint import LEVELS_FIGURE, PATCHES_FIGURE, TRAINING_FIGURE
+    from dfdbench.training.checkpoint import FIGURES
     from dfdbench.training.selections import selections_of
 
-    folder = training.path
-    save_figure(training_figure(training.log(), title), folder / TRAINING_FIGURE)
-    save_figure(levels_figure(training.levels(), title), folder / LEVELS_FIGURE)
+    course, levels, patches = (training.path / name for name in FIGURES)
+    save_figure(training_figure(outcome.log, title), course)
+    save_figure(levels_figure(outcome.log.levels, title), levels)
     names = [pair.id for pair in task.train]
     with progress("counting patches", RESUMED) as bar:
         drawn = selections_of(outcome.cropper, names, outcome.card.steps, bar)
     training.write_patches(drawn.rows())
-    save_figure(patches_figure(drawn, title), folder / PATCHES_FIGURE)
+    save_figure(patches_figure(drawn, title), patches)
     return drawn
 
 
@@ -131,7 +130,7 @@ def _tell(training: TrainingFolder, outcome: TrainingOutcome) -> None:
         say("time was up before the warm-up had ended: these weights have hardly been trained")
         say("--resume with a longer --max-time goes on; --fresh --set warm_up=N warms up faster")
     folder = training.path
-    scores = "scores.csv, " if training.log().scores else ""
+    scores = "scores.csv, " if outcome.log.scores else ""
     say(f"log          {folder / 'losses.csv'}, {scores}depth_levels.csv, patches.csv")
     say(f"weights      {outcome.weights}, and their card {outcome.weights.with_suffix('.md')}")
 

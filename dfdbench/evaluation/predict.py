@@ -17,6 +17,7 @@ from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.folder_matching import matching_of
 from dfdbench.building.sources.captured_pair import matched
 from dfdbench.building.sources.image_files import read_photograph
+from dfdbench.datasets.captured_files import ROLES
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.errors import DfdbenchError, InputError, MethodError, reason_of
@@ -24,9 +25,9 @@ from dfdbench.evaluation.fitting import FIT, read_fit
 from dfdbench.evaluation.lens import is_lens, lens_law
 from dfdbench.methods.calling import call
 from dfdbench.methods.fit import restore
-from dfdbench.methods.isolation import seeded
 from dfdbench.methods.method import Method
 from dfdbench.methods.parameters import read_fields
+from dfdbench.methods.process_state import seeded
 from dfdbench.methods.registry import entry_of, load_method, make_method
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT, load_result
@@ -259,22 +260,21 @@ def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
 
 
 def pairs_in(folder: Path) -> Iterator[tuple[str, Path, Path]]:
-    """Yield the pairs in a folder: ``NAME.png`` beside ``NAME_defocus.png``, at any depth.
+    """Yield the pairs in a folder: ``PAIR/infocus.png`` beside ``PAIR/defocus.png``, at any depth.
 
     Yields
     ------
     name : str
-        The in-focus image's path below the folder, without its ending.
+        The pair's folder, below the one that is searched.
     infocus, defocus : Path
     """
-    there = {
-        path.relative_to(folder).with_suffix("").as_posix(): path
-        for path in sorted(folder.rglob("*"))
-        if path.suffix.lower() in IMAGE_ENDINGS
-    }
-    for name, path in there.items():
-        if f"{name}_defocus" in there:
-            yield name, path, there[f"{name}_defocus"]
+    there: dict[Path, dict[str, Path]] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.suffix.lower() in IMAGE_ENDINGS and path.stem in ROLES[:2]:
+            there.setdefault(path.parent, {})[path.stem] = path
+    for place, images in there.items():
+        if len(images) == 2:
+            yield place.relative_to(folder).as_posix(), images["infocus"], images["defocus"]
 
 
 def _load(method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int) -> Method:

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from dfdbench.datasets.manifest import Scene
 from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text
 from dfdbench.metrics.metric import mean_of
-from dfdbench.metrics.of_protocol import metrics_of
-from dfdbench.metrics.protocol import title_of
+from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.summary import scene_labels
 

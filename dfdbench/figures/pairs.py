@@ -113,7 +113,7 @@ def depth_figure(
     for axis, head, image in zip(axes, HEADS, (infocus, defocus), strict=False):
         axis.set_title(head, fontsize=10)
         axis.imshow(image)
-    low, high = depth_span(depth)
+    low, high = depth_span(np.asarray(depth, np.float64))
     shown = axes[2].imshow(depth, cmap="viridis", vmin=low, vmax=high, interpolation="nearest")
     axes[2].set_title("depth", fontsize=10)
     without_ticks(axes, "0.75")

@@ -16,8 +16,7 @@ from dfdbench.datasets.store import Store
 from dfdbench.figures.groups import group_figures
 from dfdbench.figures.pairs import HEADS, draw_pair
 from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text, write_forms
-from dfdbench.metrics.of_protocol import metrics_of
-from dfdbench.metrics.protocol import title_of
+from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.summary import RunSummary

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from dfdbench.figures.style import COLOURS, legend_below, legend_beside, plain_text
-from dfdbench.methods.networks.widths import FILTERS, LAYERS
+from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.training.search.course import MARKS, Iteration
 
 _BEST, _MEAN, _MARK = COLOURS[0], COLOURS[5], COLOURS[2]

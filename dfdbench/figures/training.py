@@ -32,7 +32,7 @@ def training_figure(log: Log, title: str) -> Figure:
     drawn = axes.flat[: 2 + len(METRICS)]
     for axis, (metric, shown) in zip(drawn[2:], METRICS.items(), strict=True):
         for name, colour in (("train", _TRAIN), ("test", _TEST)):
-            rows = [row for row in log.scores if row.get(f"{name}_{metric}")]
+            rows = [row for row in log.scores if f"{name}_{metric}" in row]
             axis.plot(
                 [int(row["step"]) for row in rows],
                 [float(row[f"{name}_{metric}"]) for row in rows],

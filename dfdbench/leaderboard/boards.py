@@ -24,8 +24,7 @@ from dfdbench.leaderboard.verification_file import (
 )
 from dfdbench.metrics.intervals import scene_interval
 from dfdbench.metrics.metric import mean_of
-from dfdbench.metrics.of_protocol import ranked_by
-from dfdbench.metrics.protocol import RELEASED
+from dfdbench.metrics.protocol import RELEASED, ranked_by
 from dfdbench.results.differences import PairedDifference, changes, paired_difference
 from dfdbench.results.first_table import first_protocol
 from dfdbench.results.record import PairResult, Result

@@ -19,7 +19,7 @@ from dfdbench.leaderboard.scored_table import scored_table
 from dfdbench.leaderboard.track_board_tables import tracks_board_table
 from dfdbench.leaderboard.track_boards import TracksBoard, TracksEntry, collect_tracks, track_boards
 from dfdbench.metrics.metric import IN_METRES
-from dfdbench.metrics.of_protocol import ranked_by
+from dfdbench.metrics.protocol import ranked_by
 from dfdbench.results.told import told
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown

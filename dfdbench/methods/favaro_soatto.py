@@ -17,13 +17,13 @@ from dfdbench.methods.fitted import (
     Image,
     evenly_spread,
     learned_array,
+    least_label,
     not_fitted,
     nothing_to_fit,
     odd_window,
     require_window_fits,
     wrong,
 )
-from dfdbench.methods.winner import least_label
 from dfdbench.system.compiled import compiled
 
 _NAME = "favaro-soatto"

@@ -101,7 +101,12 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
             got=type(fit).__name__,
         )
     try:
-        with process_kept(), seeded(seed), contextlib.redirect_stdout(sys.stderr):
+        with (
+            process_kept(),
+            seeded(seed),
+            contextlib.redirect_stdout(sys.stderr),
+            method.sources.watch(),
+        ):
             begin = time.perf_counter()
             returned = fit(pairs)
             seconds = time.perf_counter() - begin
@@ -141,7 +146,7 @@ def restore(method: Method, learned: Learned) -> None:
         for name, value in learned.items()
     }
     try:
-        with process_kept(), contextlib.redirect_stdout(sys.stderr):
+        with process_kept(), contextlib.redirect_stdout(sys.stderr), method.sources.watch():
             give(copies)
     except DfdbenchError:
         raise

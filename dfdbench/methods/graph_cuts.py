@@ -16,8 +16,8 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
-from dfdbench.methods.calibrated import Calibrated
 from dfdbench.methods.data_cost import data_cost
+from dfdbench.methods.fitted import Calibrated
 from dfdbench.methods.law_cost import blurred_by, information, law_cost
 
 Image = NDArray[np.uint8]

@@ -79,7 +79,7 @@ def read_lens_captures(folder: Path) -> dict[str, tuple[Measurement, ...]]:
                 "no captures of a lens test",
                 where=str(folder),
                 expected="temperature/image_135_40.00_27.25.png, up/image_127_30.00.png, down/...",
-                fix="to see the layout: dfdbench simulate lens --out DIR",
+                fix="to see the layout: dfdbench rig simulate lens --out DIR",
             )
         )
     if problems:

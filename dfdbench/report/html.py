@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dfdbench.datasets.pair_images import PairImages
 from dfdbench.figures.style import ERROR_LIMIT, brightened, brightening
-from dfdbench.metrics.of_protocol import metrics_of
+from dfdbench.metrics.protocol import metrics_of
 from dfdbench.report.content import Content, ShownPair, gather
 from dfdbench.report.pictures import depth_map, error_map, ink, inline_svg, photo, scale
 from dfdbench.report.plot_files import write_plots

@@ -148,9 +148,8 @@ def _misplaced(result: Result, path: str) -> list[Problem]:
         if axis is not None and axis not in axes
     ]
     if len(set(axes)) != len(axes):
-        problems.append(
-            Problem("an axis is listed twice", where=f"{path}: dataset.axes", got=str(axes))
-        )
+        twice = Problem("an axis is listed twice", where=f"{path}: dataset.axes", got=str(axes))
+        problems.append(twice)
     for number, pair in enumerate(result.pairs):
         where = f"{path}: pairs.{number}"
         if pair.coordinates.keys() != set(axes):
@@ -203,6 +202,8 @@ def _miscounted(result: Result, evaluated: list[PairResult], path: str) -> Itera
             expected=str(len(evaluated)),
             got=str(result.dataset.evaluated),
         )
+    if any(pair.machine >= len(result.environments) for pair in result.pairs):
+        yield Problem("a pair was run on a machine that is not listed", where=f"{path}: pairs")
 
 
 def _unscored(result: Result, evaluated: list[PairResult], path: str) -> Iterator[Problem]:

@@ -34,8 +34,7 @@ from dfdbench.methods.mrf import (
     split,
     truncated_absolute,
 )
-from dfdbench.methods.rounded_cost import rounded_cost
-from dfdbench.methods.rounded_graph_cuts import REPAIRS, RoundedGraphCuts, best_paths
+from dfdbench.methods.rounded_graph_cuts import REPAIRS, RoundedGraphCuts, best_paths, rounded_cost
 from tests.benchmarks.test_blur import separable, stack
 
 LABELS = 256

@@ -9,11 +9,10 @@ from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
 from scipy.stats import qmc
 
 from dfdbench.blur.formation import encode
-from dfdbench.blur.gather import blur_by_level
 from dfdbench.blur.layers import GAP, composite_layers, without_tails
 from dfdbench.blur.point_spread import DISK, point_spread_functions
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.blur.synthesis import synthesize
+from dfdbench.blur.synthesis import blur_by_level, synthesize
 from dfdbench.building.sources.demo_scenes import SCENES
 from dfdbench.errors import InputError
 from dfdbench.simulation.photographs import photograph
@@ -181,7 +180,7 @@ def by_lens(scene: str, rays: int) -> Floats:
         place = (y - 0.5, x - 0.5)
         view = cast(surfaces, photographs, 0.0, SHAPE, FOCAL_LENGTH, place, point, FOCUS)
         total += lit(view)
-    return total / rays
+    return np.asarray(total / rays)
 
 
 def lit(view: View) -> Floats:
@@ -206,7 +205,7 @@ def disks() -> Floats:
     for level in range(256):
         inside = distance <= max(RADIUS_PER_LEVEL * (255 - level), 0.5)
         kernels[level] = inside.reshape(15, 15, 15, 15).mean(axis=(1, 3))
-    return kernels / kernels.sum(axis=(1, 2), keepdims=True)
+    return np.asarray(kernels / kernels.sum(axis=(1, 2), keepdims=True))
 
 
 @pytest.mark.slow

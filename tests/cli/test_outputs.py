@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.cli.verbs import VERBS
 from dfdbench.datasets.store import Store
 from tests.cli.command import Command
 from tests.conftest import TINY_TOML
+from tests.fuzz.arguments import verbs
 from tests.made_folder import make_folder
 
 #: The options that name a place to write to; `build --store` has a test of its own.
 OUTPUTS = {"out", "png", "figure"}
-SEARCH = "search architecture --dataset STORE --split test --bounds crop=12:16"
-LENS = "optics blur --f-number 2 --focal-length 9.6mm --focus 0.5m --pixel 4.8um"
+SEARCH = "thesis search architecture --dataset STORE --split test --bounds crop=12:16"
+LENS = "rig optics blur --f-number 2 --focal-length 9.6mm --focus 0.5m --pixel 4.8um"
 # HELD is replaced by the store, then by a run.
 COMMANDS = {
     ("new-dataset", "out"): "new-dataset photos --out HELD/x.toml",
@@ -25,25 +25,27 @@ COMMANDS = {
     ("run", "out"): "run --method constant --dataset STORE --out HELD/x",
     ("score", "out"): "score --predictions maps --dataset STORE --out HELD/x",
     ("tracks", "out"): "tracks --method constant --dataset demo --out HELD",
+    ("predict", "out"): "predict a.png b.png --method local --out HELD/x.npy",
+    ("predict", "figure"): "predict a.png b.png --method local --out x.npy --figure HELD/x.png",
     ("train", "out"): "train dfd-net --dataset STORE --config quick --out HELD/x",
-    ("experiment", "out"): "experiment repeatability --dataset STORE --out HELD",
+    ("thesis experiment", "out"): "thesis experiment repeatability --dataset STORE --out HELD",
     (
-        "search architecture",
+        "thesis search architecture",
         "out",
-    ): "search architecture --dataset STORE --split test --bounds crop=12:16 --out HELD",
-    ("reduce", "out"): "reduce --weights demo --dataset STORE --out HELD",
+    ): "thesis search architecture --dataset STORE --split test --bounds crop=12:16 --out HELD",
+    ("thesis reduce", "out"): "thesis reduce --weights demo --dataset STORE --out HELD",
     ("report", "out"): "report run --out HELD",
     ("report", "figure"): "report run --format csv --figure HELD/x.png",
     ("compare", "out"): "compare run other --out HELD/x.png",
-    ("depths", "figure"): "depths STORE --figure HELD/x.png",
-    ("coverage", "out"): "coverage STORE --out HELD",
-    ("split", "out"): "split STORE --test-scenes 1 --out HELD",
-    ("difficulty", "out"): "difficulty STORE --out HELD",
-    ("optics blur", "out"): f"{LENS} --out HELD/x.png",
-    ("optics pairs", "out"): "optics pairs --out HELD/x.png",
-    ("optics sharpness", "out"): "optics sharpness photos --out HELD",
-    ("simulate realworld", "out"): "simulate realworld --out HELD",
-    ("simulate lens", "out"): "simulate lens --out HELD",
+    ("audit depths", "figure"): "audit depths STORE --figure HELD/x.png",
+    ("audit coverage", "out"): "audit coverage STORE --out HELD",
+    ("audit split", "out"): "audit split STORE --test-scenes 1 --out HELD",
+    ("audit difficulty", "out"): "audit difficulty STORE --out HELD",
+    ("rig optics blur", "out"): f"{LENS} --out HELD/x.png",
+    ("rig optics pairs", "out"): "rig optics pairs --out HELD/x.png",
+    ("rig optics sharpness", "out"): "rig optics sharpness photos --out HELD",
+    ("rig simulate realworld", "out"): "rig simulate realworld --out HELD",
+    ("rig simulate lens", "out"): "rig simulate lens --out HELD",
 }
 
 
@@ -71,12 +73,9 @@ def content(folder: Path) -> dict[str, str]:
 
 def test_every_option_that_names_a_place_is_looked_at() -> None:
     found = set()
-    for name, verb in VERBS.items():
-        command = verb.load(name)
-        below = getattr(command, "commands", {})
-        for label, one in [(name, command), *((f"{name} {sub}", c) for sub, c in below.items())]:
-            shown = [p.name for p in one.params if not getattr(p, "hidden", False)]
-            found |= {(label, option) for option in OUTPUTS & {*shown}}
+    for label, command in verbs().items():
+        shown = [p.name for p in command.params if not getattr(p, "hidden", False)]
+        found |= {(label, option) for option in OUTPUTS & {*shown}}
     assert found == set(COMMANDS)
 
 

@@ -11,7 +11,7 @@ from tests.cli.command import Command
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--dataset", "demo@noise-1"), "leave out the track"),
+        (("--dataset", "demo@noise-1"), "--track NAME chooses"),
         (("--dataset", "realworld"), "captured"),
         (("--track", "nois"), "did you mean noise"),
         (("--split", "tset"), "did you mean test"),

@@ -32,8 +32,8 @@ far = 5.0
 def pair() -> tuple[Image, Image, Image]:
     """A random texture, fine and coarse, on two planes, its defocus image, and the depth."""
     noise = np.random.default_rng(1).uniform(0, 255, (160, 200, 3))
-    scales = [cv2.GaussianBlur(noise, (0, 0), sigma) for sigma in (1.5, 8)]
-    image = sum(cv2.normalize(each, None, 10, 120, cv2.NORM_MINMAX) for each in scales)
+    fine, coarse = (np.asarray(cv2.GaussianBlur(noise, (0, 0), sigma)) for sigma in (1.5, 8))
+    image = np.clip(128 + (fine - fine.mean()) * 1.5 + (coarse - coarse.mean()) * 8, 10, 245)
     depth = np.where(np.arange(200) < 100, 60, 190) * np.ones((160, 1), int)
     sharp, levels = image.astype(np.uint8), depth.astype(np.uint8)
     return sharp, synthesize(sharp, levels, RECIPES["published"]), levels
@@ -106,14 +106,20 @@ def test_depth_files_hold_the_depth(tmp_path: Path) -> None:
     write_depth(tmp_path / "a.npy", depth)
     write_depth(tmp_path / "deep/a.png", depth)
     assert np.array_equal(np.load(tmp_path / "a.npy"), depth)
-    read = cv2.imread(str(tmp_path / "deep/a.png"), cv2.IMREAD_UNCHANGED)
-    assert (read.dtype, (read / 256).tolist()) == (np.uint16, depth.tolist())
+    read = np.asarray(cv2.imread(str(tmp_path / "deep/a.png"), cv2.IMREAD_UNCHANGED))
+    assert (str(read.dtype), (read / 256).tolist()) == ("uint16", depth.tolist())
     with pytest.raises(InputError, match=r"\.npy or \.png"):
         write_depth(tmp_path / "a.gif", depth)
 
 
 def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
-    for name in ("a.png", "a_defocus.JPG", "b/c.png", "b/c_defocus.png", "b/alone.png", "d.txt"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+    for name in (
+        "a/infocus.png",
+        "a/defocus.JPG",
+        "b/c/infocus.png",
+        "b/c/defocus.png",
+        "infocus.png",
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     assert [name for name, _, _ in pairs_in(tmp_path)] == ["a", "b/c"]

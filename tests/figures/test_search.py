@@ -12,7 +12,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 
 from dfdbench.figures.search import convergence_figure, objective_figure, widths_figure
 from dfdbench.figures.style import write_figure
-from dfdbench.methods.networks.widths import FILTERS, LAYERS
+from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.training.search.course import Iteration
 
 COURSE = [

@@ -21,13 +21,8 @@ def heights(line: Line2D) -> list[float]:
 
 
 def test_losses_rates_and_scores_are_drawn_by_step() -> None:
-    losses = [
-        {"step": str(step), "learning_rate": "0.1", "loss": str(5 / step)} for step in range(1, 900)
-    ]
-    scores = [
-        {"step": str(step), "train_nmae": "0.1", "test_nmae": "0.2", "test_ssim": ""}
-        for step in (300, 600)
-    ]
+    losses = [{"step": step, "learning_rate": 0.1, "loss": 5 / step} for step in range(1, 900)]
+    scores = [{"step": step, "train_nmae": 0.1, "test_nmae": 0.2} for step in (300, 600)]
     axes = training_figure(Log(losses, scores), "title").axes
     loss = heights(axes[0].lines[0])
     assert len(loss) == 449
@@ -38,7 +33,7 @@ def test_losses_rates_and_scores_are_drawn_by_step() -> None:
 
 
 def test_a_training_without_scores_can_be_drawn() -> None:
-    training_figure(Log([{"step": "1", "learning_rate": "0.1", "loss": "2"}], []), "title")
+    training_figure(Log([{"step": 1, "learning_rate": 0.1, "loss": 2.0}], []), "title")
 
 
 def test_levels_are_shares_of_their_pixels() -> None:

@@ -33,7 +33,7 @@ def _archive(path: Path) -> None:
 
 
 def _configuration(path: Path) -> None:
-    from dfdbench.training.configuration_file import read_configuration
+    from dfdbench.training.configuration import read_configuration
 
     configuration = read_configuration(str(path))
     configuration.architecture("dfd-net")

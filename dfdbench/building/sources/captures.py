@@ -214,13 +214,15 @@ class RawScene:
                 Problem(
                     "scene is not registered",
                     where=str(self.registration),
-                    fix=f"dfdbench register {self.folder.name} --source {self.folder.parent}",
+                    fix=f"dfdbench rig register {self.folder.name} --source {self.folder.parent}",
                 )
             )
         else:
             _attempt(lambda: read_registration(self.registration), problems)
         if not problems and not self.depth()[1].any():
-            again = f"dfdbench register {self.folder.name} --source {self.folder.parent} --fresh"
+            again = (
+                f"dfdbench rig register {self.folder.name} --source {self.folder.parent} --fresh"
+            )
             problems.append(
                 Problem(
                     "no LIDAR return falls on the image", where=str(self.registration), fix=again

@@ -42,7 +42,7 @@ _ANGLE_STEP, _CORNER_PLACES = 0.02, 1
 
 
 class SimulatedRig:
-    """Scenes as `dfdbench simulate realworld` writes them, registered and read as captures are.
+    """Scenes as `dfdbench rig simulate realworld` writes them, registered and read as captures are.
 
     Frames are averaged and cropped, scans averaged, and the LIDAR's depth map, laid on the image by
     `dfdbench.rig.registration.register` from all scenes of the manifest together, is the ground

@@ -12,6 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.choices import (
+    LAYERS,
     SITES,
     SIZED,
     checked_activations,
@@ -20,7 +21,6 @@ from dfdbench.methods.networks.choices import (
     checked_normalized,
 )
 from dfdbench.methods.networks.layers import ACTIVATIONS
-from dfdbench.methods.networks.widths import LAYERS
 from dfdbench.system.record import Record, problems_of
 from dfdbench.training.search.swarm import Box, Numbers
 from dfdbench.training.search.variants import Variant

@@ -54,7 +54,7 @@ def test_the_same_store_for_any_number_of_workers(
     report = build_store(manifest, open_source(manifest, folder), place, pool=Threads(workers))
     once = build_store(manifest, open_source(manifest, folder), tmp_path / "again.zarr")
     assert report.fingerprint == once.fingerprint
-    found = Store(place).scene("desk").attrs["found"]
+    found = Store(place).to_xarray("desk").attrs["found"]
     assert found["desk/capture1"]["right"] == pytest.approx(-2, abs=0.1)
     assert manifest.depth.scale is not None
     images = Store(place).read(manifest.pairs("desk")[0])

@@ -11,8 +11,8 @@ pytest.importorskip("torch", reason="needs the extra nets")
 
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, ResultError
+from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.weights import load_weights
-from dfdbench.methods.networks.widths import FILTERS
 from dfdbench.system.work_folder import hold
 from dfdbench.training.search import evaluation as module
 from dfdbench.training.search.evaluation import Job, evaluate

@@ -69,7 +69,7 @@ def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Store, tmp_path
 
 
 def search_here(place: str, folder: Path) -> None:
-    """What `dfdbench search architecture` does; run in a process that is killed."""
+    """What `dfdbench thesis search architecture` does; run in a process that is killed."""
     torch.set_num_threads(1)
     searched(Store(place), folder)
 
