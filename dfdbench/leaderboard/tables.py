@@ -16,7 +16,7 @@ from dfdbench.datasets.tracked import part_name
 from dfdbench.leaderboard.ranking import Entry, ScoreBoard, over_tracks
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.protocol import RELEASED, metrics_of, title_of
+from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.frame import mean_scores
 from dfdbench.results.record import SCORED, Result
 from dfdbench.results.told import TOLD_NOTE, told
@@ -228,7 +228,6 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
 def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
     """Return the rows of a ranking as data, numbers in full."""
     metric, data = board.metric, board.result.dataset
-    newer = RELEASED[board.protocol].superseded_by if board.protocol in RELEASED else None
     by_place = _by_place(board)
     records = []
     for row, standing in enumerate(board.standings):
@@ -240,7 +239,6 @@ def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
                 "split": data.split,
                 "suite": board.suite,
                 "protocol": board.protocol,
-                "superseded_by": newer.label if newer else None,
                 "fingerprint": data.fingerprint,
                 "rank": standing.rank,
                 "method": entry.result.method.name,

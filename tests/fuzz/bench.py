@@ -204,7 +204,7 @@ def _folder(bench: Bench, path: Path) -> None:
 _MAKERS: dict[str, Callable[[Bench, Path], None]] = {
     "tiny-1.toml": _written(TINY_TOML),
     "demo-1.toml": _shipped("demo-1.toml"),
-    "realworld-2.toml": _shipped("realworld-2.toml"),
+    "realworld-1.toml": _shipped("realworld-1.toml"),
     "mine-1.toml": _written(FOLDER_TOML),
     "mine": _folder,
     "mine.py": _written(_METHODS),

@@ -175,7 +175,7 @@ _SHOWN = (
 
 KINDS: dict[str, Kind] = {
     "manifest": Kind(
-        ("tiny-1.toml", "demo-1.toml", "mine-1.toml", "realworld-2.toml"),
+        ("tiny-1.toml", "demo-1.toml", "mine-1.toml", "realworld-1.toml"),
         m.changed_toml,
         ("info FILE", "info FILE --pairs all", "build FILE --source site --store out.zarr"),
     ),

@@ -110,13 +110,6 @@ def test_why_a_row_has_no_rank_is_said() -> None:
     assert any("given a blur" in note for note in standings_table(board_of(given), HERE).notes)
 
 
-def test_rows_of_a_superseded_protocol_say_so() -> None:
-    old = make_demo_result(by_name, protocols=("thesis-networks",))
-    table = standings_table(board_of(old), HERE.parent)
-    assert table.title.endswith("version 1: superseded by version 2")
-    assert table.records[0]["superseded_by"] == "thesis-networks-2"
-
-
 def test_lightings_are_means_of_their_pairs() -> None:
     table = lighting_table(board_of(make_demo_result(lambda pair: 0.1 * pair.at["exposure"])))
     assert table.rows[0] == ("mine", "NRMSE ↓", "0.0000", "0.1000", "0.2000", "0.1000")
