@@ -27,7 +27,21 @@ def problems_of(tag: str, root: Path = ROOT) -> list[str]:
         problems.append(f"CITATION.cff: expected version {version}, got {cited and cited[1]}")
     if not notes_of(version, root):
         problems.append(f"CHANGELOG.md: expected a section [{version}] that says something")
-    return problems
+    return problems + repository_problems(root)
+
+
+def repository_problems(root: Path = ROOT) -> list[str]:
+    """Return where the repository's address is missing or differs from pyproject.toml."""
+    urls = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))["project"]["urls"]
+    if not urls.get("Repository"):
+        return ["pyproject.toml: expected the repository's address under [project.urls], got none"]
+    address = urls["Repository"]
+    lines = {"CITATION.cff": f'repository-code: "{address}"', "README.md": f"git clone {address}"}
+    return [
+        f"{name}: expected the line {line}"
+        for name, line in lines.items()
+        if line not in (root / name).read_text("utf-8").splitlines()
+    ]
 
 
 def notes_of(version: str, root: Path = ROOT) -> str:

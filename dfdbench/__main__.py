@@ -4,6 +4,10 @@ import os
 import sys
 
 _INTERRUPTED = 130
+_MISTAKE = 2
+_NO_MEMORY = """\
+error: not enough memory or threads
+  fix       allow more (ulimit -v and -u, or the container's limits), or use fewer --workers"""
 
 
 def main() -> None:
@@ -17,6 +21,14 @@ def main() -> None:
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         sys.exit(_INTERRUPTED)
+    except (MemoryError, RuntimeError, ImportError, OSError) as error:
+        # Here, because a library may run out of memory while it is imported.
+        from dfdbench.errors import is_lack_of_memory
+
+        if not is_lack_of_memory(error):
+            raise
+        print(_NO_MEMORY, file=sys.stderr)
+        sys.exit(_MISTAKE)
 
 
 def _open_what_is_closed() -> None:

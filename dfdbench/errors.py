@@ -13,6 +13,9 @@ from typing import Self
 _LONG_WORD = re.compile(r"\S{300,}")
 # More than anyone reads: the attribute `problems` has them all.
 _MOST_SHOWN = 200
+_NO_MEMORY = re.compile(
+    "can't start new thread|failed to map segment|not enough memory|cannot allocate memory", re.I
+)
 # All control characters but the tab and the line's end.
 _STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
@@ -205,6 +208,24 @@ def reason_of(error: BaseException) -> str:
     "a library's own text"
     """
     return getattr(error, "strerror", None) or str(error)
+
+
+def is_lack_of_memory(error: BaseException | None) -> bool:
+    """Return whether an error, or one that led to it, says that memory or threads ran out.
+
+    Examples
+    --------
+    >>> is_lack_of_memory(RuntimeError("can't start new thread")), is_lack_of_memory(KeyError())
+    (True, False)
+    """
+    if error is None:
+        return False
+    if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
+        return True
+    # Each library has its own words for it.
+    return bool(_NO_MEMORY.search(str(error))) or is_lack_of_memory(
+        error.__cause__ or error.__context__
+    )
 
 
 def room_or(elsewhere: str, error: BaseException) -> str:

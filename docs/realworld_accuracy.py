@@ -1,4 +1,4 @@
-"""How well `dfdbench register` finds simulated rigs again: the numbers in docs/realworld.md."""
+"""How well `dfdbench rig register` finds simulated rigs again: the numbers in docs/realworld.md."""
 
 from collections.abc import Iterator
 

@@ -13,13 +13,11 @@ STEPS = (129, 135, 141)
 
 
 def manifest_with_few_steps(name: str) -> Manifest:
-    """A released manifest, with three of its seventeen voltage steps."""
+    """A released manifest, with three of its seventeen voltage steps and a version of its own."""
+    own = {"voltage_step ": f"voltage_step = {list(STEPS)}", "version ": "version = 99"}
     lines = find_manifest(name).toml.splitlines()
-    few = [
-        f"voltage_step = {list(STEPS)}" if line.startswith("voltage_step") else line
-        for line in lines
-    ]
-    return parse_manifest("\n".join(few).encode(), f"{name}-1.toml")
+    few = [next((own[key] for key in own if line.startswith(key)), line) for line in lines]
+    return parse_manifest("\n".join(few).encode(), f"{name}-99.toml")
 
 
 def raw_scene(folder: Path, name: str) -> RawScene:

@@ -104,6 +104,25 @@ def test_every_parameter_of_the_classical_methods_is_told_with_its_default() -> 
     assert list(told) == classical
 
 
+def test_the_pages_tables_of_tracks_are_those_of_the_board(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(DOCS.parent)
+    main = runpy.run_path(str(DOCS / "tracks_rows.py"))["main"]
+    for name, page in (("PAGE", "classical.md"), ("SUMMARY", "tracks.md")):
+        # The middle of a page is made anew, whatever it says.
+        before, mark, rest = (DOCS / page).read_text("utf-8").partition("<!-- written by docs/")
+        first, _, after = rest.partition("<!-- end -->")
+        (tmp_path / page).write_text(
+            f"{before}{mark}{first.splitlines()[0]}\n<!-- end -->{after}", "utf-8"
+        )
+        monkeypatch.setitem(main.__globals__, name, tmp_path / page)
+    monkeypatch.setitem(main.__globals__, "PICTURE", tmp_path / "tracks_methods.png")
+    main("demo-1-test")
+    for page in ("classical.md", "tracks.md"):
+        assert (tmp_path / page).read_text("utf-8") == (DOCS / page).read_text("utf-8"), page
+
+
 @pytest.mark.slow
 def test_what_tracks_cost_is_written_between_its_marks_and_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -114,7 +133,10 @@ def test_what_tracks_cost_is_written_between_its_marks_and_drawn(
     page = tmp_path / "classical.md"
     page.write_bytes((DOCS / "classical.md").read_bytes())
     picture = tmp_path / "tracks_methods.png"
+    summary = tmp_path / "tracks.md"
+    summary.write_bytes((DOCS / "tracks.md").read_bytes())
     monkeypatch.setitem(main.__globals__, "PAGE", page)
+    monkeypatch.setitem(main.__globals__, "SUMMARY", summary)
     monkeypatch.setitem(main.__globals__, "PICTURE", picture)
     (tmp_path / "leaderboard/results").mkdir(parents=True)
     with pytest.raises(SystemExit, match="nothing is written"):

@@ -1,31 +1,52 @@
-"""Numbers that the pages quote from the leaderboard are those of its sealed results."""
+"""Each number on a page is what a sealed result, a published table or a command says, as text."""
 
 from __future__ import annotations
 
 import functools
+import json
+import os
 import re
-from collections.abc import Iterator
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import get_args
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.store import Store
 from dfdbench.leaderboard.boards import mean_over
 from dfdbench.leaderboard.submission import load_submission
+from dfdbench.leaderboard.track_boards import collect_tracks
 from dfdbench.leaderboard.verification_file import SUFFIX
+from dfdbench.methods.graph_cuts import GraphCuts
+from dfdbench.methods.mrf import Energy, Quality, expansion, split
+from dfdbench.methods.registry import built_in_methods
+from dfdbench.metrics.metric import RANKED_BY
 from dfdbench.metrics.protocol import find_protocol
+from dfdbench.metrics.scores import nmae, nrmse, ssim
 from dfdbench.results.record import Result
+from dfdbench.results.told import told
 from dfdbench.results.wording import score_text
+from tests.methods.test_graph_cuts import PROGRAM
 
 ROOT = Path(__file__).parents[1]
 METRICS = {"NRMSE ↓": "nrmse", "NMAE ↓": "nmae", "SSIM ↑": "ssim"}
-#: Rows of methods that the tables show beside those of the board.
-NOT_ON_THE_BOARD = {
-    "graph-cuts published_offset=true recipe=text",
-    "graph-cuts published_offset=true",
-    "s-transform recipe=null",
-    "constant training_mean=38",
-}
+PAGES = sorted(
+    path.relative_to(ROOT).as_posix()
+    for pattern in ("README.md", "CONTRIBUTING.md", "docs/*.md", "leaderboard/note.md")
+    for path in ROOT.glob(pattern)
+)
+#: Numbers that need a comparison: scores, shares in per cent, large energies.
+NUMBER = re.compile(r"(?<![\w.])(?:[01]\.\d{4,5}|\d+\.\d+ %|\d,\d{3},\d{3})(?![\w.])")
+#: By the mark of a block, how it is compared.
+PRINTED, WRITTEN = "<!-- printed by: ", "<!-- written by docs/"
 
 
 @dataclass(frozen=True)
@@ -57,7 +78,24 @@ QUOTED = [
         "dfd-net",
     ),
     Quoted("docs/training.md", "| the 29 test scenes", "dfd-indoor-1-test", "valid", "dfd-net"),
+    Quoted("docs/training.md", "| demo test, protocol `thesis`", "demo-1-test", "thesis"),
 ]
+#: Tables that a test below compares, by how their heads begin, and numbers that are no results.
+COMPARED = {
+    "README.md": ["| method | told |"],
+    "docs/graph_cuts.md": ["| solved with | exposure |", "| solver | exposure 1"],
+    "docs/training.md": ["| NRMSE / NMAE / SSIM, `thesis-networks`"],
+}
+NO_RESULTS = {
+    "docs/graph_cuts.md": {"0.01125", "1,139,913", "1,239,153", "0.1 %"},
+    "docs/data_sets.md": {"0.01125"},
+    "docs/thesis_contradictions.md": {"0.01125"},
+    "leaderboard/note.md": {"0.01125"},
+    "docs/coverage.md": {"0.1 %"},
+    "docs/metres.md": {"1.5625"},
+    "docs/python.md": {"0.0007"},
+    "docs/training.md": {"0.0005", "3,536,511", "7,665,636"},
+}
 
 
 @dataclass
@@ -150,15 +188,31 @@ def expected(result: Result, column: Column, cell: str, scenes: list[str]) -> st
     return f"{alone} ({over_scenes})" if "(" in cell else alone
 
 
+def published(table: str, method: str, at: str) -> list[str]:
+    """Return the scores that the thesis prints for a method, over all illuminations or a fold."""
+    path = ROOT / f"leaderboard/published/emerson-2019-table-{table}.json"
+    name, value = at.split()
+    (row,) = [
+        row
+        for row in json.loads(path.read_text("utf-8"))["rows"]
+        if row["method"] == method.lower().replace(" ", "-")
+        and row["at"][name] == value
+        and row["at"].get("illumination", "all") == "all"
+    ]
+    return [row["scores"][metric] for metric in METRICS.values()]
+
+
 @pytest.mark.parametrize("quoted", QUOTED, ids=str)
 def test_a_table_that_quotes_the_board_has_its_numbers(quoted: Quoted) -> None:
     head, rows = table(quoted)
     found = columns(quoted, head)
     assert found
     wrong, compared = [], 0
+    for row in rows:
+        if printed := re.match(r"printed, Table ([\d.]+): (.+)", row[0]):
+            scores = published(printed[1], printed[2], "exposure 2")
+            assert [row[at] for at, column in found.items() if not column.is_range] == scores
     for name, row in methods(quoted, rows):
-        if name in NOT_ON_THE_BOARD:
-            continue
         for at, column in found.items():
             result = results(quoted.board, column.protocol)[name]
             scenes = sorted({pair.scene for pair in result.pairs})
@@ -170,3 +224,274 @@ def test_a_table_that_quotes_the_board_has_its_numbers(quoted: Quoted) -> None:
                 wrong.append(f"{name}, {column.protocol}: {row[at]}, on the board {right}")
     assert not wrong
     assert compared >= 3
+
+
+def test_the_readmes_table_is_what_make_demo_prints() -> None:
+    quoted = Quoted("README.md", "| method | told |", "demo-1-test", "thesis")
+    (split,) = re.findall(r"^DEMO_SPLIT := (\w+)$", (ROOT / "Makefile").read_text("utf-8"), re.M)
+    _, rows = table(quoted)
+    assert [row[0] for row in rows] == ["`graph-cuts`", "`local`", "`s-transform`", "`constant`"]
+    for name, given, *shown in rows:
+        result = results(quoted.board, quoted.protocol)[name.strip("`")]
+        pairs = [pair for pair in result.pairs if pair.scene == split]
+        scores = [score_text(mean_over(pairs, "thesis", metric)) for metric in METRICS.values()]
+        assert (given, shown) == (told(result), scores), name
+
+
+def test_the_folds_of_photographs_are_printed_and_sealed() -> None:
+    protocol = find_protocol("thesis-networks").label
+    quoted = Quoted(
+        "docs/training.md", "| NRMSE / NMAE / SSIM", "middlebury-default-1-all", protocol
+    )
+    result = results(quoted.board, protocol)["dfd-net readout=median weights=demo"]
+    _, rows = table(quoted)
+    assert len(rows) == 9
+    for name, printed, own in rows:
+        fold, _, scenes = name.partition(": ")
+        assert printed.split(" / ") == published("5.7", "DfD-Net", f"fold {fold}")
+        pairs = [pair for pair in result.pairs if pair.scene in scenes.split(", ")]
+        means = [mean_over(pairs, protocol, metric) for metric in METRICS.values()]
+        assert own.split(" / ") == list(map(score_text, means))
+
+
+def test_the_floor_of_ssim_is_that_of_a_constant() -> None:
+    means = [
+        mean_over(results(board, "thesis")["constant"].pairs, "thesis", "ssim")
+        for board in ("demo-1-test", "middlebury-default-1-test")
+    ]
+    floors = {f"{mean:.2f}" for mean in means}
+    for page, said in (("leaderboard", 2), ("protocols", 1), ("graph_cuts", 1)):
+        text = " ".join((ROOT / f"docs/{page}.md").read_text("utf-8").split())
+        found = re.findall(r"(?:has|has SSIM|and) (0\.\d\d) on", text)
+        assert (len(found), set(found)) == (said, floors), page
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/data_sets.md"])
+def test_the_list_of_data_sets_has_their_numbers_of_pairs(page: str) -> None:
+    _, rows = table(Quoted(page, "| name | what | pairs", "", ""))
+    assert len(rows) == 7
+    for name, *_, pairs in rows:
+        assert int(pairs) == find_manifest(name.strip("`")).pair_count, name
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/index.md", "docs/thesis.md"])
+def test_pages_say_how_much_of_the_thesis_was_rerun(page: str) -> None:
+    text = " ".join((ROOT / page).read_text("utf-8").split())
+    (found,) = re.findall(r"default lighting, (\d+) of the (\d+) pairs", text)
+    counts = [find_manifest(name).pair_count for name in ("middlebury-default", "middlebury")]
+    assert list(map(int, found)) == counts
+
+
+def test_the_page_on_the_thesis_names_the_published_tables() -> None:
+    text = " ".join((ROOT / "docs/thesis.md").read_text("utf-8").split())
+    (tables, figures) = re.findall(
+        r"beside the reruns: (.+?), and the numbers of Figs (.+?)\. ", text
+    )[0]
+    found = {"table": set[str](), "figure": set[str]()}
+    for kind, listed in (("table", tables), ("figure", figures)):
+        for part in re.split(r", | and ", listed):
+            first, _, last = part.partition(" to ")
+            chapter, _, number = first.partition(".")
+            end = int(last.partition(".")[2] or number)
+            found[kind] |= {f"{chapter}.{n}" for n in range(int(number), end + 1)}
+    for kind, names in found.items():
+        paths = (ROOT / "leaderboard/published").glob(f"emerson-2019-{kind}-*.json")
+        assert names == {path.stem.rpartition("-")[2].upper() for path in paths}
+
+
+def test_what_the_page_on_tracks_concludes_is_so_on_the_board() -> None:
+    means: dict[tuple[str, str], float] = {}
+    on: dict[tuple[str, str, str], float] = {}
+    for entry in collect_tracks(ROOT / "leaderboard"):
+        board = entry.clean.dataset.name.partition("-")[0]
+        if (mean := entry.mean(RANKED_BY)) is not None:
+            means[board, entry.label] = mean
+        for label, result in entry.results.items():
+            score = (result.averages or {})["valid"][RANKED_BY]
+            assert score is not None
+            on[board, entry.label, label] = score
+    network = "dfd-net (weights={})"
+    for board in ("demo", "middlebury"):
+        rounded, cuts = "graph-cuts-rounded", "graph-cuts"
+        assert on[board, rounded, "clean"] < on[board, cuts, "clean"]
+        assert means[board, cuts] < means[board, rounded]
+        assert abs(means[board, cuts] - means[board, f"{cuts}, given the blur"]) < 0.002
+        robust, seen = means[board, network.format("robust")], means[board, network.format("demo")]
+        assert robust < means[board, "constant"] < seen
+    assert (
+        means["middlebury", network.format("robust")]
+        < means["middlebury", network.format("middlebury")]
+    )
+    assert (
+        sum(
+            on["demo", name, "camera-3"] >= 0.97 * on["demo", "constant", "camera-3"]
+            for name in built_in_methods()
+            if name not in ("constant", "dfd-net", "u-net")
+        )
+        > 4
+    )
+    for severity in (1, 2, 3):
+        place = f"psf-{severity}"
+        given = on["middlebury", "graph-cuts, given the blur", place]
+        assert on["middlebury", "sgm", place] < given
+
+
+def blocks(page: str, mark: str) -> Iterator[tuple[str, range]]:
+    """Yield what each mark names, and the lines that it vouches for."""
+    lines = (ROOT / page).read_text("utf-8").splitlines()
+    for at in [at for at, line in enumerate(lines) if line.startswith(mark)]:
+        named = lines[at].removeprefix(mark).removesuffix(" -->")
+        if mark == WRITTEN:
+            yield named, range(at, lines.index("<!-- end -->", at))
+        else:
+            last = "```" if lines[at + 2] == "```" else ""
+            yield named, range(at + 2, lines.index(last, at + 3))
+
+
+def compared_lines(page: str) -> set[int]:
+    lines = (ROOT / page).read_text("utf-8").splitlines()
+    found: set[int] = set()
+    for mark in (PRINTED, WRITTEN):
+        for _, block in blocks(page, mark):
+            found |= set(block)
+    heads = [quoted.head for quoted in QUOTED if quoted.page == page] + COMPARED.get(page, [])
+    for at, line in enumerate(lines):
+        if line.startswith(tuple(heads)):
+            while at < len(lines) and lines[at].startswith("|"):
+                found.add(at)
+                at += 1
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_number_that_nothing_compares_is_on_no_page(page: str) -> None:
+    compared = compared_lines(page)
+    lines = (ROOT / page).read_text("utf-8").splitlines()
+    # The text may say again what a table of the page has.
+    known = {number for at in compared for number in NUMBER.findall(lines[at])}
+    known |= NO_RESULTS.get(page, set())
+    if page == "docs/thesis_contradictions.md":
+        texts = (path.read_text("utf-8") for path in ROOT.glob("leaderboard/published/*.json"))
+        known |= {number for text in texts for number in NUMBER.findall(text)}
+    loose = [
+        f"line {at + 1}: {number}"
+        for at, line in enumerate(lines)
+        if at not in compared
+        for number in NUMBER.findall(line)
+        if number not in known
+    ]
+    assert not loose
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_no_page_has_the_times_of_one_machine(page: str) -> None:
+    text = " ".join((ROOT / page).read_text("utf-8").split())
+    unit = r"(?:m?s|seconds?|minutes?|hours?)\b"
+    assert not re.findall(rf"Xeon|EPYC|(?:takes?|took|in) (?:some |about )?\d[\d.,]* {unit}", text)
+
+
+@pytest.fixture(scope="module")
+def workshop(demo_store: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder to run commands in, whose cache has the demo set."""
+    folder = tmp_path_factory.mktemp("workshop")
+    (folder / "cache/stores").mkdir(parents=True)
+    (folder / "cache/stores/demo-1.zarr").symlink_to(str(demo_store.path))
+    return folder
+
+
+def output_of(command: str, folder: Path) -> str:
+    program, *words = command.split()
+    if program == "cat":
+        return (folder / words[0]).read_text("utf-8")
+    # The scripts of docs/ are named as in a clone.
+    script = ["-m", "dfdbench"] if program == "dfdbench" else [str(ROOT / words.pop(0))]
+    done = subprocess.run(
+        [sys.executable, *script, *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "DFDBENCH_CACHE": str(folder / "cache"), "PYTHONPATH": str(ROOT)},
+        timeout=1200,
+        check=False,
+    )
+    assert done.returncode in (0, 1), done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("page", "commands", "lines"),
+    [(page, *block) for page in PAGES for block in blocks(page, PRINTED)],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_block_is_what_its_command_prints(
+    page: str, commands: str, lines: range, workshop: Path, request: pytest.FixtureRequest
+) -> None:
+    if "middlebury" in commands or "SHARED" in commands:
+        shared = str(request.getfixturevalue("shared_data"))
+        commands = commands.replace("SHARED", shared)
+        if not (workshop / "cache/stores/middlebury-default-1.zarr").exists():
+            build = f"dfdbench build middlebury-default --source {shared}/middlebury"
+            output_of(build, workshop)
+    if "reduce" in commands:
+        pytest.importorskip("torch", reason="needs the extra nets")
+    out = [output_of(command, workshop) for command in commands.split(" && ")][-1]
+    printed = {" ".join(line.split()) for line in out.splitlines()}
+    text = (ROOT / page).read_text("utf-8").splitlines()
+    shown = [" ".join(text[at].split()) for at in lines if text[at] != "```"]
+    assert shown
+    assert [line for line in shown if line not in printed] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("exposure", [1, 2])
+def test_the_scores_and_energies_of_aloe_are_what_the_solvers_give(
+    exposure: int,
+    shared_data: Path,
+    aloe: Callable[[int], Energy],
+    read_image: Callable[[Path], NDArray[np.uint8]],
+) -> None:
+    folder = shared_data / "middlebury/ThirdSize/Aloe"
+    name = f"Illum1_Exp{exposure}_view1_lin_0.32_2.88.png"
+    infocus = read_image(folder / f"Illum1/Exp{exposure}/view1.png")
+    defocus = read_image(shared_data / "published_blur/Aloe" / name)
+    depth = read_image(folder / "disp1.png")[..., 0].copy()
+    found = {}
+    for recipe in ("text", "published"):
+        for space in ("ycrcb", "ycrcb-float"):
+            method = GraphCuts(RECIPES[recipe], published_offset=True, color_space=space)
+            scores = [metric(depth, method(infocus, defocus)) for metric in (nrmse, nmae, ssim)]
+            energy = f"{method.numbers['energy']:,.0f}"
+            found[recipe, space] = [*map(score_text, scores), energy]
+    page = "docs/graph_cuts.md"
+    step = {f"{RECIPES[name].sigma_step:g} (`{name}`)": name for name in ("text", "published")}
+    compared = 0
+    for head in ("| solved with | exposure | |", "| solved with | exposure | colours"):
+        at = ["", ""]
+        for row in table(Quoted(page, head, "", ""))[1]:
+            at = [cell or before for cell, before in zip(row[:2], at, strict=True)]
+            if at[1] != str(exposure):
+                continue
+            recipe = step[at[0]]
+            if row[2] == "program":
+                right = [score_text(score) for score in PROGRAM[recipe, exposure]]
+            else:
+                right = found[recipe, "ycrcb-float" if row[2] == "float" else "ycrcb"]
+            assert row[3:] == right[: len(row) - 3], row
+            compared += 1
+    assert compared == 8
+    solvers: dict[str, Callable[[], int]] = {
+        **{
+            f"`split`, quality `{quality}`": partial(_energy_of_split, aloe(exposure), quality)
+            for quality in get_args(Quality)
+        },
+        "`expansion`": lambda: expansion(aloe(exposure)).energy,
+    }
+    _, rows = table(Quoted(page, "| solver | exposure 1", "", ""))
+    assert {row[0]: row[exposure] for row in rows} == {
+        name: f"{solve():,}" for name, solve in solvers.items()
+    }
+
+
+def _energy_of_split(energy: Energy, quality: Quality) -> int:
+    return split(energy, quality).energy

@@ -1,6 +1,8 @@
 import pickle
 
-from dfdbench.errors import DfdbenchError, ManifestError, Problem, unknown_name
+import pytest
+
+from dfdbench.errors import DfdbenchError, ManifestError, Problem, is_lack_of_memory, unknown_name
 
 
 def test_several_problems_are_shown_together() -> None:
@@ -51,3 +53,20 @@ def test_a_name_that_nobody_could_read_is_cut_and_our_lists_are_not() -> None:
 def test_text_of_somebody_elses_file_steers_no_terminal() -> None:
     text = str(DfdbenchError("wrong\x1b[2J", got="a\rb\x9b1m\x00", where="file\n  fix  none"))
     assert text == "wrong\\x1b[2J (file\n  fix  none): got a\\x0db\\x9b1m\\x00"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        RuntimeError("can't start new thread"),
+        ImportError("cv2.abi3.so: failed to map segment from shared object"),
+        OSError(12, "Cannot allocate memory"),
+    ],
+)
+def test_a_lack_of_memory_is_told_from_other_errors(error: Exception) -> None:
+    assert is_lack_of_memory(error)
+    wrapped = OSError("could not load the library")
+    assert not is_lack_of_memory(wrapped)
+    wrapped.__cause__ = error
+    assert is_lack_of_memory(wrapped)

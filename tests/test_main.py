@@ -53,6 +53,22 @@ def test_a_closed_stream_is_no_mistake(closed: str) -> None:
     assert "Traceback" not in ended.stderr
 
 
+@pytest.mark.parametrize("kilobytes", [60_000, 250_000, 350_000])
+def test_too_little_memory_is_told_without_a_traceback(kilobytes: int) -> None:
+    command = f'ulimit -v {kilobytes}; exec "{sys.executable}" -m dfdbench run --method constant'
+    ended = subprocess.run(
+        command,
+        shell=True,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert ended.returncode == 2, ended.stderr
+    assert ended.stderr.startswith("error: not enough memory or threads")
+    assert "Traceback" not in ended.stderr
+
+
 def test_the_command_starts_there() -> None:
     text = (Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8")
     assert tomllib.loads(text)["project"]["scripts"]["dfdbench"] == "dfdbench.__main__:main"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import importlib
 
 import pytest
@@ -9,7 +10,19 @@ import pytest
 from dfdbench.methods.registry import ENTRY_POINT_GROUP, registered_methods
 
 FACES = {
-    "dfdbench": ["__version__", "evaluate", "open", "open_run", "show"],
+    "dfdbench": [
+        *("Comparison", "Run", "__version__", "build", "compare", "list_datasets", "list_methods"),
+        *(
+            "load_method",
+            "open_dataset",
+            "open_run",
+            "predict",
+            "run",
+            "run_tracks",
+            "score",
+            "show",
+        ),
+    ],
     "dfdbench.blur": ["RECIPES", "BlurRecipe", "find_recipe", "synthesize"],
     "dfdbench.building": ["SceneError", "SceneImages", "Source", "build_store", "open_source"],
     "dfdbench.metrics": ["nmae", "nrmse", "ssim"],
@@ -24,6 +37,10 @@ def test_a_face_shows_these_names(face: str) -> None:
     module = importlib.import_module(face)
     assert sorted(module.__all__) == sorted(FACES[face])
     assert all(hasattr(module, name) for name in FACES[face])
+
+
+def test_no_public_name_hides_a_builtin() -> None:
+    assert not set(FACES["dfdbench"]) & set(dir(builtins)) - {"__version__"}
 
 
 def test_methods_keep_their_entries_since_sealed_results_name_them() -> None:

@@ -4,6 +4,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +12,27 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / ".github/release_notes.py"
+ADDRESS = "https://example.org/dfdbench"
 
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
     """The files that a release looks at, as they are when 0.1.0 is to be released."""
-    for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md"):
+    for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "README.md"):
         shutil.copy(ROOT / name, tmp_path / name)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    if not project["urls"]:
+        fill(tmp_path / "pyproject.toml", "[project.urls]", f'Repository = "{ADDRESS}"')
+        fill(tmp_path / "CITATION.cff", "license: MIT", f'repository-code: "{ADDRESS}"')
+        fill(tmp_path / "README.md", "## Two commands", f"git clone {ADDRESS}")
     changes = tmp_path / "CHANGELOG.md"
     text = changes.read_text("utf-8").replace("## [Unreleased]", "## [0.1.0] - 2026-12-01", 1)
     changes.write_text(f"{text}\n## [0.0.1] - 2026-01-01\n\nThe first.\n", "utf-8")
     return tmp_path
+
+
+def fill(path: Path, after: str, line: str) -> None:
+    path.write_text(path.read_text("utf-8").replace(after, f"{after}\n{line}", 1), "utf-8")
 
 
 def script() -> dict[str, Any]:
@@ -47,8 +58,38 @@ def test_what_a_tag_lacks_is_told_together(checkout: Path) -> None:
 
 
 def test_the_versions_agree_today() -> None:
-    found = script()["problems_of"]("v0.1.0")
+    found = set(script()["problems_of"]("v0.1.0")) - set(script()["repository_problems"]())
     assert [text for text in found if not text.startswith("CHANGELOG.md")] == []
+
+
+def test_no_release_without_the_repositorys_address_and_all_files_show_the_same(
+    checkout: Path,
+) -> None:
+    problems = script()["repository_problems"]
+    assert problems(checkout) == []
+    for name in ("CITATION.cff", "README.md"):
+        path = checkout / name
+        whole = path.read_text("utf-8")
+        path.write_text(whole.replace("https://", "https://elsewhere."), "utf-8")
+        assert [text.partition(":")[0] for text in problems(checkout)] == [name]
+        path.write_text(whole, "utf-8")
+    shutil.copy(ROOT / "README.md", checkout)
+    project = (checkout / "pyproject.toml").read_text("utf-8")
+    (checkout / "pyproject.toml").write_text(project.replace("\nRepository =", "\n# Repository ="))
+    assert problems(checkout) == [
+        "pyproject.toml: expected the repository's address under [project.urls], got none"
+    ]
+
+
+def test_the_files_show_no_address_that_pyproject_does_not_have() -> None:
+    urls = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["urls"]
+    if urls:
+        assert script()["repository_problems"]() == []
+    else:
+        assert "\nrepository" not in (ROOT / "CITATION.cff").read_text("utf-8")
+        assert "git clone" not in (ROOT / "README.md").read_text("utf-8")
+    # The site takes it from pyproject.toml: docs/site/hooks.py.
+    assert "repo_url" not in (ROOT / "mkdocs.yml").read_text("utf-8")
 
 
 def test_the_script_ends_with_a_status() -> None:

@@ -86,7 +86,7 @@ def _hashes_of(store: Store, scene: str) -> Hashes:
     views = manifest.depth.axes
     # Depth axes need not be the first of the pair's axes.
     order = [*views, *(axis for axis in manifest.axes if axis not in views)]
-    arrays = store.scene(scene)
+    arrays = store.to_xarray(scene)
     last = {
         tuple(place[: len(views)]): place
         for place in map(tuple, np.argwhere(arrays["available"].transpose(*order).values))

@@ -217,7 +217,7 @@ def depth_maps(store: Store, scene: str) -> tuple[NDArray[np.uint8], Mask]:
     """
     # Lost parts of an array read as zeros: only the digest tells them from depths.
     with store.reading(f"{scene}/depth or valid"):
-        arrays = store.scene(scene)
+        arrays = store.to_xarray(scene)
         found = {name: np.asarray(arrays[name].values) for name in ("depth", "valid")}
     recorded = scene_record(arrays.attrs, f"{store.path}, {scene}").array_digests
     for name, values in found.items():

@@ -3,19 +3,140 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
+import math
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.gather import blur_by_level
+from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.layers import composite_layers, without_tails
-from dfdbench.blur.noise import normal_numbers, uniform_numbers
 from dfdbench.blur.point_spread import point_spread_functions
-from dfdbench.blur.recipe import BlurRecipe
-from dfdbench.blur.synthesis import blur_by_recipe, input_problems, rounded
+from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
+from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, input_problems, rounded
 from dfdbench.blur.tracks import Degradation, Formation
 from dfdbench.errors import InputError
+
+# A generator's 64 bits make two numbers of 32.
+_HALVES = 2
+_STEPS = 2.0**32
+
+
+def uniform_numbers(count: int, *key: str | int) -> NDArray[np.float64]:
+    """Return numbers between 0 and 1, both left out, the same for the same key.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    key : str or int
+        What they are for; another key gives others.
+
+    Notes
+    -----
+    Of a generator only the raw bits are used: Philox 4 x 64, which counts instead of remembering,
+    under the first 128 bits of the key's SHA-256. NumPy keeps these bits for good, but not what its
+    distributions make of them.
+
+    Examples
+    --------
+    >>> uniform_numbers(2, "camera", "Art/view1").round(4).tolist()
+    [0.2311, 0.9622]
+    """
+    digest = hashlib.sha256(json.dumps(key).encode()).digest()
+    generator = np.random.Philox(key=int.from_bytes(digest[:16], "little"))
+    bits = np.atleast_1d(generator.random_raw(-(-count // _HALVES)))
+    halves = bits.astype("<u8").view("<u4")[:count]
+    return np.asarray((halves + 0.5) / _STEPS, dtype=np.float64)
+
+
+def normal_numbers(shape: tuple[int, ...], *key: str | int) -> NDArray[np.float64]:
+    """Return numbers of the standard normal distribution, the same for the same key.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the array.
+    key : str or int
+        As for `uniform_numbers`.
+
+    Notes
+    -----
+    The inverse of the normal distribution function at uniform numbers: a fixed formula, a number
+    of random bits for a number of noise. The last bit may be another on another platform, which a
+    grey level shows once in a trillion pixels.
+
+    Examples
+    --------
+    >>> normal_numbers((2, 2), "camera", 1).round(2).tolist()
+    [[1.48, 2.8], [0.7, -2.09]]
+    """
+    # Here: it takes a third of a second, and who only runs a method makes no noise.
+    from scipy.special import ndtri
+
+    return np.asarray(ndtri(uniform_numbers(int(np.prod(shape)), *key)).reshape(shape))
+
+
+def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
+    """Return the blur law that tells a track's formation as far as a law can.
+
+    Parameters
+    ----------
+    recipe : BlurRecipe
+        The data set's own.
+    formation : Formation
+        What the track makes of it.
+
+    Returns
+    -------
+    BlurLaw
+        The true width at every depth level, shape of the kernel and noise at every grey level;
+        whether light is linear, and whether pairs are moved and made brighter.
+
+    Notes
+    -----
+    A law does not say three things: where each pair is moved to and how much brighter it is made,
+    only that it is; and that surfaces cover each other. Of noise it says the standard deviation
+    at a grey level, rounding included, but not that images are cut to 0 and 255.
+
+    Examples
+    --------
+    >>> from dfdbench.blur.recipe import RECIPES
+    >>> from dfdbench.blur.tracks import find_degradation
+    >>> law = told_law(RECIPES["published"], find_degradation("psf-3").formation)
+    >>> law.exponent, round(law.sigmas[255], 5), round(law.sigmas[0], 5)
+    (32.0, 0.32, 3.18875)
+    """
+    own = law_of(recipe, formation)
+    depths = np.arange(own.levels)
+    noisy = bool(formation.noise or formation.read_noise or formation.full_well)
+    return BlurLaw(
+        sigmas=tuple(float(sigma) for sigma in own.sigmas[own.level_of_depth(depths)]),
+        exponent=formation.exponent,
+        kernel_size=kernel_size_of(own, formation.layers),
+        noise=tuple(map(float, _noise(formation))) if noisy else (ROUNDING_VARIANCE**0.5,),
+        # Both images go through the same sensor.
+        infocus_noise=float(noisy),
+        linear=formation.linear,
+        registered=not formation.shift,
+        even=not formation.gain,
+    )
+
+
+def _noise(formation: Formation) -> NDArray[np.float64]:
+    """Return the standard deviation at each grey level, in the unit of a law's noise: (256,)."""
+    if not formation.linear:
+        return np.full(LEVELS, math.sqrt(formation.noise**2 + ROUNDING_VARIANCE))
+    light = decode(np.arange(LAST_LEVEL + 1.0))
+    variance = np.full(LEVELS, formation.read_noise**2)
+    if formation.full_well:
+        variance += light / formation.full_well
+    # A grey level is as wide in light as the curve of the camera makes it.
+    variance += ROUNDING_VARIANCE * np.square(np.gradient(light))
+    return np.asarray(LAST_LEVEL * np.sqrt(variance), np.float64)
+
 
 Floats = NDArray[np.float64]
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]

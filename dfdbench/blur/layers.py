@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from dfdbench.blur.gather import gather_problems, reaches
+from dfdbench.blur.synthesis import gather_problems, reaches
 from dfdbench.errors import InputError
+from dfdbench.system.compiled import compiled
 
 #: A kernel ends where it falls below this share of its peak: of a Gaussian at 3.7 sigma, a
 #: thousandth of its light.
@@ -112,7 +112,7 @@ def composite_layers(
     return np.asarray(covered[..., 1:], dtype=np.float64).reshape(image.shape)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _composite(
     pixels: NDArray[np.float64],
     depth: NDArray[np.int16],
@@ -165,7 +165,7 @@ def _composite(
     return total.reshape((height, width, planes))
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _spread(
     pixels: NDArray[np.float64],
     own: NDArray[np.int64],
@@ -203,7 +203,7 @@ def _spread(
                 target[i] += row_weights[i] * light[i]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _rows_of(
     quadrant: NDArray[np.float64], planes: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -220,7 +220,7 @@ def _rows_of(
     return halves, weights
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _behind(
     depth: NDArray[np.int16],
     y: int,
@@ -243,7 +243,7 @@ def _behind(
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _lay_over(
     surface: NDArray[np.float64], total: NDArray[np.float64], begin: int, planes: int, behind: float
 ) -> None:

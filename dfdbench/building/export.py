@@ -1,4 +1,4 @@
-"""Write a store's pairs as PNG files; Middlebury's as the thesis's published images."""
+"""Export a store's pairs as PNG files."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ def export_png(
     folder: Path,
     split: str = "all",
     on_pair: Callable[[int, int], None] | None = None,
+    images_only: bool = False,
 ) -> int:
     """Write each pair's in-focus image, defocus image and depth map as PNG files.
 
-    The in-focus image is named by the pair's place on the axes, ``SCENE/exposure_ms10.png``, the
-    depth map by its own, ``SCENE/depth.png``. Pairs by view, illumination and exposure are named
-    as Middlebury's site names them, ``SCENE/Illum1/Exp2/view1.png`` and ``SCENE/disp1.png``. The
-    defocus image lies beside the in-focus one and is named after its recipe,
-    ``view1_lin_0.32_2.88.png`` for ``published`` as in the thesis; where it was captured,
-    ``exposure_ms10_defocus.png``; on a track, ``view1_camera-2.png``. Decoded, the files equal the
-    store's arrays. Files that are there already with the same content are left as they are.
+    The in-focus image is named after the pair, ``SCENE/exposure_ms10.png``, the depth map after its
+    own axes, ``SCENE/depth.png``. Pairs by view, illumination and exposure get Middlebury's names,
+    ``SCENE/Illum1/Exp2/view1.png`` and ``SCENE/disp1.png``. The defocus image is beside the
+    in-focus one and named after its recipe, ``view1_lin_0.32_2.88.png`` for ``published`` as in the
+    thesis; if it was captured, ``exposure_ms10_defocus.png``; on a track, ``view1_camera-2.png``.
+    Decoded, the files equal the store's arrays. Files that already have this content are kept.
 
     Parameters
     ----------
@@ -43,6 +43,9 @@ def export_png(
         Which pairs.
     on_pair : callable, optional
         Called with (pairs done, pairs in all).
+    images_only : bool
+        Write no depth, and name the images ``PAIR/infocus.png`` and ``PAIR/defocus.png``. Depth
+        maps named after those folders, ``PAIR.npy``, are what `dfdbench.evaluation.scored` takes.
 
     Returns
     -------
@@ -52,8 +55,8 @@ def export_png(
     Raises
     ------
     StoreError
-        Where the store holds no pair of the split, a file of that name holds something else,
-        or the disk does not take it.
+        If the store holds no pair of the split, a file of that name holds something else, or the
+        disk refuses it.
     """
     recipe = store.recipe
     blurred = blur_name(recipe) if recipe else "defocus"
@@ -64,10 +67,14 @@ def export_png(
         raise StoreError(f"the store holds no pair of split {split}", where=str(store.path))
     for number, pair in enumerate(pairs, 1):
         images = store.read(pair)
-        sharp, depth = (folder / pair.scene / name for name in _names(store.manifest, pair))
-        _write(sharp, images.infocus)
-        _write(sharp.with_name(f"{sharp.stem}_{blurred}.png"), images.defocus)
-        _write(depth, images.depth)
+        if images_only:
+            _write(folder / pair.id / "infocus.png", images.infocus)
+            _write(folder / pair.id / "defocus.png", images.defocus)
+        else:
+            sharp, depth = (folder / pair.scene / name for name in _names(store.manifest, pair))
+            _write(sharp, images.infocus)
+            _write(sharp.with_name(f"{sharp.stem}_{blurred}.png"), images.defocus)
+            _write(depth, images.depth)
         if on_pair:
             on_pair(number, len(pairs))
     return len(pairs)

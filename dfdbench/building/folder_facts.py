@@ -7,34 +7,35 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.folder_layout import SUFFIXES, Group, Key, Layout, unread_files
+from dfdbench.building.folder_layout import ARRAY, DEPTH, Group, Key, Layout, unread_files
+from dfdbench.building.folder_matching import Matching, matching_of
 from dfdbench.building.sources.image_files import (
-    decode_file,
+    SUFFIXES,
+    decode_depth,
     likely_bits,
     orientation_of,
     read_photograph,
 )
-from dfdbench.building.sources.matching import find_gain, find_placement
 from dfdbench.errors import InputError, SourceError
 from dfdbench.optics.sharpness import laplacian_energy
+from dfdbench.tables.wording import listed
 
-_DEPTH = re.compile(r"depth|disp|dist|range|lidar|tof|kinect|xtion|truth|(?<![a-z])gt(?![a-z])")
-# Scenes that are decoded, spread over all: enough to tell a unit and which image is sharper.
-_LOOKED_AT, _ALIGNED = 12, 4
+# Frames are counted f01, f02; apertures are not.
+_F_NUMBER = re.compile(r"(?<![a-z])f[_/]?((?!0\d)\d+(?:\.\d+)?)")
+# Scenes that are decoded, spread over all: enough to tell a unit and which image is sharper; fewer
+# if each has many photographs.
+_LOOKED_AT, _FEWEST, _PHOTOGRAPHS, _ALIGNED = 12, 3, 120, 4
+_NAMED = 4
 # Bounds have to hold every scene: more depth maps are read, and of each some of its pixels.
 _DEPTH_MAPS, _PIXELS = 200, 20_000
-# Moves (pixels), turns (degrees) and gains below these need no correction.
-_STILL, _LEVEL, _UNGAINED = 0.25, 0.02, 0.01
 # Depths of a camera's scenes, in metres: a median in between is taken for metres.
 _PLAUSIBLE = (0.05, 100.0)
 _SHARE = 0.5  # per cent of the depths that bounds leave out at each end
-
-Align = Literal["none", "translation", "euclidean"]
 
 
 @dataclass
@@ -54,8 +55,8 @@ class Facts:
         Values that stand for no depth.
     image_bits : int or None
         How many of 16 bits are used, where it is less.
-    align, match_gain : str, bool
-        What the images seem to need.
+    matching : Matching
+        What the photographs seem to need.
     found, open : list of str
         In words: what was found, and what a person has to say.
     """
@@ -67,8 +68,7 @@ class Facts:
     far: float | None = None
     missing: list[int] = field(default_factory=list)
     image_bits: int | None = None
-    align: Align = "none"
-    match_gain: bool = False
+    matching: Matching = field(default_factory=Matching)
     found: list[str] = field(default_factory=list)
     open: list[str] = field(default_factory=list)
 
@@ -90,60 +90,93 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     SourceError
         Where a file that is looked at is damaged.
     """
-    samples = {group.pattern: _first(folder, group) for group in layout.groups}
-    depths = [g for g in layout.groups if _is_depth(g.pattern, samples[g.pattern])]
+    depths = [group for group in layout.groups if _is_depth(folder, group)]
     # Photographs may be grey and have 16 bits, too: a name says more.
-    depths = [g for g in depths if _DEPTH.search(g.pattern.lower())] or depths
-    photographs = [g for g in layout.groups if g not in depths]
+    depths = [group for group in depths if DEPTH.search(group.pattern.lower())] or depths
+    photographs = [group for group in layout.groups if group not in depths]
+    photographs = [group for group in photographs if not group.pattern.lower().endswith(ARRAY)]
     if not depths or len(photographs) < 2:
+        there = ", ".join(group.pattern for group in layout.groups)
         raise InputError(
             "no depth map and two photographs a scene can be told",
             where=str(folder),
             expected="two photographs, and a depth file that is grey and says so in its name, or "
-            f"has 16 or 32 bits ({', '.join(SUFFIXES)})",
-            got="; ".join(filter(None, (_patterns(layout), unread_files(folder)))),
+            f"has 16 or 32 bits ({', '.join(SUFFIXES)}; {ARRAY} for depth)",
+            got="; ".join(filter(None, (there, unread_files(folder)))),
             fix="rename them, or write the manifest by hand: docs/your_own_data.md",
         )
-    facts = Facts({"depth": depths[0]})
-    keys = _spread(layout.scenes, _LOOKED_AT)
-    _tell_photographs(folder, photographs, keys, facts)
-    _tell_focus(folder, photographs, keys, facts)
+    depth, fitting = _of_one_size(folder, depths, photographs, layout.scenes)
+    facts, scenes = Facts({"depth": depth}), _shared(layout.scenes, depth)
+    keys = _spread(scenes, max(_FEWEST, min(_LOOKED_AT, _PHOTOGRAPHS // len(fitting))))
+    _tell_photographs(folder, fitting, keys, facts)
+    _tell_focus(folder, fitting, keys, facts)
     if len(depths) > 1:
-        others = ", ".join(group.pattern for group in depths[1:])
-        facts.open.append(f"depth is read from {depths[0].pattern}; also there: {others}")
-    _tell_depth(folder, _spread(layout.scenes, _DEPTH_MAPS), facts)
-    _tell_matching(folder, keys, facts)
+        facts.open.append(f"depth is read from {depth.pattern}; {_also(depths, [depth])}")
+    if len(photographs) > len(fitting):
+        facts.open.append(f"photographs of the depth's size; {_also(photographs, fitting)}")
+    _tell_depth(folder, _spread(scenes, _DEPTH_MAPS), facts)
+    facts.matching = matching_of(
+        (
+            key[1],
+            _photograph(folder, facts.roles["infocus"], key, facts),
+            _photograph(folder, facts.roles["defocus"], key, facts),
+        )
+        for key in _shared(tuple(keys), *facts.roles.values())[:_ALIGNED]
+    )
+    facts.found += facts.matching.found
+    facts.open += facts.matching.open
     return facts
 
 
-def _patterns(layout: Layout) -> str:
-    return ", ".join(group.pattern for group in layout.groups)
+def _also(kinds: list[Group], chosen: list[Group]) -> str:
+    others = [group.pattern for group in kinds if group not in chosen]
+    return f"also there: {listed(others, _NAMED)}"
 
 
-def _first(folder: Path, group: Group) -> NDArray[Any]:
-    path = folder / next(iter(group.files.values()))
-    return decode_file(path.read_bytes(), str(path))
+def _shared(keys: tuple[Key, ...], *groups: Group) -> tuple[Key, ...]:
+    return tuple(key for key in keys if all(key in group.files for group in groups))
 
 
-def _is_depth(pattern: str, image: NDArray[Any]) -> bool:
+def _of_one_size(
+    folder: Path, depths: list[Group], photographs: list[Group], scenes: tuple[Key, ...]
+) -> tuple[Group, list[Group]]:
+    """Return a kind of depth maps and the photographs of its size, or all photographs."""
+    # A kind that few scenes have is no role.
+    enough = sorted(len(group.files) for group in photographs)[-2] / 2
+    photographs = [group for group in photographs if len(group.files) >= enough]
+    for depth in depths:
+        fitting = []
+        for group in photographs:
+            for key in _shared(scenes, depth, group)[:1]:
+                sizes = (_read(folder, each, key)[1].shape[:2] for each in (depth, group))
+                if len(set(sizes)) == 1:
+                    fitting.append(group)
+        if len(fitting) > 1:
+            return depth, fitting
+    return depths[0], photographs
+
+
+def _read(folder: Path, group: Group, key: Key) -> tuple[bytes, NDArray[Any]]:
+    path = folder / group.files[key]
+    content = path.read_bytes()
+    return content, decode_depth(content, str(path))
+
+
+def _is_depth(folder: Path, group: Group) -> bool:
+    image = _read(folder, group, next(iter(group.files)))[1]
     flat = image.ndim == 2 or bool((image[..., :3] == image[..., :1]).all())
-    return flat and (bool(_DEPTH.search(pattern.lower())) or image.dtype != np.uint8)
+    return flat and (bool(DEPTH.search(group.pattern.lower())) or image.dtype != np.uint8)
 
 
 def _spread(keys: tuple[Key, ...], most: int) -> list[Key]:
-    step = max(1, math.ceil(len(keys) / most))
-    return list(keys[::step])
+    return list(keys[:: max(1, math.ceil(len(keys) / most))])
 
 
 def _decoded(
     folder: Path, group: Group, keys: list[Key]
 ) -> Iterator[tuple[Key, bytes, NDArray[Any]]]:
     # One after the other: a camera's images are large.
-    for key in keys:
-        if key in group.files:
-            path = folder / group.files[key]
-            content = path.read_bytes()
-            yield key, content, decode_file(content, str(path))
+    return ((key, *_read(folder, group, key)) for key in keys if key in group.files)
 
 
 def _photograph(folder: Path, group: Group, key: Key, facts: Facts) -> NDArray[np.uint8]:
@@ -170,25 +203,43 @@ def _tell_photographs(folder: Path, groups: list[Group], keys: list[Key], facts:
 
 
 def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts) -> None:
-    there = [key for key in keys if all(key in group.files for group in groups)]
-    energies = {
-        group.pattern: [laplacian_energy(_photograph(folder, group, key, facts)) for key in there]
-        for group in groups
-    }
-    order = sorted(groups, key=lambda group: -float(np.median(energies[group.pattern])))
+    energies: dict[str, dict[Key, float]] = {group.pattern: {} for group in groups}
+    for group in groups:
+        for key in _shared(tuple(keys), group):
+            photograph = _photograph(folder, group, key, facts)
+            energies[group.pattern][key] = laplacian_energy(photograph)
+    seen = [group for group in groups if energies[group.pattern]]
+    if len(seen) < 2:
+        raise InputError(
+            "photographs and depth maps share no scene", where=facts.roles["depth"].pattern
+        )
+    order = sorted(seen, key=lambda each: -float(np.median([*energies[each.pattern].values()])))
+    order = _smallest_aperture_first(order)
     sharp, blurred = order[0], order[-1]
     facts.roles = {"infocus": sharp, "defocus": blurred, **facts.roles}
-    pairs = zip(energies[sharp.pattern], energies[blurred.pattern], strict=True)
-    sharper = sum(first > second for first, second in pairs)
+    both = [key for key in energies[sharp.pattern] if key in energies[blurred.pattern]]
+    sharper = sum(energies[sharp.pattern][key] > energies[blurred.pattern][key] for key in both)
     facts.found.append(
         f"in focus {sharp.pattern}, defocus {blurred.pattern}: the first is sharper in {sharper} "
-        f"of {len(there)} scenes looked at"
+        f"of {len(both)} scenes looked at"
     )
-    if sharper < len(there):
+    if sharper < len(both):
         facts.open.append("which photographs are in focus: sharpness does not tell in every scene")
     if len(order) > 2:
-        others = ", ".join(group.pattern for group in order[1:-1])
-        facts.open.append(f"other photographs lie there, of less blur: {others}")
+        others = listed([group.pattern for group in order[1:-1]], _NAMED)
+        facts.open.append(
+            f"which defocus image to take: a manifest describes pairs, not focal stacks, and "
+            f"{len(order) - 2} more kinds of photographs are there: {others}"
+        )
+
+
+def _smallest_aperture_first(order: list[Group]) -> list[Group]:
+    """Move the one kind whose name has the largest f-number to the front, of more than two."""
+    told = {group.pattern: _F_NUMBER.findall(Path(group.pattern).name.lower()) for group in order}
+    largest = max((float(n) for numbers in told.values() for n in numbers), default=0.0)
+    first = [g for g in order if largest in map(float, told[g.pattern])]
+    rest = [group for group in order if group not in first]
+    return first + rest if len(first) == 1 and len(rest) > 1 else order
 
 
 def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
@@ -205,7 +256,7 @@ def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
     stand = [0] if (values == 0).any() else []
     stand += [last] if last and last > 255 and (values == last).any() else []
     facts.missing = stand
-    told = values[np.isfinite(values) & ~np.isin(values, stand)]
+    told = values[np.isfinite(values) & (values > 0) & ~np.isin(values, stand)]
     if not told.size:
         raise SourceError("depth maps tell no depths", where=str(folder / group.pattern))
     share = 100 * (1 - told.size / values.size)
@@ -246,34 +297,3 @@ def _size(shape: tuple[int, ...]) -> str:
 def _rounded(metres: float, up: bool) -> float:
     step = 10.0 ** (math.floor(math.log10(metres)) - 1)
     return float(f"{(math.ceil if up else math.floor)(metres / step) * step:.6g}")
-
-
-def _tell_matching(folder: Path, keys: list[Key], facts: Facts) -> None:
-    moves, turns, gains, failed = [0.0], [0.0], [0.0], 0
-    for key in keys[:_ALIGNED]:
-        sharp, blurred = (
-            _photograph(folder, facts.roles[role], key, facts) for role in ("infocus", "defocus")
-        )
-        if sharp.shape != blurred.shape:
-            facts.open.append(f"photographs of {key[1]} differ in size")
-            continue
-        try:
-            found = find_placement(sharp, blurred, "euclidean")
-            everywhere = np.ones(sharp.shape[:2], bool)
-            gains.append(find_gain(sharp.astype(float), blurred.astype(float), everywhere) - 1)
-        except InputError:
-            failed += 1
-            continue
-        moves.append(max(abs(found.right), abs(found.down)))
-        turns.append(abs(found.degrees))
-    if failed:
-        facts.open.append(f"{failed} of {_ALIGNED} pairs tried cannot be laid on each other")
-    if max(moves) > _STILL:
-        facts.align = "euclidean" if max(turns) > _LEVEL else "translation"
-    elif max(turns) > _LEVEL:
-        facts.align = "euclidean"
-    facts.match_gain = max(map(abs, gains)) > _UNGAINED
-    facts.found.append(
-        f"photographs moved by up to {max(moves):.2f} pixels, turned by {max(turns):.3f} degrees, "
-        f"brighter by {100 * max(map(abs, gains)):.1f} %"
-    )

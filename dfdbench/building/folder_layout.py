@@ -8,9 +8,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+from dfdbench.building.sources.image_files import SUFFIXES
+from dfdbench.datasets.captured_files import ANY_ENDING
+from dfdbench.errors import InputError, reason_of
+
+#: What a depth file's path says.
+DEPTH = re.compile(r"depth|disp|dist|range|lidar|tof|kinect|xtion|truth|(?<![a-z])gt(?![a-z])")
+#: Ending of the arrays that are read as depth, if their path says so.
+ARRAY = ".npy"
 _SPLITS = ("train", "training", "test", "testing", "val", "validation")
-# More kinds of files than this are no kinds: the guess is wrong.
+# With more kinds of files than this, or more kinds of depth if there is any, the guess is wrong.
 _MOST_GROUPS = 10
 _ROLES = 3
 # Kinds of files that are named where they are not read.
@@ -29,7 +36,8 @@ class Group:
     Parameters
     ----------
     pattern : str
-        Where they lie, with ``{scene}``, and ``{split}`` where folders tell the splits.
+        Where they are, with ``{scene}``, and ``{split}`` if folders are named after splits; it
+        ends in ``.*`` if their endings differ.
     files : dict
         Each scene's file below the folder, by split and scene.
     """
@@ -61,9 +69,13 @@ class Layout:
 
 
 def image_files(folder: Path) -> tuple[str, ...]:
-    """Return the image files below a folder, sorted, hidden ones left out."""
-    shown = _shown_files(folder)
-    return tuple(sorted(p.as_posix() for p in shown if p.suffix.lower() in SUFFIXES))
+    """Return the images and depth arrays below a folder, sorted, hidden ones left out."""
+    return tuple(sorted(p.as_posix() for p in _shown_files(folder) if _is_read(p)))
+
+
+def _is_read(path: PurePosixPath) -> bool:
+    end = path.suffix.lower()
+    return end in SUFFIXES or (end == ARRAY and bool(DEPTH.search(path.as_posix().lower())))
 
 
 def unread_files(folder: Path) -> str:
@@ -78,17 +90,25 @@ def unread_files(folder: Path) -> str:
     ...     unread_files(Path(place))
     'not read: 2 .npy, 1 without an ending'
     """
-    ends = Counter(path.suffix.lower() for path in _shown_files(folder))
-    others = [(count, end) for end, count in ends.most_common() if end not in SUFFIXES]
-    named = ", ".join(f"{count} {end or 'without an ending'}" for count, end in others[:_NAMED])
+    ends = Counter(path.suffix.lower() for path in _shown_files(folder) if not _is_read(path))
+    others = ends.most_common(_NAMED)
+    named = ", ".join(f"{count} {end or 'without an ending'}" for end, count in others)
     return f"not read: {named}" if named else ""
 
 
-def _shown_files(folder: Path) -> Iterator[Path]:
-    for path in folder.rglob("*"):
-        below = path.relative_to(folder)
-        if path.is_file() and not any(part.startswith(".") for part in below.parts):
-            yield below
+def _shown_files(folder: Path) -> Iterator[PurePosixPath]:
+    try:
+        for path in folder.rglob("*"):
+            below = path.relative_to(folder)
+            if path.is_file() and not any(part.startswith(".") for part in below.parts):
+                yield PurePosixPath(below)
+    except OSError as error:
+        raise InputError(
+            "cannot look into the folder",
+            where=str(error.filename or folder),
+            got=reason_of(error),
+            fix="name the folder of the captures alone",
+        ) from error
 
 
 def find_layout(paths: tuple[str, ...]) -> Layout | None:
@@ -118,8 +138,21 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     layouts = [_layout(paths, reading) for reading in (*readings, _stem, _start_of, _end_of)]
     whole = [layout for layout in layouts if layout]
     if whole:
-        return max(whole, key=lambda layout: (len(layout.scenes), -len(layout.groups)))
+        return max(whole, key=_likelihood)
     return _by_order(paths)
+
+
+def _likelihood(layout: Layout) -> tuple[int, int, int]:
+    # A scene with a depth file and two others cannot be a kind of files read as a scene.
+    return _with_depth(layout.groups), len(layout.scenes), -len(layout.groups)
+
+
+def _with_depth(groups: tuple[Group, ...]) -> int:
+    depths: set[Key] = set()
+    others: Counter[Key] = Counter()
+    for group in groups:
+        (depths if DEPTH.search(group.pattern.lower()) else others).update(list(group.files))
+    return sum(others[key] >= _ROLES - 1 for key in depths)
 
 
 Reading = Callable[[PurePosixPath], tuple[str, str] | None]
@@ -170,6 +203,7 @@ def _layout(paths: tuple[str, ...], reading: Reading) -> Layout | None:
         read = reading(told)
         if read:
             found[read[0]][split, read[1]] = path
+    found = _endings_joined(found)
     times = Counter(key for files in found.values() for key in files)
     scenes = tuple(sorted(key for key, count in times.items() if count >= _ROLES))
     groups = {
@@ -177,16 +211,39 @@ def _layout(paths: tuple[str, ...], reading: Reading) -> Layout | None:
         for pattern, files in found.items()
         if any(key in files for key in scenes)
     }
-    if not scenes or len(groups) > _MOST_GROUPS:
-        return None
-    return _sorted(groups, scenes, False, paths)
+    layout = _sorted(groups, scenes, False, paths)
+    depths = [group for group in layout.groups if DEPTH.search(group.pattern.lower())]
+    limited = depths if _with_depth(layout.groups) else layout.groups
+    return layout if scenes and len(limited) <= _MOST_GROUPS else None
+
+
+def _endings_joined(found: dict[str, dict[Key, str]]) -> dict[str, dict[Key, str]]:
+    """Join kinds of images that differ in nothing but their endings and have no scene in common."""
+    alike: dict[str, list[str]] = defaultdict(list)
+    for pattern in found:
+        path = PurePosixPath(pattern)
+        alike[pattern if path.suffix.lower() == ARRAY else str(path.with_suffix(""))].append(
+            pattern
+        )
+    joined: dict[str, dict[Key, str]] = {}
+    for base, patterns in alike.items():
+        together = {key: file for pattern in patterns for key, file in found[pattern].items()}
+        if len(patterns) > 1 and len(together) == sum(len(found[each]) for each in patterns):
+            joined[base + ANY_ENDING] = together
+        else:
+            joined |= {pattern: found[pattern] for pattern in patterns}
+    return joined
 
 
 def _by_order(paths: tuple[str, ...]) -> Layout | None:
-    folders: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    named: dict[str, dict[Key, str]] = defaultdict(dict)
     for path in paths:
         told, split = _split_of(path)
-        folders[str(told.with_name("{scene}" + told.suffix))][split].append(path)
+        named[str(told.with_name("{scene}" + told.suffix))][split, told.stem] = path
+    folders: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for pattern, files in _endings_joined(named).items():
+        for (split, _), path in files.items():
+            folders[pattern][split].append(path)
     sizes = Counter(_sizes(files) for files in folders.values())
     common, times = max(sizes.items(), key=lambda item: item[1], default=((), 0))
     if times < _ROLES:

@@ -9,15 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
-from dfdbench.building.folder_facts import Align, Facts, look_into
-from dfdbench.building.folder_layout import (
-    SUFFIXES,
-    Key,
-    Layout,
-    find_layout,
-    image_files,
-    unread_files,
-)
+from dfdbench.building.folder_facts import Facts, look_into
+from dfdbench.building.folder_layout import Key, Layout, find_layout, image_files, unread_files
+from dfdbench.building.folder_matching import Align
+from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import ROLES
 from dfdbench.errors import InputError
 from dfdbench.tables.wording import listed
@@ -184,7 +179,7 @@ def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
     if layout.left:
         named = listed(layout.left, _NAMED)
         facts.open.append(f"{len(layout.left)} image files belong to no scene: {named}")
-    if not all(scene.split for scene in scenes):
+    if not _are_told(scenes):
         facts.open.append(
             "which scenes test: every fourth does; those of one place belong together"
         )
@@ -193,8 +188,10 @@ def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
 
 def _splits(scenes: list[_Scene]) -> list[str]:
     chosen: dict[str, list[str]] = {}
+    told = _are_told(scenes)
     for number, scene in enumerate(scenes, 1):
-        split = _split_name(scene.split) or ("test" if number % _TEST == 0 else "train")
+        counted = "test" if number % _TEST == 0 else "train"
+        split = (told and _split_name(scene.split)) or counted
         chosen.setdefault(split, []).append(scene.name)
     if "test" not in chosen and len(scenes) > 1:
         chosen["test"] = [chosen["train"].pop()]
@@ -203,6 +200,13 @@ def _splits(scenes: list[_Scene]) -> list[str]:
         f"scenes = [\n{_rows(names)}]\n"
         for split, names in sorted(chosen.items(), key=lambda item: item[0] != "train")
     ]
+
+
+def _are_told(scenes: list[_Scene]) -> bool:
+    """Return whether folders say which scenes train."""
+    return all(scene.split for scene in scenes) and any(
+        _split_name(scene.split) == "train" for scene in scenes
+    )
 
 
 def _split_name(folder: str) -> str:
@@ -282,7 +286,7 @@ def _files(facts: Facts, scenes: list[_Scene]) -> str:
     lines.append(f"depth_missing = {facts.missing}")
     if facts.image_bits:
         lines.append(f"image_bits = {facts.image_bits}")
-    others = ", ".join(f'"{name}"' for name in get_args(Align) if name != facts.align)
-    lines.append(f'align = "{facts.align}" # or {others}')
-    lines.append(f"match_gain = {str(facts.match_gain).lower()}")
+    others = ", ".join(f'"{name}"' for name in get_args(Align) if name != facts.matching.align)
+    lines.append(f'align = "{facts.matching.align}" # or {others}')
+    lines.append(f"match_gain = {str(facts.matching.match_gain).lower()}")
     return "\n".join(lines) + "\n"

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from dfdbench.building.fetching.checksums import known_checksums
-from dfdbench.building.fetching.download import Progress
+from dfdbench.building.fetching.download import SET_ASIDE, Progress
+from dfdbench.building.plan import BuildPlan
 from dfdbench.building.sources import Download, Source, download_middlebury, open_source
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.system.cache import DOWNLOADS, cache_folder
+from dfdbench.tables.wording import counted
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ def fetch_source(
     offline = fetching.offline
     done = download_middlebury(manifest, folder, fetching.mirrors, offline, on_progress)
     if not done.new and not done.kept:
-        raise InputError(
+        nothing = Problem(
             f"no file of {manifest.short} is there",
             where=str(folder),
             got="--offline asks nobody" if offline else "the site has none of them",
@@ -112,4 +115,81 @@ def fetch_source(
             if offline
             else "name a --mirror URL, or a copy on disk: --source DIR",
         )
+        raise InputError.of([nothing, *done.lacking])
     return open_source(manifest, folder, known_checksums(manifest, folder)), done
+
+
+@dataclass(frozen=True)
+class Obtained:
+    """The files that a build reads.
+
+    Parameters
+    ----------
+    source : Source
+        The files.
+    folder : Path or None
+        Where they were downloaded to; None if nothing is fetched.
+    done : Download or None
+        What was fetched.
+    refused : int
+        How many downloaded files were damaged and set aside.
+    """
+
+    source: Source
+    folder: Path | None = None
+    done: Download | None = None
+    refused: int = 0
+
+
+def obtain(
+    plan: BuildPlan,
+    folder: Path | None = None,
+    mirrors: Sequence[str] = (),
+    offline: bool = False,
+    cache: Path | None = None,
+    on_progress: Progress | None = None,
+) -> Obtained:
+    """Find the files of a planned build, and fetch them first if they can be fetched.
+
+    Parameters
+    ----------
+    plan : BuildPlan
+        The build.
+    folder : Path, optional
+        Where the files are; by default Middlebury's are downloaded into the cache.
+    mirrors : sequence of str
+        Addresses to ask before the site, and before those that DFDBENCH_MIRROR names.
+    offline : bool
+        Use what was fetched before.
+    cache : Path, optional
+        The cache folder.
+    on_progress : callable, optional
+        Called with (files done, files in all, bytes).
+
+    Raises
+    ------
+    InputError, SourceError
+        If options contradict each other, or files cannot be had.
+    """
+    manifest = plan.manifest
+    if not is_fetched(manifest, folder):
+        given = [name for name, value in (("--mirror", mirrors), ("--offline", offline)) if value]
+        refuse_to_fetch(manifest, folder, given)
+        return Obtained(open_source(manifest, folder, known_checksums(manifest), plan.steps))
+    if offline and mirrors:
+        raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
+    fetching = Fetching((*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split()), offline)
+    place = download_folder(manifest, cache)
+    before = _count_files(place / SET_ASIDE)
+    try:
+        source, done = fetch_source(manifest, place, fetching, on_progress)
+    except SourceError as error:
+        if refused := _count_files(place / SET_ASIDE) - before:
+            kept = Problem(f"{counted(refused, 'file')} set aside in {place / SET_ASIDE}")
+            raise SourceError.of([*error.problems, kept]) from error
+        raise
+    return Obtained(source, place, done, _count_files(place / SET_ASIDE) - before)
+
+
+def _count_files(folder: Path) -> int:
+    return sum(path.is_file() for path in folder.rglob("*"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -139,10 +140,8 @@ def refuse_another_set(
     InputError
         Where `place` is the data set's own, and recipe or steps are not.
     """
-    if (
-        not is_local(place)
-        or Path(place.path).resolve() != default_store(manifest, cache).resolve()
-    ):
+    own = os.path.realpath(default_store(manifest, cache))
+    if not is_local(place) or os.path.realpath(place.path) != own:
         return
     if recipe not in (None, manifest.recipe):
         raise InputError(

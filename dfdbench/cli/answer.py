@@ -16,7 +16,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from dfdbench.cli.screen import print_table, say
-from dfdbench.errors import InputError, ResultError, reason_of
+from dfdbench.errors import ResultError, reason_of
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown
 from dfdbench.tables.table import Table
@@ -67,21 +67,6 @@ def writing(place: Path) -> Iterator[None]:
             got=reason_of(error),
             fix="choose another place with --out",
         ) from error
-
-
-def folder_or(out: str | None, default: Path) -> Path:
-    """Return the folder that ``--out`` names, else the default.
-
-    Raises
-    ------
-    InputError
-        Where it names none.
-    """
-    if out is None:
-        return default
-    if not out.strip():
-        raise InputError("--out names no folder", where="--out", fix=f"leave it out: {default}")
-    return Path(out)
 
 
 def give(

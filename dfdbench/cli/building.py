@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,12 +14,13 @@ from dfdbench.cli.screen import download_progress, progress, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.tables.wording import counted
 
 if TYPE_CHECKING:
     from dfdbench.building.build import BuildReport
+    from dfdbench.building.obtaining import Obtained
     from dfdbench.building.plan import BuildPlan
-    from dfdbench.building.sources import Source
 
 
 def _called_png(out: Path | None) -> None:
@@ -70,12 +70,21 @@ def build(
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
     from dfdbench.building.build import build_store
+    from dfdbench.building.obtaining import obtain
     from dfdbench.building.plan import plan_build
+    from dfdbench.system.location import is_local
 
     plan = plan_build(find_manifest(name), store, recipe, _steps(pair), cache)
     _refuse_memory(plan)
+    if is_local(plan.place):
+        # The cache may be inside the folder of the files; a place that the user names may not.
+        read = source if store else None
+        output_place(plan.place.path, read, option="--store", replaces=True)
     pool = pool_of(workers, scheduler)
-    files = source_of(plan, source, mirror or [], offline, cache)
+    with download_progress(f"fetching {plan.manifest.short}") as fetched:
+        obtained = obtain(plan, source, mirror or (), offline, cache, fetched)
+    tell_fetched(obtained)
+    files = obtained.source
     with progress("building scenes") as step:
         report = build_store(plan.manifest, files, plan.place, plan.recipe, pool, step)
     _tell(plan.manifest, report)
@@ -99,16 +108,23 @@ def export(
     png: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write PNG files into.")],
     out: Annotated[Path | None, typer.Option(hidden=True, callback=_called_png)] = None,
     split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "all",
+    images_only: Annotated[
+        bool,
+        typer.Option(
+            "--images-only", help="Write no depth, to run a method where it cannot see the truth."
+        ),
+    ] = False,
     cache: Cache = None,
 ) -> None:
-    """Write the pairs as PNG files; Middlebury's are named as the thesis's."""
+    """Export pairs as PNG files (Middlebury pairs keep the thesis's file names)."""
     from dfdbench.building.export import export_png
     from dfdbench.datasets.store import open_store
 
+    output_place(png, option="--png")
     store = open_store(name, cache=cache)
     store.manifest.scenes_of(split)
     with progress("writing pairs") as step:
-        count = export_png(store, png, split, step)
+        count = export_png(store, png, split, step, images_only)
     print(f"{counted(count, 'pair')} {'lies' if count == 1 else 'lie'} in {png}")
 
 
@@ -138,47 +154,20 @@ def _refuse_memory(plan: BuildPlan) -> None:
         )
 
 
-def source_of(
-    plan: BuildPlan, folder: Path | None, mirror: list[str], offline: bool, cache: Path | None
-) -> Source:
-    """Return the files that a build reads, fetched first where they are."""
-    from dfdbench.building.fetching.checksums import known_checksums
-    from dfdbench.building.obtaining import is_fetched, refuse_to_fetch
-    from dfdbench.building.sources import open_source
-
-    manifest = plan.manifest
-    if is_fetched(manifest, folder):
-        return _fetched(manifest, mirror, offline, cache)
-    given = [name for name, value in (("--mirror", mirror), ("--offline", offline)) if value]
-    refuse_to_fetch(manifest, folder, given)
-    return open_source(manifest, folder, known_checksums(manifest), plan.steps)
-
-
-def _fetched(manifest: Manifest, mirror: list[str], offline: bool, cache: Path | None) -> Source:
-    from dfdbench.building.fetching.download import SET_ASIDE
-    from dfdbench.building.obtaining import Fetching, download_folder, fetch_source
-
-    fetching = Fetching((*mirror, *os.environ.get("DFDBENCH_MIRROR", "").split()), offline)
-    if offline and mirror:
-        raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
-    folder = download_folder(manifest, cache)
-    before = _count_files(folder / SET_ASIDE)
-    try:
-        with download_progress(f"fetching {manifest.short}") as step:
-            source, done = fetch_source(manifest, folder, fetching, step)
-    finally:
-        refused = _count_files(folder / SET_ASIDE) - before
-        if refused:
-            say(f"refused, and set aside in {folder / SET_ASIDE}: {counted(refused, 'file')}")
+def tell_fetched(obtained: Obtained) -> None:
+    """Say what was fetched and what was refused."""
+    done, folder = obtained.done, obtained.folder
+    if done is None or folder is None:
+        return
+    if obtained.refused:
+        count = counted(obtained.refused, "file")
+        say(f"refused, and set aside in {folder / 'set-aside'}: {count}")
+    for problem in done.lacking:
+        say(f"warning: {problem}")
     if done.new:
         say(f"fetched {counted(done.new, 'file')} into {folder}, {done.kept} were there")
     if done.lock:
         say(f"their checksums are kept in {done.lock}")
-    return source
-
-
-def _count_files(folder: Path) -> int:
-    return sum(path.is_file() for path in folder.rglob("*"))
 
 
 def _tell(manifest: Manifest, report: BuildReport) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Annotated, Any
+from functools import partial
+from typing import Annotated
 
 import typer
 
@@ -26,21 +26,11 @@ def check_method_command(
     param: Params = None,
 ) -> None:
     """Try a method on awkward inputs and say what is wrong, before a long run."""
-    from dfdbench.blur.recipe import RECIPES
-    from dfdbench.datasets.depth_scale import Rig
+    from dfdbench.evaluation.loading import load_to_check
     from dfdbench.methods.check import check_method
-    from dfdbench.methods.registry import load_method
 
-    offers: dict[str, Callable[[], Any]] = {
-        "recipe": lambda: RECIPES["published"],
-        "recipe_name": lambda: "published",
-        "training_mean": lambda: 128.0,
-        "seed": lambda: 0,
-        "rig": Rig,
-    }
-    # A class with a fit has to find out the blur, so that the fit is tried too.
-    for_fits = {"recipe": lambda: None}
-    trials = check_method(load_method(method, values_of(param, "--param"), offers, for_fits))
+    load = partial(load_to_check, method, values_of(param, "--param"))
+    trials = check_method(load(), load=load)
     rows = tuple(
         (
             "FAIL" if trial.error else "odd" if trial.warning else "ok",

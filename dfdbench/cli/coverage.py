@@ -31,11 +31,12 @@ from dfdbench.audit.run_errors import (
 )
 from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.trained_on import RunSides, sides_of_run
-from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
+from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.completion import data_sets
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.audits import coverage_figure, level_error_figure, mask_figure
+from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT, load_result
 
@@ -122,7 +123,7 @@ def coverage(
         other = open_store(test_dataset) if test_dataset else None
         both = sides_of(store, train, test, fold, other)
         record = rule.compare(*both, leaks_between(*both))
-        _answer_coverage(record, folder_or(out, _folder(store, record)), format)
+        _answer_coverage(record, _place(out, _folder(store, record)), format)
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ def _refuse_mixtures(
 ) -> None:
     problems = []
     if dataset is None and run is None:
-        problems.append(Problem("no data set is named", fix="dfdbench coverage DATASET"))
+        problems.append(Problem("no data set is named", fix="dfdbench audit coverage DATASET"))
     others = [*named, *(["--result"] if run else [])]
     if each and others:
         problems.append(
@@ -207,7 +208,7 @@ def _answer_each(
     bad = sum(not record.covered for record in records.values())
     verdict = f"{bad} of {len(records)} are NOT covered by criterion {rule.criterion}"
     content = each_as_json(records, each)
-    folder = folder_or(out, Path("results") / f"{store.path.stem}-coverage" / f"each-{each}")
+    folder = _place(out, Path("results") / f"{store.path.stem}-coverage" / f"each-{each}")
     answer = Answer(content, (each_table(records, each),), verdict)
     give(answer, format, folder, {"coverage.json": content})
     _end(*records.values())
@@ -238,8 +239,14 @@ def _answer_errors(
         "errors.png": level_error_figure(join, title),
         "masks.png": mask_figure(store, run, folder, join),
     }
-    give(answer, format, folder_or(out, folder / "coverage"), files)
+    # By default beside the result: the one folder in a run that others may write to.
+    place = folder / "coverage" if out is None else output_place(out)
+    give(answer, format, place, files)
     _end(record)
+
+
+def _place(out: str | None, default: Path) -> Path:
+    return output_place(default if out is None else out)
 
 
 def _folder(store: Store, record: CoverageRecord) -> Path:

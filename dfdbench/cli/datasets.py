@@ -25,9 +25,14 @@ from dfdbench.tables.wording import counted
 cache_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 
 
-def list_datasets(cache: Cache = None) -> None:
+def list_datasets(
+    cache: Cache = None,
+    entries: Annotated[
+        bool, typer.Option("--entries", help="Show where each method is defined instead.")
+    ] = False,
+) -> None:
     """List the data sets, their tracks and the registered methods."""
-    from dfdbench.methods.registry import registered_methods
+    from dfdbench.methods.registry import method_words, registered_methods
 
     rows = [
         _listed(manifest, typed_name(manifest), default_store(manifest, cache).exists())
@@ -43,8 +48,9 @@ def list_datasets(cache: Cache = None) -> None:
     )
     note = "Of any set with synthetic blur: dfdbench build demo@noise-1"
     print_table(Table("tracks", ("track", "", ""), tracks, "lll", (note,)))
-    methods = tuple(sorted(registered_methods().items()))
-    print_table(Table("methods", ("name", "entry"), methods, "ll"))
+    found = registered_methods() if entries else method_words()
+    columns = ("name", "entry" if entries else "what it is")
+    print_table(Table("methods", columns, tuple(sorted(found.items())), "ll"))
 
 
 def _listed(manifest: Manifest, name: str, built: bool) -> tuple[str, ...]:

@@ -17,13 +17,14 @@ from dfdbench.audit.difficulty import (
 )
 from dfdbench.audit.sides import depth_maps
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
+from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.completion import data_sets
 from dfdbench.cli.screen import progress
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError
 from dfdbench.figures.audits import difficulty_figure
+from dfdbench.results.output_place import output_place
 
 
 def difficulty(
@@ -32,7 +33,7 @@ def difficulty(
     ],
     split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
     noise: Annotated[
-        int, typer.Option(min=0, help="Whole grey levels that a change must exceed.")
+        int, typer.Option(min=0, max=255, help="Whole grey levels that a change must exceed.")
     ] = 0,
     out: Annotated[
         str | None, typer.Option(help="Folder; default: results/DATASET-difficulty/SPLIT.")
@@ -43,7 +44,8 @@ def difficulty(
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
     store = open_store(dataset)
-    folder = folder_or(out, Path("results") / f"{store.path.stem}-difficulty" / split)
+    default = Path("results") / f"{store.path.stem}-difficulty" / split
+    folder = output_place(default if out is None else out)
     manifest = store.manifest
     manifest.scenes_of(split)
     pairs = store.pairs(split)

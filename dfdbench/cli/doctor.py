@@ -25,6 +25,7 @@ _VARIABLES = (
     "DFDBENCH_CACHE",
     "DFDBENCH_SHARED_DATA",
     "OMP_NUM_THREADS",
+    "NUMBA_CACHE_DIR",
     "NUMBA_NUM_THREADS",
     "NUMBA_DISABLE_JIT",
     "CUDA_VISIBLE_DEVICES",
@@ -39,7 +40,8 @@ def doctor(
     nets = list(_nets())
     # PyTorch is imported by now, so that its threads and its GPU are seen.
     found = describe_environment()
-    rows = [*_system(found), *nets, *_extras(), *_place(cache_folder(cache)), *_variables()]
+    rows = [*_system(found), *nets, *_extras(), *_place(cache_folder(cache))]
+    rows += [_compiled(), *_variables()]
     table = Table("dfdbench, here", ("what", "found"), tuple(rows), "ll")
     print_table(table) if format is Format.table else print(render([table], format), end="")
 
@@ -58,7 +60,7 @@ def _nets() -> Iterator[tuple[str, str]]:
     try:
         import torch
 
-        from dfdbench.training.precision import precision_for
+        from dfdbench.training.configuration import precision_for
     except ModuleNotFoundError:
         return
     devices = [torch.device("cpu")] + [torch.device("cuda")] * torch.cuda.is_available()
@@ -86,6 +88,14 @@ def _place(folder: Path) -> Iterator[tuple[str, str]]:
     yield "cache", f"{folder}: {_in_bytes(size)}, {_in_bytes(free)} free{writable}"
     stores = [entry.name.removesuffix(".zarr") for entry in entries if entry.kind == "stores"]
     yield "built", ", ".join(stores) or "nothing"
+
+
+def _compiled() -> tuple[str, str]:
+    from dfdbench.metrics.similarity import mean_similarity
+
+    # Of one module; if not told otherwise, numba has a folder for each.
+    place = mean_similarity.stats.cache_path
+    return "compiled code", place or "not cached, so each command compiles: set NUMBA_CACHE_DIR"
 
 
 def _in_bytes(size: int) -> str:

@@ -28,6 +28,7 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.system.extras import needed
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
@@ -65,7 +66,7 @@ def experiment(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="For the experiment reduction: a folder of networks that `dfdbench reduce` "
+            help="For the experiment reduction: a folder of networks that `dfdbench thesis reduce` "
             "wrote, instead of those of the thesis's Table D.2.",
         ),
     ] = None,
@@ -100,7 +101,8 @@ def experiment(
     asked, chosen = find_experiment(name), _listed(values)
     configs = _rows_of(name, rows, chosen, config)
     store, stem = _data_of(asked, name, dataset, chosen, source, cache)
-    folder = out or Path("training") / f"{stem}-experiments" / f"{name}-{method.value}"
+    default = Path("training") / f"{stem}-experiments" / f"{name}-{method.value}"
+    folder = output_place(out or default, source, rows)
     start = find_weights(method.value, weights) if weights else None
     planned = trials(
         asked,
@@ -171,7 +173,7 @@ def _rows_of(
             "each row brings its own configuration",
             where="--config",
             got=config,
-            fix="leave it out; dfdbench reduce takes it",
+            fix="leave it out; dfdbench thesis reduce takes it",
         )
     return configurations_in(rows, chosen)
 

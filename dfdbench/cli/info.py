@@ -114,7 +114,7 @@ def _show_scenes(store: Store) -> None:
     placed: list[tuple[str, dict[str, float]]] = []
     others: list[tuple[str, str, str]] = []
     for scene in store.scenes:
-        record = scene_record(store.scene(scene).attrs, f"{store.path}, {scene}")
+        record = scene_record(store.to_xarray(scene).attrs, f"{store.path}, {scene}")
         for name, value in record.found.items():
             # Other packages' sources may keep whatever fits into JSON.
             if _places(value) and (not placed or value.keys() == placed[0][1].keys()):

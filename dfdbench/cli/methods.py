@@ -18,6 +18,7 @@ from dfdbench.cli.run_answer import (
 )
 from dfdbench.cli.screen import progress, say
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
@@ -29,12 +30,6 @@ if TYPE_CHECKING:
 Params = Annotated[
     list[str] | None,
     typer.Option("--param", help="A parameter of the method, NAME=VALUE; repeatable."),
-]
-Isolate = Annotated[
-    bool,
-    typer.Option(
-        "--isolate", help="Run it in a process of its own that cannot see the true depth."
-    ),
 ]
 
 
@@ -88,7 +83,6 @@ def run(
         ),
     ] = None,
     scheduler: Scheduler = None,
-    isolate: Isolate = False,
     cache: Cache = None,
     figure_format: FigureFormats = None,
     submit: Annotated[
@@ -112,9 +106,9 @@ def run(
     data = open_store(dataset, cache=cache)
     data.manifest.scenes_of(split)
     shown = protocol_of_tables(asked, data)
-    folder = out or Path("results") / f"{data.path.stem}-{split}" / folder_name(method, param)
-    apart_from = hidden_from_isolated(folder, cache) if isolate else None
-    loaded = load_for(data, method, values_of(param, "--param"), seed, apart_from=apart_from)
+    default = Path("results") / f"{data.path.stem}-{split}" / folder_name(method, param)
+    folder = output_place(out or default, str(data.path), replaces=True)
+    loaded = load_for(data, method, values_of(param, "--param"), seed)
     if submit:
         refuse_unfit_to_submit(loaded, data, split)
     options = RunOptions(limit, not no_predictions, fresh, seed)
@@ -136,14 +130,6 @@ def run(
         raise typer.Exit(1)
 
 
-def hidden_from_isolated(folder: Path, cache: Path | None) -> list[Path]:
-    """Return what a method that runs isolated is not to see, besides the store."""
-    from dfdbench.system.cache import cache_folder
-
-    # Among results lie earlier runs, with figures and pages that show the truth.
-    return [Path("results"), folder, cache_folder(cache)]
-
-
 def protocol_of_tables(asked: str | None, data: Store) -> str:
     """Return the protocol that was asked for, or the data set's own first one."""
     from dfdbench.results.first_table import first_protocol
@@ -156,8 +142,7 @@ def protocol_of_tables(asked: str | None, data: Store) -> str:
 
 def require_shown(protocol: str, manifest: Manifest) -> None:
     """Refuse a protocol that a data set's runs are not scored under, before a long run."""
-    from dfdbench.metrics.of_protocol import protocols_of
-    from dfdbench.metrics.protocol import require_scored
+    from dfdbench.metrics.protocol import protocols_of, require_scored
 
     there = protocols_of(manifest.depth.scale is not None)
     require_scored(protocol, there, f"runs on {manifest.stem}")

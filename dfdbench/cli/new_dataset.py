@@ -9,6 +9,7 @@ import typer
 
 from dfdbench.cli.answer import writing
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.system.files import write_whole
 
 
@@ -27,7 +28,7 @@ def new_dataset(
     from dfdbench.building.new_manifest import new_manifest
 
     written = new_manifest(folder, name)
-    path = out or Path(written.name)
+    path = output_place(out or written.name, folder)
     if path.exists():
         raise InputError(
             f"a {'folder' if path.is_dir() else 'file'} of that name is there",

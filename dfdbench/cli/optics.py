@@ -17,6 +17,7 @@ from dfdbench.figures.camera import blur_figure, pair_figure, temperature_figure
 from dfdbench.optics.lens_table import StepPair, rank_pairs, read_lens_table
 from dfdbench.optics.sharpness import Measurement, read_lens_captures
 from dfdbench.optics.thin_lens import ThinLens
+from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Table
 
 app = typer.Typer(
@@ -101,6 +102,7 @@ def sharpness(
     out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("sharpness"),
 ) -> None:
     """Measure a lens from images of a dot: over temperature, and voltage up and down (7.2.1)."""
+    output_place(out, source)
     found = read_lens_captures(source)
     warming = found.get("temperature", ())
     if warming:

@@ -8,11 +8,12 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.cli.answer import folder_or, writing
+from dfdbench.cli.answer import writing
 from dfdbench.cli.options import Cache, values_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.cli.training_options import Changes, Configuration, Device, Threads, use_threads
 from dfdbench.datasets.store import open_store
+from dfdbench.results.output_place import output_place
 from dfdbench.system.extras import needed
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format
@@ -73,14 +74,15 @@ def reduce(
     with needed():
         from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
-        from dfdbench.training.configuration_file import read_configuration
+        from dfdbench.training.configuration import read_configuration
         from dfdbench.training.reduction.reduce import reduce_weights
     use_threads(threads)
     place = find_weights("dfd-net", weights)
     store = open_store(dataset, cache=cache)
     configuration = read_configuration(config, values_of(changes, "--set"))
     name = Path(weights).stem + (f"-level{level}" if level else "")
-    folder = folder_or(out, Path("training") / f"{store.path.stem}-reduction" / name)
+    default = Path("training") / f"{store.path.stem}-reduction" / name
+    folder = output_place(default if out is None else out, place)
     with progress("training maps", "nothing was written") as bar:
         found = reduce_weights(
             place,
@@ -103,4 +105,4 @@ def reduce(
         print(render(found.tables, format), end="")
     say(f"tables       {folder / 'counts.md'}, rows.md, and both as CSV")
     say(f"networks     {', '.join(found.files)} in {folder}")
-    say(f"next         dfdbench experiment reduction --dataset {dataset} --rows {folder}")
+    say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")

@@ -167,7 +167,7 @@ def _look(
 
 def _write(one: _Seen, found: Registration) -> None:
     others = f" and {found.boards - 1} other scenes" if found.boards > 1 else ""
-    note = f"Estimated by dfdbench register from {one.told}{others}."
+    note = f"Estimated by dfdbench rig register from {one.told}{others}."
     corners = board_rays(one.ranges, one.beams).corners()
     write_registration(one.files.registration, found.matrix, corners, note)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -16,13 +17,13 @@ from dfdbench.errors import InputError
 from dfdbench.figures.comparisons import accuracy_figure, change_figure
 from dfdbench.figures.style import write_figure
 from dfdbench.leaderboard.folder import file_stems
-from dfdbench.metrics.of_protocol import ranked_by
-from dfdbench.metrics.protocol import find_protocol
+from dfdbench.metrics.protocol import find_protocol, ranked_by
 from dfdbench.report.html import write_html
 from dfdbench.report.markdown import write_markdown
 from dfdbench.report.paper_table import paper_tables
 from dfdbench.results.difference_tables import change_tables, changes_to_show
 from dfdbench.results.first_table import first_protocol
+from dfdbench.results.output_place import output_place
 from dfdbench.results.record_file import RESULT
 from dfdbench.results.run_names import told_apart, without_previous
 from dfdbench.results.saved_run import SavedRun, open_run
@@ -79,14 +80,17 @@ def report(
     """Write a page about runs, pairs worst first, or a paper's table of them."""
     asked = find_protocol(protocol).label if protocol else None
     _refuse_what_does_not_fit(format, metric, figure, figure_format)
+    page = output_place(out or "report", *results) if out or format in _PAGES else None
+    if figure:
+        output_place(figure, *results, option="--figure")
     paths, left_out = without_previous(_each_once(results))
     for old, new in left_out:
         both = f"`dfdbench compare {old} {new}` sets them side by side"
         say(f"left out: {old}, the run before {new.name}; {both}")
     runs = told_apart(open_run(path, dataset) for path in paths)
     shown = asked or first_protocol(runs[0].result.dataset.short)
-    if format in _PAGES:
-        _write_page(runs, shown, format, out or Path("report"), figure_format or ())
+    if page and format in _PAGES:
+        _write_page(runs, shown, format, page, figure_format or ())
         return
     tables = paper_tables(runs, shown, metric or ())
     if out is not None:
@@ -164,9 +168,9 @@ def compare(
     one, other = told_apart((open_run(first, dataset), open_run(second, dataset)))
     runs = one, other
     shown = asked or first_protocol(runs[0].result.dataset.short)
-    if runs[0].path.resolve() == runs[1].path.resolve():
+    if one.path.samefile(other.path):
         raise InputError("A and B are the same run", where=str(runs[0].path), expected="two runs")
-    picture = _picture(out, *runs)
+    picture = output_place(_picture(out, *runs), first, second)
     tables = change_tables(one.result, other.result, shown, most, (one.label, other.label))
     if format is Format.table:
         for table in tables:
@@ -214,7 +218,7 @@ def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
 def _each_once(paths: Sequence[Path]) -> list[Path]:
     found: dict[Path, Path] = {}
     for path in paths:
-        file = (path / RESULT if path.is_dir() else path).resolve()
+        file = Path(os.path.realpath(path / RESULT if path.is_dir() else path))
         if file in found:
             say(f"given twice, shown once: {path}")
         else:

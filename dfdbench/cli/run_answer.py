@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from dfdbench.cli.screen import print_table, say
 from dfdbench.tables.table import Format
-from dfdbench.tables.wording import counted
+from dfdbench.tables.wording import counted, listed
 
 if TYPE_CHECKING:
     from dfdbench.datasets.manifest import Manifest
@@ -37,8 +37,10 @@ def print_run_tables(summary: RunSummary, manifest: Manifest, format: Format) ->
 
 def tell_what_was_reused(done: Run) -> None:
     """Say what of an earlier call was kept, and where one of other settings lies."""
+    if done.because:
+        say(f"started over: {listed(done.because, most=5)}")
     if done.set_aside:
-        say(f"an earlier run with other settings was moved to {done.set_aside}")
+        say(f"the earlier run was moved to {done.set_aside}")
     if done.reused:
         pairs = counted(done.reused, "pair")
         say(f"{pairs} taken over from an earlier call (--fresh evaluates anew)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,6 +13,7 @@ from dfdbench.cli.methods import folder_name, protocol_of_tables, submit_run
 from dfdbench.cli.options import Cache, FigureFormats
 from dfdbench.cli.run_answer import print_run_tables, tell_overall, tell_where_it_lies
 from dfdbench.cli.screen import progress, say
+from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Format
 
 
@@ -72,10 +74,9 @@ def score(
     if submit:
         require_sound(data)
     shown = protocol_of_tables(asked, data)
-    name = method or predictions.resolve().name
-    folder = out or (
-        Path("results") / f"{data.path.stem}-{split}" / f"{folder_name(name, None)}-scored"
-    )
+    name = method or os.path.basename(os.path.realpath(predictions))
+    default = Path("results") / f"{data.path.stem}-{split}" / f"{folder_name(name, None)}-scored"
+    folder = output_place(out or default, predictions, str(data.path), replaces=True)
     with progress(f"scoring {name}", "the same command scores all of them anew") as step:
         done = score_predictions(predictions, data, split, folder, name, unit, step)
     if done.set_aside:

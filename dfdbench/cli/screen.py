@@ -28,6 +28,7 @@ from rich.progress import (
 from rich.text import Text
 
 from dfdbench.errors import InputError, reason_of, steering_nothing
+from dfdbench.results.output_place import output_place
 from dfdbench.tables.render import as_rich
 from dfdbench.tables.table import Table, least_width
 
@@ -121,6 +122,7 @@ def save_figure(figure: Figure, path: Path) -> None:
             where=str(path),
             expected=f"one that ends in {', '.join(PICTURES)}",
         )
+    output_place(path, option="")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_figure(figure, path)

@@ -21,6 +21,7 @@ from dfdbench.cli.training_options import (
 )
 from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.system.extras import needed
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
@@ -115,7 +116,7 @@ def architecture(
     """
     limit = seconds_of(max_time)
     with needed():
-        from dfdbench.training.configuration_file import read_configuration
+        from dfdbench.training.configuration import read_configuration
         from dfdbench.training.search.particle import bounds_of
         from dfdbench.training.search.plan import Choices, plan_search
     changed = values_of(changes, "--set") | ({"steps": steps} if steps else {})
@@ -138,7 +139,7 @@ def architecture(
     store = open_store(dataset, cache=cache)
     plan = plan_search(store, base, changed, asked, device)
     name = f"{variant}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
-    folder = out or Path("training") / f"{store.path.stem}-search" / name
+    folder = output_place(out or Path("training") / f"{store.path.stem}-search" / name)
     say(f"select on    {plan.selected_on}")
     where = _Where(pool_of_processes(workers, scheduler), device, _threads(threads, workers))
     use_threads(where.threads)
@@ -194,7 +195,7 @@ def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) 
     say(f"log          {folder / 'positions.csv'}; tables {folder / _TABLE}")
     if outcome.best is None:
         say("every training failed: nothing was found")
-        return
+        raise typer.Exit(1)
     write_whole(folder / _BEST, best_as_toml(plan, outcome.best))
     say(f"best         {folder / _BEST}")
     say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / _BEST}")

@@ -13,6 +13,7 @@ from dfdbench.cli.captures import capture_of, chosen_numbers, chosen_scenes
 from dfdbench.cli.screen import progress, say
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.rig.geometry import Pose
 from dfdbench.simulation.board_scene import MOUNTED
 from dfdbench.simulation.capture_files import CaptureSettings, write_captures, write_lens_test
@@ -43,6 +44,7 @@ def simulate_realworld(
     ] = os.cpu_count() or 1,
 ) -> None:
     """Simulate raw captures of the real-world set: frames, LIDAR scans, and the truth beside."""
+    output_place(out)
     manifest = find_manifest("realworld")
     capture = capture_of(manifest)
     names = chosen_scenes(scenes, manifest)
@@ -61,16 +63,17 @@ def simulate_realworld(
     print(f"simulated {counted(len(made), 'scene')}{kept}")
     print(f"captures     {out}")
     print(f"truth        {out / 'truth'} (never read by build or register)")
-    say(f"next         dfdbench register {scenes} --source {out}")
+    say(f"next         dfdbench rig register {scenes} --source {out}")
 
 
 @app.command("lens")
 def simulate_lens(out: Annotated[Path, typer.Option(help="Folder to write into.")]) -> None:
     """Simulate the captures of a lens test: a dot over temperature, and voltage up and down."""
+    output_place(out)
     with writing(out):
         print(f"simulated {write_lens_test(out)} images")
     print(f"captures     {out}")
-    say(f"next         dfdbench optics sharpness {out}")
+    say(f"next         dfdbench rig optics sharpness {out}")
 
 
 def _pose(text: str) -> Pose:

@@ -22,12 +22,13 @@ from dfdbench.audit.split_tables import (
     split_fragment,
 )
 from dfdbench.audit.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
-from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
+from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.completion import data_sets
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 
 
 def split_command(
@@ -78,7 +79,8 @@ class _Place:
     out: str | None
 
     def folder(self, name: str) -> Path:
-        return folder_or(self.out, Path("results") / f"{self.store.path.stem}-splits" / name)
+        default = Path("results") / f"{self.store.path.stem}-splits" / name
+        return output_place(default if self.out is None else self.out)
 
 
 def _told(manifest: Manifest, settings: ProposalSettings) -> str:
@@ -100,7 +102,7 @@ def _propose_tests(
     best = ranking.candidates[0].test
     train = tuple(name for name in scenes.names if name not in best)
     why = (
-        f"dfdbench split {manifest.short} --test-scenes {size}: first of "
+        f"dfdbench audit split {manifest.short} --test-scenes {size}: first of "
         f"{len(ranking.candidates):,} ({_told(manifest, settings)})"
     )
     content = ranking_as_json(manifest, settings, ranking, published)
@@ -121,7 +123,7 @@ def _propose_folds(
         tuple(name for name in fold.test_scenes if name in scenes.names) for fold in manifest.folds
     ]
     published = Folds(tuple(scenes.judge([test for test in tests if test])))
-    why = f"dfdbench split {manifest.short} --folds {number} ({_told(manifest, settings)})"
+    why = f"dfdbench audit split {manifest.short} --folds {number} ({_told(manifest, settings)})"
     content = folds_as_json(manifest, settings, proposals, hopeless, published)
     folder = place.folder(f"folds-{number}")
     answer = Answer(content, (folds_table(manifest, proposals, hopeless, published),))

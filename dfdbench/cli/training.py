@@ -24,6 +24,7 @@ from dfdbench.cli.training_options import (
 )
 from dfdbench.datasets.store import open_store
 from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
 from dfdbench.system.extras import needed
 from dfdbench.tables.table import Table
 
@@ -72,8 +73,7 @@ def train_command(
         from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.checkpoint import TrainingFolder
-        from dfdbench.training.configuration_file import read_configuration
-        from dfdbench.training.precision import precision_for
+        from dfdbench.training.configuration import precision_for, read_configuration
         from dfdbench.training.task import task_of
         from dfdbench.training.trainer import train
     use_threads(threads)
@@ -88,8 +88,11 @@ def train_command(
     task = task_of(method.value, store, configuration, split, fold, seed, start)
     name = f"{method.value}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     trained = f"all-but-{fold}" if fold else split
-    folder = TrainingFolder(out or Path("training") / f"{store.path.stem}-{trained}" / name)
-    _prepare(folder, resume, fresh, start)
+    default = Path("training") / f"{store.path.stem}-{trained}" / name
+    # --fresh removes an earlier training, and must not remove the weights to begin with.
+    place = output_place(out or default, start if fresh else None, replaces=True)
+    folder = TrainingFolder(place)
+    _prepare(folder, resume, fresh)
     if configuration.precision == "auto":
         say("precision    {}: {}".format(*precision_for(find_device(device))))
     with progress(f"training {method.value}", RESUMED) as bar:
@@ -108,17 +111,17 @@ def _keep_figures(
     training: TrainingFolder, task: Task, outcome: TrainingOutcome, title: str
 ) -> Selections:
     from dfdbench.figures.trainings import levels_figure, patches_figure, training_figure
-    from dfdbench.training.checkpoint import LEVELS_FIGURE, PATCHES_FIGURE, TRAINING_FIGURE
+    from dfdbench.training.checkpoint import FIGURES
     from dfdbench.training.selections import selections_of
 
-    folder = training.path
-    save_figure(training_figure(training.log(), title), folder / TRAINING_FIGURE)
-    save_figure(levels_figure(training.levels(), title), folder / LEVELS_FIGURE)
+    course, levels, patches = (training.path / name for name in FIGURES)
+    save_figure(training_figure(outcome.log, title), course)
+    save_figure(levels_figure(outcome.log.levels, title), levels)
     names = [pair.id for pair in task.train]
     with progress("counting patches", RESUMED) as bar:
         drawn = selections_of(outcome.cropper, names, outcome.card.steps, bar)
     training.write_patches(drawn.rows())
-    save_figure(patches_figure(drawn, title), folder / PATCHES_FIGURE)
+    save_figure(patches_figure(drawn, title), patches)
     return drawn
 
 
@@ -127,7 +130,7 @@ def _tell(training: TrainingFolder, outcome: TrainingOutcome) -> None:
         say("time was up before the warm-up had ended: these weights have hardly been trained")
         say("--resume with a longer --max-time goes on; --fresh --set warm_up=N warms up faster")
     folder = training.path
-    scores = "scores.csv, " if training.log().scores else ""
+    scores = "scores.csv, " if outcome.log.scores else ""
     say(f"log          {folder / 'losses.csv'}, {scores}depth_levels.csv, patches.csv")
     say(f"weights      {outcome.weights}, and their card {outcome.weights.with_suffix('.md')}")
 
@@ -166,7 +169,7 @@ def patches_table(drawn: Selections) -> Table:
     return Table(title, ("", "patches", "pair"), tuple(rows), "lrl")
 
 
-def _prepare(training: TrainingFolder, resume: bool, fresh: bool, start: Path | None) -> None:
+def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
     folder, started = training.path, training.started
     if folder.exists() and not folder.is_dir():
         raise InputError(
@@ -179,12 +182,6 @@ def _prepare(training: TrainingFolder, resume: bool, fresh: bool, start: Path | 
             "the folder holds something else than a training",
             where=str(folder),
             fix="choose another with --out DIR",
-        )
-    if fresh and start and start.resolve().parent == folder.resolve():
-        raise InputError(
-            "--fresh would remove the weights to begin with",
-            where=str(start),
-            fix="choose another folder with --out DIR",
         )
     if resume and not started:
         raise InputError("no checkpoint to go on from", where=str(folder), fix="leave --resume out")

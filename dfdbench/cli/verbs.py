@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
@@ -26,15 +27,26 @@ class Verb:
         The first line of its help, as the list of all verbs shows it.
     goes_on : bool
         Whether the same command, stopped anywhere, goes on where it was.
+    verbs : mapping of str to Verb
+        Of a group: the verbs in it; it has no module.
     """
 
-    module: str
-    attribute: str
-    summary: str
+    module: str = ""
+    attribute: str = ""
+    summary: str = ""
     goes_on: bool = False
+    verbs: Mapping[str, Verb] | None = None
 
     def load(self, name: str) -> Any:
         """Import the verb and return it as a command of this name."""
+        if self.verbs:
+            return LazyGroup(
+                name=name,
+                help=self.summary,
+                verbs=self.verbs,
+                no_args_is_help=True,
+                rich_markup_mode=None,
+            )
         found = getattr(import_module(f"dfdbench.cli.{self.module}"), self.attribute)
         if not isinstance(found, typer.Typer):
             function, found = found, typer.Typer(add_completion=False, rich_markup_mode=None)
@@ -44,60 +56,40 @@ class Verb:
         return command
 
 
-VERBS = {
-    "list": Verb(
-        "datasets", "list_datasets", "List the data sets, their tracks and the registered methods."
+_AUDIT = {
+    "coverage": Verb(
+        "coverage",
+        "coverage",
+        "Ask whether training covers the depths of the test; status 1 where it does not.",
     ),
-    "info": Verb("info", "info", "Show what a data set consists of, or what a built one holds."),
-    "build": Verb(
-        "building",
-        "build",
-        "Build a data set; what is fetched or finished already is kept.",
-        goes_on=True,
+    "depths": Verb(
+        "depths",
+        "depths",
+        "Count how often each depth occurs, or with --result how far runs are off at each depth.",
     ),
-    "new-dataset": Verb(
-        "new_dataset",
-        "new_dataset",
-        "Look at a folder of captures and write a manifest for a person to finish.",
+    "split": Verb(
+        "splits",
+        "split_command",
+        "Propose splits or folds by scene whose training covers their tests' depths.",
     ),
-    "verify": Verb(
-        "datasets",
-        "verify",
-        "Recompute a store's fingerprint and compare it with the recorded one.",
+    "difficulty": Verb(
+        "difficulty",
+        "difficulty",
+        "Say for which pixels the blur cannot tell neighbouring depth levels apart.",
     ),
-    "export": Verb(
-        "building",
-        "export",
-        "Write the pairs as PNG files; Middlebury's are named as the thesis's.",
-        goes_on=True,
+}
+_RIG = {
+    "optics": Verb(
+        "optics", "app", "What a lens does to a point, and which voltage steps make a good pair."
     ),
-    "run": Verb(
-        "methods",
-        "run",
-        "Run a method on a data set and print its tables; a stopped run is resumed.",
-        goes_on=True,
+    "register": Verb(
+        "registering",
+        "register_scenes",
+        "Lay the LIDAR's depth map on the camera's image: a small file and an overlay per scene.",
     ),
-    "score": Verb(
-        "scoring",
-        "score",
-        "Score depth maps that were made elsewhere, one file per pair; nothing is run.",
-    ),
-    "tracks": Verb(
-        "tracks",
-        "tracks",
-        "Run a method over all tracks and severities; a stopped call is resumed.",
-        goes_on=True,
-    ),
-    "check-method": Verb(
-        "checking",
-        "check_method_command",
-        "Try a method on awkward inputs and say what is wrong, before a long run.",
-    ),
-    "train": Verb(
-        "training",
-        "train_command",
-        "Train a network; write its weights, a model card, a log and figures.",
-    ),
+    "simulate": Verb("simulation", "app", "Make captures as the thesis's rig would write them."),
+}
+_THESIS = {
     "experiment": Verb(
         "experiments",
         "experiment",
@@ -112,40 +104,80 @@ VERBS = {
         "reduce",
         "Count the different outputs of each layer; write configurations of narrower networks.",
     ),
-    "report": Verb(
-        "reports",
-        "report",
-        "Write a page about runs, pairs worst first, or a paper's table of them.",
+}
+VERBS = {
+    "list": Verb(
+        "datasets", "list_datasets", "List the data sets, their tracks and the registered methods."
+    ),
+    "info": Verb("info", "info", "Show what a data set consists of, or what a built one holds."),
+    "build": Verb(
+        "building",
+        "build",
+        "Build a data set; what is fetched or finished already is kept.",
+        goes_on=True,
+    ),
+    "run": Verb(
+        "methods",
+        "run",
+        "Run a method on a data set and print its tables; a stopped run is resumed.",
+        goes_on=True,
+    ),
+    "tracks": Verb(
+        "tracks",
+        "tracks",
+        "Run a method over all tracks and severities; a stopped call is resumed.",
+        goes_on=True,
+    ),
+    "predict": Verb(
+        "predict",
+        "predict",
+        "Estimate depth from two photographs, or from a folder of pairs; no data set is needed.",
+    ),
+    "score": Verb(
+        "scoring",
+        "score",
+        "Score depth maps that were made elsewhere, one file per pair; nothing is run.",
     ),
     "compare": Verb(
         "reports",
         "compare",
         "Compare two runs pair by pair: differences, wins, losses, what changed most.",
     ),
-    "register": Verb(
-        "registering",
-        "register_scenes",
-        "Lay the LIDAR's depth map on the camera's image: a small file and an overlay per scene.",
+    "report": Verb(
+        "reports",
+        "report",
+        "Write a page about runs, pairs worst first, or a paper's table of them.",
     ),
-    "depths": Verb(
-        "depths",
-        "depths",
-        "Count how often each depth occurs, or with --result how far runs are off at each depth.",
+    "leaderboard": Verb(
+        "leaderboard",
+        "app",
+        "Rank the results of the leaderboard, print the rankings and write its README.",
     ),
-    "coverage": Verb(
-        "coverage",
-        "coverage",
-        "Ask whether training covers the depths of the test; status 1 where it does not.",
+    "train": Verb(
+        "training",
+        "train_command",
+        "Train a network; write its weights, a model card, a log and figures.",
     ),
-    "split": Verb(
-        "splits",
-        "split_command",
-        "Propose splits or folds by scene whose training covers their tests' depths.",
+    "check-method": Verb(
+        "checking",
+        "check_method_command",
+        "Try a method on awkward inputs and say what is wrong, before a long run.",
     ),
-    "difficulty": Verb(
-        "difficulty",
-        "difficulty",
-        "Say for which pixels the blur cannot tell neighbouring depth levels apart.",
+    "new-dataset": Verb(
+        "new_dataset",
+        "new_dataset",
+        "Look at a folder of captures and write a manifest for a person to finish.",
+    ),
+    "export": Verb(
+        "building",
+        "export",
+        "Export pairs as PNG files (Middlebury pairs keep the thesis's file names).",
+        goes_on=True,
+    ),
+    "verify": Verb(
+        "datasets",
+        "verify",
+        "Recompute a store's fingerprint and compare it with the recorded one.",
     ),
     "cache": Verb(
         "datasets",
@@ -157,36 +189,40 @@ VERBS = {
         "doctor",
         "Say what is installed here and what the machine can do: for bug reports.",
     ),
-    "leaderboard": Verb(
-        "leaderboard",
-        "app",
-        "Rank the results of the leaderboard, print the rankings and write its README.",
+    "audit": Verb(
+        summary="Ask whether a test is fair: coverage of depths, splits, difficulty.", verbs=_AUDIT
     ),
-    "optics": Verb(
-        "optics", "app", "What a lens does to a point, and which voltage steps make a good pair."
+    "rig": Verb(summary="Lens and LIDAR: optics, registration, simulated captures.", verbs=_RIG),
+    "thesis": Verb(
+        summary="Repeat the thesis's experiments, architecture search and reduction.", verbs=_THESIS
     ),
-    "simulate": Verb("simulation", "app", "Make captures as the thesis's rig would write them."),
 }
 
 
 class LazyGroup(TyperGroup):
-    """Knows the verbs by name, and imports the one that is called."""
+    """Knows its verbs by name, and imports the one that is called."""
+
+    def __init__(
+        self, *arguments: Any, verbs: Mapping[str, Verb] | None = None, **more: Any
+    ) -> None:
+        super().__init__(*arguments, **more)
+        self.verbs = verbs or VERBS
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the verbs' names, as the help lists them."""
-        return list(VERBS)
+        return list(self.verbs)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a verb; None where there is no such."""
-        if cmd_name in VERBS and cmd_name not in self.commands:
-            self.commands[cmd_name] = VERBS[cmd_name].load(cmd_name)
+        if cmd_name in self.verbs and cmd_name not in self.commands:
+            self.commands[cmd_name] = self.verbs[cmd_name].load(cmd_name)
         return self.commands.get(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return a verb and what is left for it; of an unknown one the near misses are named."""
         # Known before the verb is imported, which takes long enough to be stopped in.
         ctx.invoked_subcommand = args[0]
-        near = [] if args[0] in VERBS else get_close_matches(args[0], VERBS)
+        near = [] if args[0] in self.verbs else get_close_matches(args[0], self.verbs)
         if near:
             ctx.fail(f"No such command '{args[0]}'. Did you mean {' or '.join(near)}?")
         return super().resolve_command(ctx, args)
@@ -209,11 +245,11 @@ class LazyGroup(TyperGroup):
         except BrokenPipeError:
             end_unread()
         except KeyboardInterrupt as stopped:
-            verb = VERBS.get(ctx.invoked_subcommand)
+            verb = self.verbs.get(ctx.invoked_subcommand)
             say_stopped(stopped, GOES_ON if verb and verb.goes_on else "")
             raise typer.Exit(INTERRUPTED) from None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the verbs and what each does, none of them imported."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, verb.summary) for name, verb in VERBS.items()])
+            formatter.write_dl([(name, verb.summary) for name, verb in self.verbs.items()])

@@ -11,6 +11,8 @@ from pydantic import Field
 from dfdbench.datasets.depth_scale import Positive
 from dfdbench.system.record import StrictRecord
 
+#: What a pattern ends in if the files end differently.
+ANY_ENDING = ".*"
 _PLACE = re.compile(r"\{([^{}]*)\}")
 #: What the files of a pair are.
 ROLES = ("infocus", "defocus", "depth")
@@ -34,9 +36,10 @@ class CapturedFiles(StrictRecord):
     Parameters
     ----------
     infocus, defocus, depth : str
-        Paths below the folder that is named when the set is built, PNG, JPEG or TIFF. ``{scene}``
-        stands for the scene's name, the name of an axis in braces for the pair's value on it, any
-        other for what the scene gives under `names`.
+        Paths below the folder that is named when the set is built: PNG, JPEG or TIFF, and for
+        depth also npy. ``{scene}`` stands for the scene's name, the name of an axis in braces for
+        the pair's value on it, any other for what the scene gives under `names`. A pattern that
+        ends in ``.*`` finds images with any ending, such as ``.JPG`` beside ``.png``.
     inside : str, optional
         A folder that the patterns lead on from where the named folder has it, such as the place of
         the set in a clone of its repository.

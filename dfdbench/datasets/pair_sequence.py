@@ -105,7 +105,7 @@ class PairSequence(Sequence[PairImages]):
 
     def scene(self, name: str) -> xarray.Dataset:
         """Return all of a scene as lazily read arrays with named dimensions."""
-        return self.store.scene(name)
+        return self.store.to_xarray(name)
 
 
 def _check_region(region: Region, shape: tuple[int, int]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray
@@ -17,13 +17,17 @@ from zarr.errors import GroupNotFoundError
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.catalog import find_manifest, typed_name
 from dfdbench.datasets.damage import DAMAGED, LONGEST, check_attributes, require_fit
-from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
 from dfdbench.datasets.pair_images import PairImages
 from dfdbench.datasets.store_place import default_store, place_of
 from dfdbench.datasets.tracked import manifest_in
 from dfdbench.datasets.whole_arrays import WholeArrays, open_scene
 from dfdbench.errors import DfdbenchError, StoreError, UnknownNameError, unknown_name
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
+
+if TYPE_CHECKING:
+    from dfdbench.datasets.integrity import StoreVerification
+    from dfdbench.datasets.pair_sequence import PairSequence
 
 FORMAT = "dfdbench store"
 FORMAT_VERSION = 1
@@ -74,6 +78,29 @@ class Store:
         #: The scenes that were built, in the manifest's order.
         self.scenes = tuple(name for name in self.manifest.scene_names if name in groups)
 
+    def __repr__(self) -> str:
+        return (
+            f"<{self.manifest.stem}: {self.manifest.pair_count} pairs of {len(self.scenes)} scenes>"
+        )
+
+    def captures(self, split: str = ALL_PAIRS) -> PairSequence:
+        """Return the pairs of a split; each is read when it is asked for.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such split, fold or scene.
+        """
+        from dfdbench.datasets.pair_sequence import PairSequence  # it imports this module
+
+        return PairSequence(self, self.pairs(split))
+
+    def verify(self) -> StoreVerification:
+        """Read everything again and compare it with the fingerprint."""
+        from dfdbench.datasets.integrity import verify_store  # it imports this module
+
+        return verify_store(self)
+
     @property
     def fingerprint(self) -> str:
         """The SHA-256 over everything that the store's arrays hold."""
@@ -92,7 +119,7 @@ class Store:
         parameters = self.attributes["recipe"]["parameters"]
         return find_recipe(parameters) if parameters else None
 
-    def scene(self, name: str) -> xarray.Dataset:
+    def to_xarray(self, name: str) -> xarray.Dataset:
         """Return one scene's arrays, read as they are used.
 
         Its attributes tell the digest of each array and of the files that it was made from.
@@ -255,16 +282,16 @@ def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
     try:
         return tuple(root.group_keys())
     except DAMAGED as error:
-        raise _unreadable(location, str(error)) from error
+        raise _unreadable(location, error) from error
 
 
-def _unreadable(location: UPath, got: str) -> StoreError:
+def _unreadable(location: UPath, error: Exception) -> StoreError:
     return StoreError(
         "cannot read the store",
         where=str(location),
         expected="metadata of Zarr, version 3, as `dfdbench build` wrote it",
-        got=got[:LONGEST],
-        fix="build it again",
+        got=str(error)[:LONGEST],
+        fix="allow more memory and threads" if "new thread" in str(error) else "build it again",
     )
 
 
@@ -291,4 +318,4 @@ def _open_root(location: UPath) -> zarr.Group:
         # What an object store's library raises is its own: unreachable, forbidden, no bucket.
         if is_local(location) and not isinstance(error, DAMAGED):
             raise
-        raise _unreadable(location, str(error)) from error
+        raise _unreadable(location, error) from error

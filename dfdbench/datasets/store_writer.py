@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import xarray
@@ -34,7 +35,7 @@ from dfdbench.system.location import (
     remove,
     zarr_store,
 )
-from dfdbench.system.lock import Check, hold
+from dfdbench.system.work_folder import hold
 from dfdbench.tables.wording import listed
 
 _METADATA = "zarr.json"
@@ -114,7 +115,7 @@ class SceneWriter:
 class StoreWriter:
     """Builds a store beside its place and moves it there when it is done.
 
-    Use as a context manager: it holds a lock, so that two builds cannot mix.
+    Use as a context manager: on disk it holds a lock, so that two builds cannot mix.
 
     Parameters
     ----------
@@ -140,7 +141,6 @@ class StoreWriter:
         }
         self.scenes = SceneWriter(self.path, self._partial, self._attributes)
         self._held = contextlib.ExitStack()
-        self._check_held: Check = lambda: None
 
     def __enter__(self) -> StoreWriter:
         taken = StoreError(
@@ -151,8 +151,8 @@ class StoreWriter:
         with disk_errors(self.path), contextlib.ExitStack() as held:
             if is_local(self.path):
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-            lock = self.path.with_name(f".{self.path.name}.lock")
-            self._check_held = held.enter_context(hold(lock, taken))
+                lock = Path(self.path.with_name(f".{self.path.name}.lock").path)
+                held.enter_context(hold(lock, taken))
             self._refuse_what_is_not_ours()
             if not _says(self._partial, self._attributes):
                 remove(self._partial)
@@ -186,7 +186,6 @@ class StoreWriter:
         """Move the store into its place whole; return its fingerprint."""
         fingerprint = combine(digests)
         with disk_errors(self.path):
-            self._check_held()
             for stray in set(folders_in(self._partial)) - set(digests):
                 remove(self._partial / stray)
             attributes = {**self._attributes, "fingerprint": fingerprint, "missing_pairs": missing}

@@ -17,6 +17,7 @@ from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import entry_of
+from dfdbench.results.output_place import output_place
 from dfdbench.results.record_file import RESULT
 from dfdbench.results.saved_run import SavedRun
 
@@ -76,7 +77,8 @@ def evaluate(
     UnknownNameError
         Where there is no such method, data set or split.
     InputError
-        Where `limit` is less than 1.
+        If `limit` is less than 1, `dataset` is neither a name nor a store, or `out` is a place
+        that holds something else.
     MethodError
         Where the method cannot be loaded or fitted. What it raises on a pair is noted in that
         pair's record instead.
@@ -88,10 +90,21 @@ def evaluate(
     """
     if limit is not None and limit < 1:
         raise InputError("no number of pairs", where="limit", expected="1 or more", got=str(limit))
+    if not isinstance(dataset, str | Store):
+        raise InputError(
+            "not a data set",
+            where="dataset",
+            expected="a name, a path, or an open store",
+            got=repr(dataset)[:80],
+            fix="for pairs that dfdbench.open returned: evaluate(method, pairs.store, split)",
+        )
     store = dataset if isinstance(dataset, Store) else open_store(dataset, cache=cache)
     store.manifest.scenes_of(split)
     method, found_again = _load(store, predict, parameters, seed)
-    folder = Path(tempfile.mkdtemp(prefix="dfdbench-")) if out is None else Path(out)
+    if out is None:
+        folder = Path(tempfile.mkdtemp(prefix="dfdbench-"))
+    else:
+        folder = output_place(out, str(store.path), option="out", replaces=True)
     try:
         done = run_method(
             store,

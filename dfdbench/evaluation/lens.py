@@ -77,7 +77,7 @@ def told_by_lens(
     where = "parameter recipe"
     if isinstance(recipe, str | Path) and Path(recipe).suffix == ".toml":
         where, recipe = str(recipe), read_fields(recipe)
-    if recipe != RIG and not (isinstance(recipe, Mapping) and recipe.keys() & {*_LENS}):
+    if recipe != RIG and not (isinstance(recipe, Mapping) and is_lens(recipe)):
         return dict(parameters), {}
     known = {name: getattr(manifest.rig, name, None) for name in _LENS}
     scale = manifest.depth.scale
@@ -86,6 +86,11 @@ def told_by_lens(
     whole |= {} if recipe == RIG else dict(recipe)
     told = RIG if recipe == RIG else whole
     return {**parameters, "recipe": lens_law(whole, where)}, {"recipe": told}
+
+
+def is_lens(fields: Mapping[str, Any]) -> bool:
+    """Return whether fields describe a lens, rather than a blur recipe or law."""
+    return bool(fields.keys() & {*_LENS})
 
 
 def lens_law(told: Mapping[str, Any], where: str = "lens") -> BlurLaw:

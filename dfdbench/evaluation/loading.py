@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,13 @@ from dfdbench.audit.trained_on import coverage_warnings
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.blur.tracks import find_degradation
+from dfdbench.datasets.depth_scale import Rig
 from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.fitting import training_scenes
 from dfdbench.evaluation.lens import rig_of, told_by_lens
-from dfdbench.methods.isolated import Order, load_isolated
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import entry_of, load_method, make_method
-from dfdbench.system.cache import cache_folder
 from dfdbench.system.location import is_local
 
 Facts = dict[str, Callable[[], Any]]
@@ -32,7 +31,6 @@ def load_for(
     parameters: Mapping[str, Any],
     seed: int = 0,
     told: bool = False,
-    apart_from: Sequence[Path] | None = None,
 ) -> Method:
     """Load a method and hand it the facts of the data set that it asks for.
 
@@ -44,12 +42,9 @@ def load_for(
     of what the manifest knows of the lens. A recipe that is a lens becomes the blur law that
     follows: see `dfdbench.evaluation.lens`.
 
-    With `told`, ``recipe`` is on a track the law of its formation, `dfdbench.blur.told.told_law`,
-    which is not told otherwise: what that knowledge is worth. The result then has ``recipe``
-    among the method's uses, by which it has no rank.
-
-    With `apart_from`, the method runs in a process of its own from which these folders, the store
-    and the cache are hidden: see `dfdbench.methods.isolated.load_isolated`.
+    With `told`, a method on a track is given the law of its formation as ``recipe``, see
+    `dfdbench.blur.formation.told_law`: what is that knowledge worth? The result then has
+    ``recipe`` among the method's uses, by which it has no rank.
 
     Raises
     ------
@@ -59,11 +54,9 @@ def load_for(
     taken, recorded = told_by_lens(store.manifest, parameters)
     offers, for_fits = _offers(store, seed, told)
     entry = method if isinstance(method, str) else entry_of(method)
-    if apart_from is None:
-        found = load_method(entry, taken, offers, for_fits)
-    else:
-        hidden = (*apart_from, cache_folder(), *([Path(str(store.path))] * is_local(store.path)))
-        found = load_isolated(Order(entry, taken, offers, for_fits, seed, hidden), apart_from)
+    found = load_method(entry, taken, offers, for_fits)
+    if is_local(store.path):
+        found.sources.apart = (Path(str(store.path)),)
     if told and "recipe" not in found.uses:
         raise MethodError(
             "nothing to tell: the method does not ask for the blur recipe, or was given one",
@@ -96,6 +89,26 @@ def load_here(
     return replace(found, parameters={**found.parameters, **recorded})
 
 
+def load_to_check(name: str, parameters: Mapping[str, Any]) -> Method:
+    """Load a method with made facts of a data set, to check it before a run.
+
+    A class with a fit gets no recipe: it has to find out the blur, so that its fit is tried.
+
+    Raises
+    ------
+    MethodError, UnknownNameError
+        As for `dfdbench.methods.load`.
+    """
+    offers: Facts = {
+        "recipe": lambda: find_recipe("published"),
+        "recipe_name": lambda: "published",
+        "training_mean": lambda: 128.0,
+        "seed": lambda: 0,
+        "rig": Rig,
+    }
+    return load_method(name, parameters, offers, {"recipe": lambda: None})
+
+
 def _offers(store: Store, seed: int, told: bool) -> tuple[Facts, Facts]:
     """Return what is offered to a class that asks for it, and what instead to one with a fit."""
 
@@ -117,7 +130,7 @@ def _formation_of(store: Store) -> BlurRecipe | BlurLaw | None:
     if not manifest.on_track or manifest.recipe is None:
         return store.recipe
     # Here: it needs scipy, which no other method's loading does.
-    from dfdbench.blur.told import told_law
+    from dfdbench.blur.formation import told_law
 
     formation = find_degradation(manifest.degradation).formation
     return told_law(find_recipe(manifest.recipe), formation)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import platform
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,24 +17,38 @@ from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.pair_images import PairImages
 from dfdbench.datasets.store import Store
+from dfdbench.errors import MethodError
 from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import protocols_on
 from dfdbench.methods.calling import UNIT_LEVELS, call, in_unit_range
 from dfdbench.methods.fit import restore
-from dfdbench.methods.isolation import seeded
 from dfdbench.methods.method import Method, Prediction
+from dfdbench.methods.process_state import seeded
+from dfdbench.methods.sources import Hashes, changes
 from dfdbench.metrics.protocol import Protocol, score
 from dfdbench.metrics.scores import AGAINST, correlation
-from dfdbench.results.record import PairResult, pair_scores
+from dfdbench.results.environment import describe_environment, software
+from dfdbench.results.record import Environment, PairResult, pair_scores
 from dfdbench.system.location import is_local
 
-#: How a pair's warning begins where the method printed, and where its depth goes the wrong way.
+#: How a pair's warning begins where the method printed, where its depth goes the wrong way, and
+#: where a second call gave something else.
 PRINTED = "printed"
 TURNED = "depth falls where the truth rises"
+DIFFERS = "a second call on the same pair"
 
 #: What became of a pair, and its depth map where there is one.
 Evaluated = tuple[PairResult, NDArray[np.float32] | None]
+
+
+class EvaluatedElsewhere(NamedTuple):
+    """What became of a pair in another process: what that had used until then, and where it is."""
+
+    record: PairResult
+    depth: NDArray[np.float32] | None
+    used: Hashes
+    environment: Environment
 
 
 class PairEvaluator:
@@ -67,10 +82,10 @@ class PairEvaluator:
         # Seeds and standard output belong to the whole process.
         with self._one_at_a_time:
             if not self._warm and self._method.warm_up:
-                with seeded(self._seed):
+                with seeded(self._seed), self._method.sources.watch():
                     call(self._method.warm_up, images.infocus, images.defocus)
             self._warm = True
-            with seeded(self._seed):
+            with seeded(self._seed), self._method.sources.watch():
                 prediction = call(self._method.predict, images.infocus, images.defocus)
         return record_of(self._store, images, prediction, self._protocols), prediction.depth
 
@@ -91,8 +106,8 @@ class RemoteEvaluator:
         What the method's fit learned here, from `pack`; None where it has no fit.
     told : bool
         As for `dfdbench.evaluation.loading.load_for`.
-    apart_from : tuple of Path or None
-        As for `load_for`, too.
+    expected : str
+        The files and versions of the process that began the run, as JSON.
     """
 
     place: str
@@ -101,7 +116,7 @@ class RemoteEvaluator:
     seed: int
     learned: bytes | None = field(default=None, repr=False)
     told: bool = False
-    apart_from: tuple[Path, ...] | None = None
+    expected: str = field(default="{}", repr=False)
 
     @classmethod
     def of(cls, store: Store, method: Method, seed: int, fit: Fit | None = None) -> RemoteEvaluator:
@@ -110,23 +125,57 @@ class RemoteEvaluator:
         learned = None if fit is None or fit.learned is None else pack(fit.learned)
         told = store.manifest.on_track and "recipe" in method.uses
         parameters = json.dumps(method.parameters)
-        return cls(str(place), method.entry, parameters, seed, learned, told, method.apart_from)
+        expected = json.dumps({"software": software(), "used": method.used})
+        return cls(str(place), method.entry, parameters, seed, learned, told, expected)
 
-    def __call__(self, pair: Pair) -> Evaluated:
-        """Evaluate one pair; its time is marked as not comparable."""
-        record, depth = _evaluator_here(self)(pair)
-        return record.model_copy(update={"timed_alone": False}), depth
+    def __call__(self, pair: Pair) -> EvaluatedElsewhere:
+        """Evaluate one pair; its time is marked as not comparable.
+
+        Raises
+        ------
+        MethodError
+            If this process has other versions, or another version of the method.
+        """
+        method, evaluate = _evaluator_here(self)
+        record, depth = evaluate(pair)
+        record = record.model_copy(update={"timed_alone": False})
+        return EvaluatedElsewhere(record, depth, method.used, _environment_here())
 
 
 @lru_cache(maxsize=1)
-def _evaluator_here(remote: RemoteEvaluator) -> PairEvaluator:
+def _evaluator_here(remote: RemoteEvaluator) -> tuple[Method, PairEvaluator]:
     # A process keeps what it has loaded: graph cuts compile, networks read their weights.
     store = Store(remote.place)
     parameters = json.loads(remote.parameters)
-    method = load_for(store, remote.entry, parameters, remote.seed, remote.told, remote.apart_from)
+    method = load_for(store, remote.entry, parameters, remote.seed, remote.told)
+    _require_same(json.loads(remote.expected), method)
     if remote.learned is not None:
         restore(method, unpack(remote.learned))
-    return PairEvaluator(store, method, remote.seed)
+    return method, PairEvaluator(store, method, remote.seed)
+
+
+def _require_same(expected: dict[str, Hashes], method: Method) -> None:
+    here = software()
+    differing = [
+        f"{name} is {here.get(name)}, not {version}"
+        for name, version in expected.get("software", {}).items()
+        if here.get(name) != version
+    ]
+    differing += changes(expected.get("used", {}), method.used)
+    if differing:
+        raise MethodError(
+            "a worker would run another version of the method",
+            where=f"{method.entry}, on {platform.node()}",
+            expected="the files and versions of the process that began the run",
+            got="; ".join(differing),
+            fix="give the workers the same environment and files, and start them again",
+        )
+
+
+@lru_cache(maxsize=1)
+def _environment_here() -> Environment:
+    # After the first pair: a method may load PyTorch only then.
+    return describe_environment()
 
 
 def record_of(

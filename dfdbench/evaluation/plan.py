@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,10 +14,15 @@ from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.fitting import Fit
 from dfdbench.methods.method import Method
-from dfdbench.metrics.of_protocol import protocols_of
-from dfdbench.metrics.protocol import Protocol
+from dfdbench.methods.sources import ABSENT, changes
+from dfdbench.metrics.protocol import Protocol, protocols_of
+from dfdbench.results.environment import software
+from dfdbench.system.json_text import differences
 from dfdbench.system.version import PACKAGE_VERSION
 from dfdbench.tables.wording import listed
+
+# Of a value in a message.
+_LONGEST = 60
 
 
 @dataclass(frozen=True)
@@ -80,20 +86,51 @@ class RunPlan:
             "fingerprint": self.store.fingerprint,
             "split": self.split,
             "entry": self.method.entry,
-            "source_sha256": self.method.source_sha256,
             "parameters": self.method.parameters,
             "weights_sha256": self.method.weights_sha256,
             "files_sha256": self.method.files_sha256,
             "protocols": [protocol.as_dict() for protocol in protocols_on(self.store)],
             "keep_predictions": self.options.keep_predictions,
             "seed": self.options.seed,
+            "software": software(),
+            "used": self.method.used,
         }
         if self.store.manifest.on_track and "recipe" in self.method.uses:
             # The same method, parameters and data without it are another run.
             identity["told"] = True
-        if self.method.apart_from is not None:
-            identity["isolated"] = True
         return dict(json.loads(json.dumps(identity)))
+
+    def differs_from(self, before: Mapping[str, Any]) -> list[str]:
+        """Say in what this run differs from an earlier one; nothing if it is the same run.
+
+        Files that the earlier run used are hashed again: what this one will open is not known yet.
+
+        Parameters
+        ----------
+        before : mapping
+            The earlier run's `identity`.
+        """
+        now = self.identity
+        used = before.get("used")
+        if not isinstance(used, dict) or not used:
+            return ["its record is damaged"]
+        used_now = now.pop("used")
+        said = [
+            f"{name.removeprefix('software.')} was {_short(one)} and is {_short(other)}"
+            for name, one, other in differences({name: before.get(name) for name in now}, now)
+        ]
+        said += changes(used, used_now | self.method.used_again(used))
+        said += [
+            f"{label} was not used before"
+            for label, found in used_now.items()
+            if label not in used and found not in (None, ABSENT)
+        ]
+        return said
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def protocols_on(store: Store) -> tuple[Protocol, ...]:

@@ -8,19 +8,31 @@ from typing import Any
 
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
-from dfdbench.evaluation.pair import PRINTED, TURNED
+from dfdbench.evaluation.pair import DIFFERS, PRINTED, TURNED
 from dfdbench.evaluation.plan import RunPlan, protocols_on
 from dfdbench.methods.calling import UNIT_LEVELS
 from dfdbench.methods.method import Method
 from dfdbench.results.environment import describe_environment
-from dfdbench.results.record import DatasetRecord, MethodRecord, PairResult, Result, average
+from dfdbench.results.record import (
+    DatasetRecord,
+    Environment,
+    MethodRecord,
+    PairResult,
+    Result,
+    average,
+)
 from dfdbench.tables.wording import counted, listed
 
 #: Of many pairs, so many are named.
 _NAMED = 10
 
 
-def result_of(plan: RunPlan, pairs: list[PairResult], warnings: Sequence[str] = ()) -> Result:
+def result_of(
+    plan: RunPlan,
+    pairs: list[PairResult],
+    environments: Sequence[Environment] = (),
+    warnings: Sequence[str] = (),
+) -> Result:
     """Return a run's result.
 
     Parameters
@@ -29,11 +41,14 @@ def result_of(plan: RunPlan, pairs: list[PairResult], warnings: Sequence[str] = 
         What was run on what.
     pairs : list of PairResult
         A record for each pair of the split.
+    environments : sequence of Environment
+        Where the pairs were run, as their `machine` counts them; by default here.
     warnings : sequence of str
         What is said after the warnings that follow from the records.
     """
     said = [*plan.method.warnings, *warnings]
-    return compose(plan.store, plan.split, _method_record(plan), pairs, plan.options.seed, said)
+    method, seed = _method_record(plan), plan.options.seed
+    return compose(plan.store, plan.split, method, pairs, seed, said, environments)
 
 
 def compose(
@@ -43,6 +58,7 @@ def compose(
     pairs: list[PairResult],
     seed: int = 0,
     warnings: Sequence[str] = (),
+    environments: Sequence[Environment] = (),
 ) -> Result:
     """Return the result of a split's pairs.
 
@@ -60,7 +76,10 @@ def compose(
         Of the run.
     warnings : sequence of str
         What is said after the warnings that follow from the records.
+    environments : sequence of Environment
+        As for `result_of`.
     """
+    first, *others = environments or [describe_environment()]
     evaluated = [pair for pair in pairs if pair.status == "ok"]
     protocols = protocols_on(store)
     labels = [protocol.label for protocol in protocols]
@@ -69,11 +88,16 @@ def compose(
         dataset=_dataset_record(store, split, len(pairs), len(evaluated)),
         protocols=[protocol.as_dict() for protocol in protocols],
         method=method,
-        environment=describe_environment(),
+        environment=first,
+        other_environments=others,
         seed=seed,
         pairs=pairs,
         averages=average(evaluated, labels) if len(evaluated) == len(pairs) else None,
-        warnings=[*_warnings(store.manifest, pairs, evaluated), *warnings],
+        warnings=[
+            *_warnings(store.manifest, pairs, evaluated),
+            *_of_machines([first, *others], evaluated),
+            *warnings,
+        ],
     )
 
 
@@ -111,7 +135,6 @@ def _method_record(plan: RunPlan) -> MethodRecord:
         fitted_on=plan.fit.fitted_on if plan.fit else None,
         fit_seconds=plan.fit.seconds if plan.fit else None,
         paper=method.paper,
-        isolated=method.apart_from is not None,
     )
 
 
@@ -135,6 +158,12 @@ def _warnings(
     printed = _warned(pairs, PRINTED)
     if printed:
         warnings.append(f"the method printed to standard output on {counted(printed, 'pair')}")
+    for pair in evaluated:
+        warnings += [
+            f"{text} ({pair.id}): the scores cannot be reproduced; does it need a seed?"
+            for text in pair.warnings
+            if text.startswith(DIFFERS)
+        ]
     turned = _warned(evaluated, TURNED)
     # A flat board tells no direction: half the pairs of a set that has some are enough.
     if turned and 2 * turned >= len(evaluated):
@@ -149,6 +178,14 @@ def _warnings(
         pairs_together = counted(together, "pair")
         warnings.append(f"{pairs_together} run several at once: times are not comparable")
     return warnings
+
+
+def _of_machines(environments: Sequence[Environment], evaluated: list[PairResult]) -> list[str]:
+    there = [environments[machine] for machine in {pair.machine for pair in evaluated}]
+    machines = {(each.platform, each.cpu, each.cpu_count, each.gpu) for each in there}
+    if len(machines) < 2:
+        return []
+    return [f"the pairs were run on {len(machines)} machines: times are not comparable"]
 
 
 def _warned(pairs: list[PairResult], begins: str) -> int:

@@ -69,7 +69,7 @@ def score_predictions(
     found = find_predictions(predictions, store, split, unit)
     with writing_folder(folder, "run"):
         identity = {"scored": name, "fingerprint": store.fingerprint, "split": split, "unit": unit}
-        set_aside = open_run_folder(folder, identity, fresh=True)
+        set_aside = open_run_folder(folder, identity, goes_on=False)
         keep_store_place(folder, store.path)
         records: dict[str, PairResult] = {}
         for number, pair in enumerate(found.files, 1):

@@ -25,8 +25,7 @@ from dfdbench.figures.style import (
     wrapped,
 )
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.of_protocol import metrics_of, ranked_by
-from dfdbench.metrics.protocol import title_of
+from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.results.differences import PairChange
 from dfdbench.results.record import PairResult
 from dfdbench.results.saved_run import SavedRun

@@ -101,3 +101,21 @@ def draw_pair(
     error = axes[4].imshow(prediction - known, interpolation="nearest", **errors)
     figure.colorbar(truth, ax=axes[3], label="depth level", fraction=0.05)
     figure.colorbar(error, ax=axes[4], label="levels", fraction=0.05, extend="both")
+
+
+def depth_figure(
+    infocus: NDArray[np.uint8], defocus: NDArray[np.uint8], depth: NDArray[np.floating[Any]]
+) -> Figure:
+    """Draw two photographs, shape (y, x, 3), and the depth levels estimated from them."""
+    rows, columns = depth.shape
+    figure = Shown(figsize=(9, 3 * rows / columns + 0.4), layout="constrained")
+    axes = figure.subplots(1, 3)
+    for axis, head, image in zip(axes, HEADS, (infocus, defocus), strict=False):
+        axis.set_title(head, fontsize=10)
+        axis.imshow(image)
+    low, high = depth_span(np.asarray(depth, np.float64))
+    shown = axes[2].imshow(depth, cmap="viridis", vmin=low, vmax=high, interpolation="nearest")
+    axes[2].set_title("depth", fontsize=10)
+    without_ticks(axes, "0.75")
+    figure.colorbar(shown, ax=axes[2], label="depth level (brighter is nearer)", fraction=0.05)
+    return figure

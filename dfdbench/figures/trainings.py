@@ -22,7 +22,7 @@ from dfdbench.figures.style import (
     plain_text,
     single_axes,
 )
-from dfdbench.methods.networks.widths import FILTERS, LAYERS
+from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.metrics.metric import METRICS
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def training_figure(log: Log, title: str) -> Figure:
     drawn = axes.flat[: 2 + len(METRICS)]
     for axis, (metric, shown) in zip(drawn[2:], METRICS.items(), strict=True):
         for name, colour in (("train", BLUE), ("test", RED)):
-            rows = [row for row in log.scores if row.get(f"{name}_{metric}")]
+            rows = [row for row in log.scores if f"{name}_{metric}" in row]
             steps = [int(row["step"]) for row in rows]
             scores = [float(row[f"{name}_{metric}"]) for row in rows]
             axis.plot(steps, scores, marker=".", color=colour, label=f"{name} pairs")

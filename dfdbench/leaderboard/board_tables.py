@@ -12,8 +12,7 @@ from dfdbench.leaderboard.by_scene import folds_table, scenes_table
 from dfdbench.leaderboard.folder import link_to
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.of_protocol import metrics_of, ranked_by
-from dfdbench.metrics.protocol import RELEASED, title_of
+from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by, title_of
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT
 from dfdbench.results.told import TOLD_NOTE, knew_blur, told

@@ -24,8 +24,7 @@ from dfdbench.leaderboard.verification_file import (
 )
 from dfdbench.metrics.intervals import scene_interval
 from dfdbench.metrics.metric import mean_of
-from dfdbench.metrics.of_protocol import ranked_by
-from dfdbench.metrics.protocol import RELEASED
+from dfdbench.metrics.protocol import RELEASED, ranked_by
 from dfdbench.results.differences import PairedDifference, changes, paired_difference
 from dfdbench.results.first_table import first_protocol
 from dfdbench.results.record import PairResult, Result
@@ -61,12 +60,11 @@ class Entry:
     def status(self) -> str:
         """``reproduced``, where a sample of its pairs was run again, or ``rerun``.
 
-        Depth maps that were scored, not run, are ``unverified``: nothing can be run again. A run in
-        a process of its own says ``isolated`` besides.
+        Depth maps that were scored, not run, are ``unverified``: nothing can be run again.
         """
         if self.result.method.scored:
             return "unverified"
-        return status_of(self.result, self.verification)
+        return status_of(self.verification)
 
     @property
     def seconds(self) -> float | None:

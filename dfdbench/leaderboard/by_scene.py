@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from dfdbench.leaderboard.boards import ScoreBoard, mean_over
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.of_protocol import ranked_by
+from dfdbench.metrics.protocol import ranked_by
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
 

@@ -19,8 +19,7 @@ from dfdbench.leaderboard.scored_table import scored_table
 from dfdbench.leaderboard.track_board_tables import tracks_board_table
 from dfdbench.leaderboard.track_boards import TracksBoard, TracksEntry, collect_tracks, track_boards
 from dfdbench.metrics.metric import IN_METRES
-from dfdbench.metrics.of_protocol import ranked_by
-from dfdbench.results.record import Result
+from dfdbench.metrics.protocol import ranked_by
 from dfdbench.results.told import told
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown
@@ -111,7 +110,6 @@ def readme_text(folder: Path, entries: Sequence[Entry], tracked: Sequence[Tracks
         boards=[_board_context(board, folder) for board in found],
         tracks=[_tracks_context(board, folder) for board in track_boards(tracked)],
         lens_told=any("lens told" in told(entry.result) for entry in entries),
-        isolated=any(result.method.isolated for result in _results(entries, tracked)),
         in_metres=any(ranked_by(board.protocol)[0] in IN_METRES for board in found),
         scored=[as_markdown(scored_table(board, folder)) for board in scored],
         summaries=[as_markdown(published_summary(published, name)) for name in compared],
@@ -120,10 +118,6 @@ def readme_text(folder: Path, entries: Sequence[Entry], tracked: Sequence[Tracks
         doi=published[0].doi if published else "",
     )
     return text.rstrip("\n") + "\n"
-
-
-def _results(entries: Sequence[Entry], tracked: Sequence[TracksEntry]) -> list[Result]:
-    return [entry.result for entry in entries] + [entry.clean for entry in tracked]
 
 
 def _board_context(board: ScoreBoard, folder: Path) -> dict[str, object]:

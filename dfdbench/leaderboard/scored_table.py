@@ -8,8 +8,7 @@ from dfdbench.leaderboard.board_tables import standing_record
 from dfdbench.leaderboard.boards import ScoreBoard
 from dfdbench.leaderboard.folder import link_to
 from dfdbench.metrics.intervals import interval_name
-from dfdbench.metrics.of_protocol import metrics_of, ranked_by
-from dfdbench.metrics.protocol import title_of
+from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.results.record import SCORED
 from dfdbench.results.wording import interval_text, score_text
 from dfdbench.tables.table import Link, Table

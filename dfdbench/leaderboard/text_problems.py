@@ -24,6 +24,9 @@ def text_problems(result: Result, where: str) -> Iterator[Problem]:
         "dataset": dict(result.dataset),
         "method": dict(result.method),
         "environment": dict(result.environment),
+        "other_environments": {
+            str(number): dict(each) for number, each in enumerate(result.other_environments, 1)
+        },
         "protocols": result.protocols,
     }
     for name, part in parts.items():

@@ -110,8 +110,8 @@ def _notes(board: TracksBoard) -> list[str]:
     for _, entry in board.rows:
         if entry.told:
             notes.append(
-                f"{entry.label}: told the blur of each track, which no method may be: the bound "
-                "that knowledge gives, without a rank"
+                f"{entry.label}: no rank. No method may be given the blur of a track; the row "
+                "shows what knowing it is worth, and a fitted method may still do better"
             )
         if entry.lacking:
             notes.append(f"{entry.label}: no rank without {_few(entry.lacking)}")

@@ -60,7 +60,7 @@ class TracksEntry:
     @property
     def status(self) -> str:
         """As of `dfdbench.leaderboard.boards.Entry`."""
-        return status_of(self.clean, self.verification)
+        return status_of(self.verification)
 
     def by_track(self, metric: str) -> dict[str, list[float | None]]:
         """Return the averages of each track by severity, from 1; None where a run is lacking."""

@@ -31,9 +31,19 @@ _FIX = "write it with `dfdbench tracks ... --submit`"
 
 
 def tracks_label(results: Mapping[str, Result]) -> str:
-    """Return the method with its parameters, and whether it was told the blur on a track."""
-    told = any(knew_blur(result) for result in results.values())
-    return method_label(results[CLEAN].method) + (", told" if told else "")
+    """Return the method with its parameters, and whether it was given a blur on a track."""
+    label = method_label(results[CLEAN].method)
+    if not any(map(knew_blur, results.values())):
+        return label
+    own = results[CLEAN].method.parameters.get("recipe") is not None
+    return f"{label}, given {'a' if own else 'the'} blur"
+
+
+def _stems(results: Mapping[str, Result]) -> tuple[str, str]:
+    # Files end as the folders of `dfdbench tracks --told` do.
+    given = ", told" if any(map(knew_blur, results.values())) else ""
+    clean = results[CLEAN]
+    return file_stems(method_label(clean.method) + given, clean.dataset.fingerprint)
 
 
 def is_tracks_file(path: Path) -> bool:
@@ -95,7 +105,6 @@ def _different_runs(results: Mapping[str, Result]) -> Iterator[Problem]:
             "source": method.source_sha256,
             "weights": method.weights_sha256,
             "files": method.files_sha256,
-            "isolated": method.isolated,
             "split": dataset.split,
             "manifest": dataset.manifest_sha256,
             "seed": result.seed,
@@ -129,12 +138,11 @@ def _require_no_less(
 
 
 def _free_place(results: Mapping[str, Result], folder: Path) -> Path:
-    dataset = results[CLEAN].dataset
-    stem, longer = file_stems(tracks_label(results), dataset.fingerprint)
+    stem, longer = _stems(results)
     path = _folder_of(results, folder) / f"{stem}.json"
     if path.exists():
         there = results_of(read_tracks(path))
-        if file_stems(tracks_label(there), there[CLEAN].dataset.fingerprint)[1] != longer:
+        if _stems(there)[1] != longer:
             return path.with_stem(longer)
     return path
 
@@ -213,7 +221,7 @@ def runs_problems(results: Mapping[str, Result], path: Path, folder: Path) -> li
 def _misplaced(
     record: TracksRecord, results: Mapping[str, Result], path: Path, folder: Path
 ) -> Iterator[Problem]:
-    stems = file_stems(tracks_label(results), results[CLEAN].dataset.fingerprint)
+    stems = _stems(results)
     place = _folder_of(results, folder)
     if record.submission is None:
         yield Problem("not a submission", where=str(path), expected="a sealed file", fix=_FIX)

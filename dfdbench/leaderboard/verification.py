@@ -175,9 +175,7 @@ class _Comparison:
         # By its entry, which was agreed to: a name may hold a folder of another machine.
         parameters = parameters_to_run(record, weights, self._path)
         told = store.manifest.on_track and "recipe" in record.uses
-        # What is said to have run without sight of the data is run so again.
-        apart_from = () if record.isolated else None
-        method = load_for(store, record.entry, parameters, result.seed, told, apart_from)
+        method = load_for(store, record.entry, parameters, result.seed, told)
         protocols = _protocols_of(result, self._path)
         fit = fit_method(store, method, result.dataset.split, result.seed)
         found: dict[str, object] = {

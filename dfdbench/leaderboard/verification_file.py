@@ -160,10 +160,9 @@ def load_tracks_verification(results: Mapping[str, Result], path: Path) -> Repro
     )
 
 
-def status_of(result: Result, verification: Reproduction | None) -> str:
-    """Return whether a run was reproduced, and whether it was isolated."""
-    isolated = ", isolated" if result.method.isolated else ""
-    return f"{'reproduced' if verification else 'rerun'}{isolated}"
+def status_of(verification: Reproduction | None) -> str:
+    """Return whether a run was reproduced."""
+    return "reproduced" if verification else "rerun"
 
 
 def _load(path: Path, draw: Callable[[int, int], list[str]]) -> Reproduction | None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.calibrated import Calibrated
+from dfdbench.methods.fitted import Calibrated
 from dfdbench.methods.law_cost import blurred_by
 
 Image = NDArray[np.uint8]

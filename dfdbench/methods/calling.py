@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import writable
 from dfdbench.methods.importing import describe, place_of
-from dfdbench.methods.isolation import process_kept
 from dfdbench.methods.method import Image, Predict, Prediction
+from dfdbench.methods.process_state import process_kept
+from dfdbench.methods.torch_method import without_gradient
 from dfdbench.metrics.scores import LARGEST_NUMBER
 
 # Each becomes a row of every table of a run.
@@ -25,10 +26,6 @@ _ROUNDING = 1e-3
 
 #: What is said of depth maps in which 1 seems to stand for the nearest.
 UNIT_LEVELS = "all levels between 0 and 1; levels go from 0 (far) to 255 (near)"
-
-
-class NoDepthError(Exception):
-    """Raised by what stands for a method elsewhere: why that gave no depth map."""
 
 
 def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
@@ -70,11 +67,13 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
     except KeyboardInterrupt:
         raise
     except BaseException as raised:
-        told = isinstance(raised, NoDepthError)
-        error = str(raised) if told else f"raised {describe(raised)}{place_of(raised)}"
+        error = f"raised {describe(raised)}{place_of(raised)}"
         seconds = time.perf_counter() - begin
     else:
         depth, error = _checked(returned, infocus.shape[:2])
+        if len(numbers) > _MOST_NUMBERS:
+            error = f"keeps {len(numbers):,} values in `numbers`; expected {_MOST_NUMBERS} at most"
+            depth, numbers = None, {}
     return Prediction(depth, seconds, writable(error), writable(printed.getvalue()), numbers)
 
 
@@ -125,7 +124,7 @@ def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float
         count = np.count_nonzero(returned.mask)
         return None, f"returned an array with {count} masked pixels; expected a level for each"
     try:
-        array = np.asarray(returned)
+        array = np.asarray(without_gradient(returned))
     except (Exception, SystemExit) as error:
         return None, f"returned a {type(returned).__name__} that is no array: {describe(error)}"
     if array.dtype.kind not in "uif":
@@ -139,6 +138,30 @@ def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float
     if low < -_ROUNDING or high > LAST_LEVEL + _ROUNDING:
         return None, f"returned levels from {low:g} to {high:g}; expected 0 to {LAST_LEVEL}"
     return np.clip(array.astype(np.float32), 0, LAST_LEVEL), ""
+
+
+def difference(one: NDArray[np.float32] | None, other: NDArray[np.float32] | None) -> str:
+    """Say in what two answers to one pair differ; rounding does not count.
+
+    Parameters
+    ----------
+    one, other : ndarray of float32, shape (y, x), or None
+        Depth levels; None where a call gave none.
+
+    Examples
+    --------
+    >>> difference(np.float32([[1, 2]]), np.float32([[1, 7]]))
+    'differs in 1 of 2 pixels, by up to 5 levels'
+    >>> difference(None, None), difference(None, np.float32([[1]]))
+    ('', 'gives a depth map only one time in two')
+    """
+    if one is None or other is None:
+        return "" if one is other else "gives a depth map only one time in two"
+    apart = np.abs(one - other)
+    count = np.count_nonzero(apart > _ROUNDING)
+    if not count:
+        return ""
+    return f"differs in {count} of {apart.size} pixels, by up to {apart.max():.3g} levels"
 
 
 def in_unit_range(depth: NDArray[np.float32]) -> bool:
@@ -158,10 +181,6 @@ def in_unit_range(depth: NDArray[np.float32]) -> bool:
 
 
 def _finite_numbers(given: Any) -> dict[str, float]:
-    if isinstance(given, Mapping) and len(given) > _MOST_NUMBERS:
-        raise NoDepthError(
-            f"keeps {len(given):,} values in `numbers`; expected {_MOST_NUMBERS} at most"
-        )
     # Strings, infinities and the like are no numbers that a result could average: left out.
     numbers = {}
     for name, value in given.items() if isinstance(given, Mapping) else ():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,15 +12,21 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import DfdbenchError
-from dfdbench.methods.calling import UNIT_LEVELS, call, in_unit_range
-from dfdbench.methods.fit import teach
-from dfdbench.methods.method import Method
+from dfdbench.methods.calling import UNIT_LEVELS, call, difference, in_unit_range
+from dfdbench.methods.fit import Learned, restore, teach
+from dfdbench.methods.method import Method, Prediction
+from dfdbench.methods.process_state import seeded
+from dfdbench.methods.torch_method import TorchMethod
 from dfdbench.metrics.scores import AGAINST, correlation
+from dfdbench.system.parallel import Processes
 
 Image = NDArray[np.uint8]
 
 _ORDINARY = "an ordinary pair, 240 × 320"
 _FIT = "fit, on two made pairs"
+_AGAIN = "the same pair again"
+_ELSEWHERE = "the same pair in another process"
+_SEEDED = "an answer may depend only on the pair and the run's seed"
 
 
 class MadePair(NamedTuple):
@@ -41,51 +48,97 @@ class Check:
     warning: str
 
 
-def check_method(method: Method, seed: int = 0) -> tuple[Check, ...]:
+def check_method(
+    method: Method, seed: int = 0, load: Callable[[], Method] | None = None
+) -> tuple[Check, ...]:
     """Call a method on awkward pairs and say what is wrong with its answers.
 
     Tried are odd sizes, tall and wide images, a flat, a black and a saturated pair, a pair
-    without any blur; the same pair twice (the answers must be equal); whether the method
-    writes into the images it is handed; and whether its depth is brighter for nearer, which
-    shows on a slope whose near side is less blurred; whether its levels go from 0 to 255, and
-    not from 0 to 1. A method with a fit is fitted to two made
-    pairs first; where that fails, nothing else is tried.
+    without any blur; the same pair again, here and in another process, as `run --workers` would
+    (the answers must be equal); whether the method writes into the images it is handed; and
+    whether its depth is brighter for nearer, which shows on a slope whose near side is less
+    blurred; whether its levels go from 0 to 255, and not from 0 to 1. A method with a fit is fitted
+    to two made pairs first; if that fails, nothing else is tried.
 
     Parameters
     ----------
     method : Method
-        From `dfdbench.methods.registry.load_method`.
+        What is checked.
     seed : int
-        Of the images.
+        Of the images, and for each call, as in a run.
+    load : callable, optional
+        Loads the method anew in another process, so it has to be picklable. Without it the method
+        is not tried there.
     """
     pairs = _awkward_pairs(seed)
     trials = []
+    learned: Learned | None = None
     if method.fit is not None:
-        trials.append(_try_fit(method, seed))
-        if trials[0].error:
+        trial, learned = _try_fit(method, seed)
+        trials.append(trial)
+        if trial.error:
             return tuple(trials)
+    if isinstance(method.predict, TorchMethod):
+        trials.append(Check("a torch module: run with eval() and no_grad()", 0, "", ""))
     if method.warm_up:
         call(method.warm_up, *pairs[_ORDINARY])
-    for name, (infocus, defocus) in pairs.items():
-        prediction = call(method.predict, infocus, defocus)
+    answers = {}
+    for name, images in pairs.items():
+        answers[name] = prediction = _answer(method, seed, images)
         warning = "printed to standard output" if prediction.printed else ""
         trials.append(Check(name, prediction.seconds, prediction.error, warning))
-    infocus, defocus = pairs[_ORDINARY]
-    first = call(method.predict, infocus, defocus)
-    second = call(method.predict, infocus, defocus)
-    if first.depth is not None and second.depth is not None:
-        odd = ""
-        if not np.array_equal(first.depth, second.depth):
-            odd = "two answers to one pair differ: fix its seeds, or its scores cannot be rerun"
-        trials.append(Check("the same pair twice", second.seconds, "", odd))
+    first = answers[_ORDINARY]
+    if first.depth is not None:
+        trials.append(_try_again(method, seed, first))
+        # What keeps its fit in itself cannot be sent there; the fit's own line says so.
+        if load and not trials[-1].error and (method.fit is None or learned is not None):
+            trials.append(_try_elsewhere(_Order(load, seed, learned), first))
         likeness = correlation(_slope(*first.depth.shape), first.depth)
         turned = "depth seems to grow with distance: every set wants brighter for nearer"
         odd = turned if likeness < AGAINST else ""
         trials.append(Check("brighter for nearer", first.seconds, "", odd))
-        odd = UNIT_LEVELS if in_unit_range(first.depth) and in_unit_range(second.depth) else ""
+        odd = UNIT_LEVELS if in_unit_range(first.depth) else ""
         trials.append(Check("levels from 0 to 255", first.seconds, "", odd))
-    trials.append(_try_writing(method, infocus, defocus))
+    trials.append(_try_writing(method, *pairs[_ORDINARY]))
     return tuple(trials)
+
+
+def _answer(method: Method, seed: int, images: tuple[Image, Image]) -> Prediction:
+    with seeded(seed):
+        return call(method.predict, *images)
+
+
+def _try_again(method: Method, seed: int, first: Prediction) -> Check:
+    images = _awkward_pairs(seed)[_ORDINARY]
+    # Twice: a method that remembers its last pair answers as it did at first only then.
+    for _ in range(2):
+        again = _answer(method, seed, images)
+        if differs := difference(first.depth, again.depth):
+            return Check(_AGAIN, again.seconds, f"{differs}: {_SEEDED}", "")
+    return Check(_AGAIN, again.seconds, "", "")
+
+
+@dataclass(frozen=True)
+class _Order:
+    load: Callable[[], Method]
+    seed: int
+    learned: Learned | None
+
+    def __call__(self, images: tuple[Image, Image]) -> Prediction:
+        method = self.load()
+        if self.learned is not None:
+            restore(method, self.learned)
+        return _answer(method, self.seed, images)
+
+
+def _try_elsewhere(order: _Order, first: Prediction) -> Check:
+    try:
+        (there,) = Processes(1).map(order, [_awkward_pairs(order.seed)[_ORDINARY]])
+    except DfdbenchError as raised:
+        return Check(_ELSEWHERE, 0, " ".join(str(raised).split()), "")
+    differs = difference(first.depth, there.depth)
+    error = there.error or (f"{differs}: {_SEEDED}" if differs else "")
+    return Check(_ELSEWHERE, there.seconds, error, "")
 
 
 def _awkward_pairs(seed: int) -> dict[str, tuple[Image, Image]]:
@@ -114,7 +167,7 @@ def _awkward_pairs(seed: int) -> dict[str, tuple[Image, Image]]:
     }
 
 
-def _try_fit(method: Method, seed: int) -> Check:
+def _try_fit(method: Method, seed: int) -> tuple[Check, Learned | None]:
     recipe = RECIPES["published"]
     images = [np.random.default_rng((seed, number)) for number in range(2)]
     pairs = []
@@ -128,7 +181,7 @@ def _try_fit(method: Method, seed: int) -> Check:
     try:
         lesson = teach(method, pairs, seed)
     except DfdbenchError as error:
-        return Check(_FIT, 0, " ".join(str(error).split()), "")
+        return Check(_FIT, 0, " ".join(str(error).split()), ""), None
     same = all(
         np.array_equal(array, copy)
         for pair, copies in zip(pairs, before, strict=True)
@@ -137,7 +190,7 @@ def _try_fit(method: Method, seed: int) -> Check:
     odd = [] if same else ["changes the pairs it is handed"]
     if lesson.learned is None:
         odd.append("returns None: it is called again when a run goes on, and not with --workers")
-    return Check(_FIT, lesson.seconds, "", "; ".join(odd))
+    return Check(_FIT, lesson.seconds, "", "; ".join(odd)), lesson.learned
 
 
 def _slope(height: int, width: int) -> Image:
@@ -148,12 +201,15 @@ def _slope(height: int, width: int) -> Image:
 def _try_writing(method: Method, infocus: Image, defocus: Image) -> Check:
     # `call` hands out copies, so nothing is spoilt; still a method that writes is a trap.
     mine = infocus.copy(), defocus.copy()
+    odd = []
 
     def predict(_: Image, __: Image) -> object:
         returned: object = method.predict(*mine)
+        if getattr(returned, "requires_grad", False):
+            odd.append("returns a tensor with a gradient: torch.no_grad() would save memory")
         return returned
 
     prediction = call(predict, infocus, defocus)
-    same = np.array_equal(mine[0], infocus) and np.array_equal(mine[1], defocus)
-    warning = "" if same else "changes the images it is handed"
-    return Check("leaves its input alone", prediction.seconds, prediction.error, warning)
+    if not (np.array_equal(mine[0], infocus) and np.array_equal(mine[1], defocus)):
+        odd.append("changes the images it is handed")
+    return Check("leaves its input alone", prediction.seconds, prediction.error, "; ".join(odd))

@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dfdbench.errors import InputError
+from dfdbench.system.compiled import compiled
 
 __all__ = ["data_cost"]
 
@@ -187,7 +187,7 @@ def _planes(sigmas: Array, radius: int) -> NDArray[np.float64]:
 
 # Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
 # dozen, for every pixel.
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _fill(
     padded: Array,
     defocus: Array,
@@ -263,7 +263,7 @@ def _fill(
     return offset
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, inline="always")
+@compiled(fastmath={"contract"}, inline="always")
 def _add_two(first: Array, second: Array, by_first: Array, by_second: Array, out: Array) -> None:
     a0, a1, a2, a3 = by_first[0], by_first[1], by_first[2], by_first[3]
     b0, b1, b2, b3 = by_second[0], by_second[1], by_second[2], by_second[3]

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import cv2
-import numba
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -18,13 +17,14 @@ from dfdbench.methods.fitted import (
     Image,
     evenly_spread,
     learned_array,
+    least_label,
     not_fitted,
     nothing_to_fit,
     odd_window,
     require_window_fits,
     wrong,
 )
-from dfdbench.methods.winner import least_label
+from dfdbench.system.compiled import compiled
 
 _NAME = "favaro-soatto"
 _LEVELS = 256
@@ -226,7 +226,7 @@ def _complement(moment: Array, side: int, small: int) -> Array:
     return np.asarray(rounded + 0.0)
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _residuals(
     sharp: Array, blurred: Array, side: int, small: int, operators: Array, out: Array
 ) -> None:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import DfdbenchError, MethodError, Problem
 from dfdbench.methods.importing import describe, place_of
-from dfdbench.methods.isolation import process_kept, seeded
 from dfdbench.methods.method import Method
+from dfdbench.methods.process_state import process_kept, seeded
 
 #: What a fit may return: numbers and arrays of numbers by name.
 Learned = dict[str, bool | int | float | NDArray[Any]]
@@ -101,7 +101,12 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
             got=type(fit).__name__,
         )
     try:
-        with process_kept(), seeded(seed), contextlib.redirect_stdout(sys.stderr):
+        with (
+            process_kept(),
+            seeded(seed),
+            contextlib.redirect_stdout(sys.stderr),
+            method.sources.watch(),
+        ):
             begin = time.perf_counter()
             returned = fit(pairs)
             seconds = time.perf_counter() - begin
@@ -141,7 +146,7 @@ def restore(method: Method, learned: Learned) -> None:
         for name, value in learned.items()
     }
     try:
-        with process_kept(), contextlib.redirect_stdout(sys.stderr):
+        with process_kept(), contextlib.redirect_stdout(sys.stderr), method.sources.watch():
             give(copies)
     except DfdbenchError:
         raise

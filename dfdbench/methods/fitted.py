@@ -6,13 +6,111 @@ Who calls `fit`, ours or another's, is `fit.py`; a fit that measures the blur is
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import LEVELS, BlurRecipe
 from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.fit import Learned, TrainingPair
+
+if TYPE_CHECKING:
+    from dfdbench.methods.calibration import Calibration
+
+
+def least_label(costs: NDArray[Any]) -> NDArray[np.float64]:
+    """Return each pixel's label of least cost, with the fraction that its neighbours tell.
+
+    Through the least cost and those beside it goes a parabola; its minimum lies within half a
+    label. The first and the last label stay as they are, and so does one whose neighbours cost
+    the same.
+
+    Parameters
+    ----------
+    costs : ndarray, shape (label, y, x)
+        Of any real type.
+
+    Returns
+    -------
+    ndarray of float64, shape (y, x)
+        0 to the number of labels less one.
+
+    Examples
+    --------
+    >>> least_label(np.array([9, 1, 3, 9]).reshape(4, 1, 1)).tolist()
+    [[1.3]]
+    """
+    labels = costs.argmin(axis=0)
+    inner = np.clip(labels, 1, max(len(costs) - 2, 1))
+    if len(costs) < 3:
+        return np.asarray(labels, np.float64)
+    before, least, after = (
+        np.take_along_axis(costs, (inner + step)[np.newaxis], 0)[0].astype(np.float64)
+        for step in (-1, 0, 1)
+    )
+    bend = before - 2 * least + after
+    fits = (labels == inner) & (bend > 0)
+    fraction = np.divide(before - after, 2 * bend, out=np.zeros(bend.shape), where=fits)
+    return np.asarray(labels + fraction)
+
+
+class Calibrated:
+    """A method that has to know the blur: it is told, or measures it on training pairs.
+
+    Parameters
+    ----------
+    recipe : BlurRecipe, BlurLaw or None
+        The blur; None leaves it to the fit.
+    """
+
+    def __init__(self, recipe: BlurRecipe | BlurLaw | None) -> None:
+        self._told = recipe
+        #: What the fit measured; None where the blur was told, or before the fit.
+        self.calibration: Calibration | None = None
+
+    @property
+    def fit(self) -> Callable[[Sequence[TrainingPair]], Learned] | None:
+        """Measures the blur law of training pairs; None where the blur was told."""
+        return self._fit if self._told is None else None
+
+    def restore(self, learned: dict[str, Any]) -> None:
+        """Take back what `fit` returned."""
+        # Here and in the fit: it brings half of scipy, which nobody needs who was told the blur.
+        from dfdbench.methods.calibration import Calibration
+
+        self.calibration = Calibration.of(learned)
+
+    @property
+    def levels(self) -> int:
+        """How many depth levels the blur tells apart."""
+        return LEVELS if self._told is None else self._told.levels
+
+    @property
+    def blur(self) -> BlurRecipe | BlurLaw:
+        """The blur that is solved with.
+
+        Raises
+        ------
+        MethodError
+            Where it was neither told nor measured.
+        """
+        if self._told is not None:
+            return self._told
+        if self.calibration is None:
+            raise MethodError(
+                "the method was not told the blur, and was not fitted",
+                where=type(self).__name__,
+                expected="a recipe, or fit(pairs) and restore(learned) before the first pair",
+            )
+        return self.calibration.law
+
+    def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
+        from dfdbench.methods.calibration import calibrate
+
+        return calibrate(pairs).as_learned()
+
 
 Array = NDArray[Any]
 Image = NDArray[np.uint8]

@@ -16,14 +16,14 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
-from dfdbench.methods.calibrated import Calibrated
 from dfdbench.methods.data_cost import data_cost
+from dfdbench.methods.fitted import Calibrated
 from dfdbench.methods.law_cost import blurred_by, information, law_cost
 
 Image = NDArray[np.uint8]
 
 COLOR_SPACES = ("ycrcb", "ycrcb-float", "rgb")
-SOLVERS = ("split", "expansion", "message-passing")
+SOLVERS = ("split", "expansion")
 QUALITIES = get_args(mrf.Quality)
 # The published table is made for 256 labels; the others take `cap` and `scale` of Table 4.1.
 SMOOTHNESS: Mapping[str, Callable[[int, int, int], NDArray[np.int32]]] = MappingProxyType(
@@ -45,8 +45,6 @@ _PER_NAT = 3
 _PER_ERROR = 24
 # What no pixel may say more: of those that the law does not explain, where surfaces end.
 _MOST_NATS = 10
-# Sweeps of message passing for a lower bound: on a photograph within about 0.3 % of the optimum.
-_BOUND_ITERATIONS = 10
 
 
 class GraphCuts(Calibrated):
@@ -79,14 +77,12 @@ class GraphCuts(Calibrated):
         channel in all. Under a blur law it is always RGB, in which noise is alike.
     labels : int, optional
         Solve for this many evenly spaced levels only; must divide the recipe's levels.
-    solver : {"split", "expansion", "message-passing"}
+    solver : {"split", "expansion"}
         ``expansion`` is the published algorithm; ``split`` is some thirty times faster.
     quality : {"fast", "default", "high"}
         Of ``split``: how close to the least energy, for how many cuts.
     published_offset : bool
         Add one level, as the published program does.
-    lower_bound : bool
-        Also give a value that no solution's energy is below; takes seconds a pair.
 
     Raises
     ------
@@ -124,7 +120,6 @@ class GraphCuts(Calibrated):
         solver: str = "split",
         quality: str = "default",
         published_offset: bool = False,
-        lower_bound: bool = False,
     ) -> None:
         super().__init__(recipe)
         for kind, name, known in (
@@ -154,13 +149,12 @@ class GraphCuts(Calibrated):
         self._color_space = color_space
         self._solver, self._quality = solver, quality
         self._offset = 1 if published_offset else 0
-        self._bound = lower_bound
         # A thread's pairs share the memory of their costs, the largest array by far.
         self._memory = threading.local()
 
     @property
     def numbers(self) -> Mapping[str, float]:
-        """Of the last call in this thread: ``energy``, with a bound ``lower_bound`` and its gap."""
+        """The ``energy`` that the last call in this thread reached."""
         numbers: Mapping[str, float] = getattr(self._memory, "numbers", {})
         return numbers
 
@@ -177,30 +171,16 @@ class GraphCuts(Calibrated):
             The pair.
         """
         solution = self.solve(infocus, defocus)
-        numbers = {"energy": float(solution.energy)}
-        if solution.lower_bound is not None:
-            numbers["lower_bound"] = float(solution.lower_bound)
-            gap = solution.energy - solution.lower_bound
-            numbers["gap_percent"] = 100 * gap / max(solution.lower_bound, 1)
-        self._memory.numbers = numbers
+        self._memory.numbers = {"energy": float(solution.energy)}
         depth = self.blur.depth_of_level(self._levels[solution.labels])
         return np.asarray(np.minimum(depth + self._offset, 255), np.float32)
 
     def solve(self, infocus: Image, defocus: Image) -> mrf.Solution:
-        """Return the solver's labels, energy and history, and the bound if it was asked for."""
+        """Return the solver's labels, energy and history."""
         energy = self.energy(infocus, defocus)
         if self._solver == "expansion":
-            solution = mrf.expansion(energy)
-        elif self._solver == "message-passing":
-            solution = mrf.message_passing(energy, _BOUND_ITERATIONS)
-        else:
-            solution = mrf.split(energy, self._quality)  # type: ignore[arg-type]
-        if not self._bound:
-            return mrf.Solution(solution.labels, solution.energy, solution.history)
-        bound = solution.lower_bound
-        if bound is None:
-            bound = mrf.lower_bound(energy, _BOUND_ITERATIONS)
-        return mrf.Solution(solution.labels, solution.energy, solution.history, bound)
+            return mrf.expansion(energy)
+        return mrf.split(energy, self._quality)  # type: ignore[arg-type]
 
     def energy(self, infocus: Image, defocus: Image) -> mrf.Energy:
         """Return what is minimised for a pair: Eq. 4.2 with integer costs.

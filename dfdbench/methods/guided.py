@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.calibrated import Calibrated
 from dfdbench.methods.fitted import (
+    Calibrated,
     Image,
     channels_of,
+    least_label,
     number_within,
     odd_window,
     require_window_fits,
 )
-from dfdbench.methods.level_costs import level_costs
-from dfdbench.methods.winner import least_label
+from dfdbench.methods.law_cost import level_costs
 
 
 class Guided(Calibrated):

@@ -21,8 +21,8 @@ from dfdbench.system.extras import absent, extra_of
 _NOTHING = object()
 
 
-def import_entry(entry: str) -> tuple[Any, str | None]:
-    """Return what an entry names, and the SHA-256 of the file that it is defined in.
+def import_entry(entry: str) -> tuple[Any, ModuleType]:
+    """Return what an entry names, and the module that it is defined in.
 
     Raises
     ------
@@ -52,9 +52,7 @@ def import_entry(entry: str) -> tuple[Any, str | None]:
                 fix=near.fix,
             )
         found = below
-    file = getattr(module, "__file__", None)
-    source = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else None
-    return found, source
+    return found, module
 
 
 def attribute_of(target: Any, name: str, entry: str, default: Any = None) -> Any:

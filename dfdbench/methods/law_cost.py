@@ -15,15 +15,91 @@ from functools import lru_cache
 from typing import Any
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
-from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.methods.alignment import Alignment, find_alignment
-from dfdbench.methods.kernel_mixture import few_kernels
-from dfdbench.methods.light import aim_of, light_of, noise_of
+from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
+from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
+from dfdbench.methods.alignment import Alignment, aim_of, find_alignment, light_of, noise_of
+from dfdbench.methods.data_cost import data_cost
+from dfdbench.system.compiled import compiled
+
+#: Integer cost of one nat, a factor e of probability.
+UNIT = 4
+
+
+def level_costs(
+    blur: BlurRecipe | BlurLaw, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8], limit: float
+) -> NDArray[np.uint16]:
+    """Return a pair's cost volume: minus the logarithm of each level's probability, cut off.
+
+    A level costs the squared difference between the defocus image and the in-focus image blurred
+    at it, summed over the channels, over twice its variance: of a recipe, that of rounding; of a
+    law, that of the noise it was measured with. Unlike the data cost of `graph-cuts` it compares
+    RGB, which is not rounded a second time.
+
+    Parameters
+    ----------
+    blur : BlurRecipe or BlurLaw
+        How the defocus image was made.
+    infocus, defocus : ndarray of uint8, shape (y, x, channel) or (y, x)
+        The pair.
+    limit : float
+        Nats above a pixel's least cost at which costs are cut off.
+
+    Returns
+    -------
+    ndarray of uint16, shape (y, x, label)
+        `UNIT` a nat, each pixel's least 0. The blur's ``depth_of_level`` gives a label's depth.
+
+    Examples
+    --------
+    >>> from dfdbench.blur.recipe import RECIPES
+    >>> flat = np.full((2, 3), 90, np.uint8)
+    >>> costs = level_costs(RECIPES["published"], flat, flat, 20)
+    >>> costs.shape, int(costs.max())
+    ((2, 3, 256), 0)
+    """
+    sharp, blurred = np.atleast_3d(infocus), np.atleast_3d(defocus)
+    most = round(UNIT * limit)
+    if isinstance(blur, BlurLaw):
+        return law_cost(blurred_by(blur, sharp, blurred), UNIT, most)[0]
+    # Of a recipe's residuals nothing is known but that images are rounded.
+    weight = UNIT / (2 * ROUNDING_VARIANCE)
+    return data_cost(sharp, blurred, blur.sigmas, weight, most, blur.kernel_size)[0]
+
+
+def few_kernels(planes: Array, tolerance: float) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Choose few kernels, and the sums of them that stand for all.
+
+    Blurring is linear: the same sums of images blurred with the few give the images blurred with
+    all.
+
+    Parameters
+    ----------
+    planes : ndarray of float64, shape (label, tap)
+        The kernels; a tap that stands for its mirror images too is as many times as large.
+    tolerance : float
+        Largest sum of absolute differences between a kernel and what stands for it.
+
+    Returns
+    -------
+    chosen : ndarray of int
+        Rows of the kernels chosen.
+    factors : ndarray of float64, shape (chosen, label)
+        What the sum for a label takes of each.
+    """
+    rest, chosen = planes.copy(), list[int]()
+    while len(chosen) < min(planes.shape):
+        # The kernel that those chosen stand for worst; what is along it is taken from all.
+        chosen.append(int(np.argmax(np.square(rest).sum(1))))
+        along = rest[chosen[-1]] / np.linalg.norm(rest[chosen[-1]])
+        rest -= np.outer(rest @ along, along)
+        if np.abs(rest).sum(1).max() <= tolerance:
+            break
+    factors = np.linalg.lstsq(planes[chosen].T, planes.T, rcond=None)[0]
+    return np.array(chosen), np.ascontiguousarray(factors)
+
 
 Array = NDArray[Any]
 
@@ -218,7 +294,7 @@ def _room(blurred: Blurred, out: NDArray[np.uint16] | None) -> NDArray[np.uint16
     return np.empty(shape, np.uint16) if out is None else out
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _levels(nodes: Array, factors: Array, out: Array) -> None:
     """Write one pixel's value in one channel, blurred at every level."""
     count, levels = factors.shape
@@ -232,7 +308,7 @@ def _levels(nodes: Array, factors: Array, out: Array) -> None:
             out[level] += factors[count - 1, level] * nodes[count - 1]
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _fill(
     nodes: Array,
     aim: Array,
@@ -266,7 +342,7 @@ def _fill(
     return offset  # type: ignore[return-value]  # compiled, it is a number of the machine
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _leave(
     nodes: Array, aim: Array, factors: Array, noise: Array, bounds: Array, unary: Array
 ) -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from dfdbench.errors import MethodError, steering_nothing, writable
 from dfdbench.methods.importing import attribute_of, unreadable
 from dfdbench.methods.parameters import files_sha256
+from dfdbench.methods.sources import Hashes, Sources
 
 Image = NDArray[np.uint8]
 Predict = Callable[[Image, Image], Any]
@@ -38,8 +38,8 @@ class Method:
         Which facts of the data set it was handed, of those offered to `load_method`.
     source_sha256 : str or None
         Of the file it is defined in.
-    apart_from : tuple of Path or None
-        What is hidden from it, where it runs in a process of its own; None where it runs in this.
+    sources : Sources
+        The modules and files that its answers come from.
     """
 
     name: str
@@ -48,7 +48,30 @@ class Method:
     parameters: dict[str, Any] = field(default_factory=dict)
     uses: tuple[str, ...] = ()
     source_sha256: str | None = None
-    apart_from: tuple[Path, ...] | None = None
+    sources: Sources = field(default_factory=Sources, compare=False, repr=False)
+
+    def __call__(self, infocus: Image, defocus: Image) -> Any:
+        """Return the depth of a pair of RGB images, uint8 of shape (y, x, 3)."""
+        return self.predict(infocus, defocus)
+
+    @property
+    def used(self) -> Hashes:
+        """The SHA-256 of the modules and files that its answers came from until now.
+
+        Raises
+        ------
+        MethodError
+            If a module was edited after this process had imported it.
+        """
+        if self.sources.module_sha256 is None:
+            return {self.entry: self.source_sha256}
+        return self.sources.hashes()
+
+    def used_again(self, labels: Iterable[str]) -> Hashes:
+        """Return the SHA-256 that files have now which an earlier call used, by their labels."""
+        if self.sources.module_sha256 is None:
+            return self.used
+        return self.sources.hashes_again(labels)
 
     @property
     def warm_up(self) -> Predict | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 import os
 from collections.abc import Iterator, Mapping
@@ -24,6 +25,10 @@ from dfdbench.errors import (
 )
 from dfdbench.system.files import read_text
 from dfdbench.system.toml_text import parse_toml
+
+# Of a folder that a parameter names. All of it is hashed, before every run.
+_MOST_FILES = 10_000
+_MOST_BYTES = 20 * 10**9
 
 
 def read_parameters(
@@ -83,7 +88,7 @@ def files_sha256(parameters: Mapping[str, Any]) -> dict[str, str]:
     Raises
     ------
     MethodError
-        Where one of them cannot be read.
+        If one of them cannot be read, or is a folder with more than 10,000 files or 20 GB.
 
     Examples
     --------
@@ -220,9 +225,17 @@ def _of_file(path: Path) -> str:
 
 
 def _of_folder(folder: Path) -> str:
-    lines = sorted(
-        f"{_of_file(path)}  {path.relative_to(folder).as_posix()}\n"
-        for path in folder.rglob("*")
-        if path.is_file()
-    )
+    names = (Path(place, name) for place, _, found in os.walk(folder) for name in found)
+    # All are counted before any is looked at.
+    some = list(itertools.islice(names, _MOST_FILES + 1))
+    files = [path for path in some if path.is_file()] if len(some) <= _MOST_FILES else []
+    if len(some) > _MOST_FILES or sum(path.stat().st_size for path in files) > _MOST_BYTES:
+        raise MethodError(
+            "a parameter names a folder that is too large to hash",
+            where=str(folder),
+            expected=f"at most {_MOST_FILES:,} files and {_MOST_BYTES / 1e9:.0f} GB",
+            got="more than that",
+            fix="name the folder or the file that the method reads",
+        )
+    lines = sorted(f"{_of_file(path)}  {path.relative_to(folder).as_posix()}\n" for path in files)
     return hashlib.sha256("".join(lines).encode("utf-8", "surrogateescape")).hexdigest()

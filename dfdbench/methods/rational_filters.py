@@ -13,9 +13,14 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.point_spread import DISK, point_spread_functions
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.calibrated import Calibrated
-from dfdbench.methods.fitted import Image, channels_of, odd_window, require_window_fits
-from dfdbench.methods.winner import least_label
+from dfdbench.methods.fitted import (
+    Calibrated,
+    Image,
+    channels_of,
+    least_label,
+    odd_window,
+    require_window_fits,
+)
 
 # Side of the filters in pixels: as wide as the widest blur.
 _SIZE = 15

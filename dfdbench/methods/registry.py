@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,32 @@ _BUILT_IN = {
     "sgm": "dfdbench.methods.sgm:SemiGlobal",
     "u-net": "dfdbench.methods.learned:UNetMethod",
 }
+
+
+_WORDS = {
+    "constant": "the mean depth of the training scenes, whatever the images show",
+    "dfd-net": "a network for depth from defocus (Emerson 2019); weights: --param weights=NAME",
+    "favaro-soatto": "orthogonal operators learned from data (Favaro and Soatto 2005)",
+    "graph-cuts": "a Markov random field over blur differences, by graph cuts (the thesis, 4)",
+    "graph-cuts-rounded": "graph cuts whose costs know that grey levels are rounded",
+    "guided": "costs smoothed along edges by a guided filter (Hosni et al. 2013)",
+    "local": "the depth whose blur fits best around each pixel",
+    "rational-filters": "broadband rational filters (Watanabe and Nayar 1998)",
+    "s-transform": "closed-form blur variance; the fastest (Subbarao and Surya 1994)",
+    "sgm": "semi-global matching of blur (Hirschmueller 2008)",
+    "u-net": "a general network for images (Ronneberger et al. 2015); --param weights=NAME",
+}
+
+
+def method_words() -> dict[str, str]:
+    """Return what each registered method is, in words.
+
+    Examples
+    --------
+    >>> method_words()["local"]
+    'the depth whose blur fits best around each pixel'
+    """
+    return {name: _WORDS.get(name, "of another package") for name in registered_methods()}
 
 
 def registered_methods() -> dict[str, str]:
@@ -122,9 +149,16 @@ def load_method(
     MethodError, UnknownNameError
         As for `load`.
     """
+    from dfdbench.methods.sources import Sources
+
     entry = find_entry(name)
-    target, source = import_entry(entry)
-    return make_method(name, entry, target, source, parameters, offers, for_fits)
+    sources = Sources()
+    with sources.watch():
+        target, module = import_entry(entry)
+        sources.begin_at(module)
+        source = sources.module_sha256
+        method = make_method(name, entry, target, source, parameters, offers, for_fits)
+    return replace(method, sources=sources)
 
 
 def find_entry(name: str) -> str:
@@ -181,6 +215,7 @@ def make_method(
     # Here, so that a list of the names needs no numpy.
     from dfdbench.methods.method import Method
     from dfdbench.methods.parameters import read_parameters
+    from dfdbench.methods.torch_method import as_method
 
     fits = attribute_of(target, "fit", entry, _NO_FIT) is not _NO_FIT
     given, recorded = read_parameters(parameters, fits)
@@ -193,13 +228,13 @@ def make_method(
         uses = tuple(key for key in asked if facts[key] is not None)
         arguments = given | facts
         check_parameters(entry, target, arguments)
-        predict = _constructed(entry, target, arguments)
+        predict = as_method(_constructed(entry, target, arguments))
     else:
         uses = ()
-        predict = target
+        predict = as_method(target)
         if given:
             check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
-            predict = functools.partial(target, **given)
+            predict = functools.partial(predict, **given)
     if not callable(predict):
         raise MethodError(
             "not a method",

@@ -2,17 +2,268 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
-from dfdbench.errors import MethodError
+from dfdbench.errors import InputError, MethodError, Problem
 from dfdbench.methods import mrf
-from dfdbench.methods.calibrated import Calibrated
-from dfdbench.methods.law_cost import blurred_by, law_misfits
-from dfdbench.methods.path_costs import MOST, path_costs
-from dfdbench.methods.rounded_cost import costs_of_misfits, rounded_cost
+from dfdbench.methods.fitted import Calibrated
+from dfdbench.methods.law_cost import blurred_by, few_kernels, law_misfits
+from dfdbench.methods.sgm import MOST, path_costs
+from dfdbench.system.compiled import compiled
+
+# Taps below this part of a kernel's whole change no value by a hundredth of TOLERANCE.
+NEGLIGIBLE = 1e-12
+
+# Largest sum of absolute differences between a label's 2-D kernel and the sum of others that stands
+# for it: at most 1.3e-6 grey levels, a sixth of what TOLERANCE leaves beyond float32 rounding.
+KERNEL_TOLERANCE = 1e-8
+
+# A value is rounded to float32 before it is rounded to a whole one: by at most 2^-17 below 256,
+# plus as much again for float64 sums in another order (far less) and the comparison.
+TOLERANCE = 2.0**-16
+
+# Misfits are stored as whole multiples of 1 / STEPS grey levels, rounded up: only 0 means none.
+STEPS = 256
+
+Array = NDArray[Any]
+
+
+def rounded_cost(
+    infocus: NDArray[np.uint8],
+    defocus: NDArray[np.uint8],
+    kernels: NDArray[np.float64],
+    unit: float,
+    limit: int,
+) -> tuple[NDArray[np.uint16], int]:
+    """Compute what every label costs at every pixel, given that `defocus` was rounded.
+
+    The misfit m of a label is the root of the sum over channels of max(0, abs(residual) - 1/2)^2,
+    its cost 0 where m = 0, else unit * (log(1 / f) + m^2 / (2 v)). Here f is the part of the pixels
+    where every label has a misfit, and v the mean over those pixels and over the channels of the
+    least m^2. Where every pixel has a label without misfit, f is 0, and others cost `limit`.
+
+    Parameters
+    ----------
+    infocus, defocus : (y, x, channel) uint8
+        The two images.
+    kernels : (label, 2 * radius + 1) float64
+        The 1-D kernel of each label, symmetric, of sum 1: `BlurRecipe.kernels`.
+    unit : float
+        Integer cost of one nat, a factor e of probability.
+    limit : int
+        Costs this far above a pixel's least are stored as `limit`, 1 to 65535.
+
+    Returns
+    -------
+    unary : (y, x, label) uint16
+        Costs relative to the least of the pixel.
+    offset : int
+        Sum of the least costs of all pixels.
+
+    Raises
+    ------
+    InputError
+        If a shape, type or value is not as above.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dfdbench.blur import BlurRecipe
+    >>> image = np.zeros((1, 5, 1), np.uint8)
+    >>> image[0, 2] = 100
+    >>> kernels = BlurRecipe(sigma_min=0.1, sigma_step=0.1, levels=4).kernels()
+    >>> unary, offset = rounded_cost(image, image, kernels, unit=4, limit=129)
+    >>> unary[0, 2].tolist(), offset
+    ([0, 0, 129, 129], 0)
+    """
+    sharp, blurred = np.asarray(infocus), np.asarray(defocus)
+    _check(sharp, blurred, kernels, limit)
+    radius = kernels.shape[1] // 2
+    half = np.ascontiguousarray(kernels[:, radius:])
+    border = ((radius, radius), (radius, radius), (0, 0))
+    padded = np.pad(sharp, border, mode="edge").transpose(2, 0, 1).astype(np.float64)
+    unary = np.empty((*sharp.shape[:2], len(half)), np.uint16)
+    planes = np.ascontiguousarray(blurred.transpose(2, 0, 1))
+    chosen, mixture = _mixture(kernels)
+    half = half[chosen]
+    lengths = (half > NEGLIGIBLE).sum(1)
+    _misfits(np.ascontiguousarray(padded), planes, half, lengths, mixture, unary)
+    return unary, costs_of_misfits(unary, sharp.shape[2], unit, limit)
+
+
+def costs_of_misfits(unary: NDArray[np.uint16], channels: int, unit: float, limit: int) -> int:
+    """Turn misfits into costs where they lie, as `rounded_cost` says; return the offset.
+
+    Parameters
+    ----------
+    unary : (y, x, label) uint16
+        Misfits in whole multiples of 1 / `STEPS` grey levels.
+    channels : int
+        Of the images.
+    unit, limit
+        As for `rounded_cost`.
+    """
+    least = unary.min(2).astype(np.float64)
+    off = least[least > 0]
+    entry, slope = float(limit), 0.0
+    if off.size:
+        entry = unit * math.log(least.size / off.size)
+        slope = unit * channels / (2 * float(np.mean(off**2)))
+    return int(_costs(unary, entry, slope, limit))
+
+
+def _check(infocus: Array, defocus: Array, kernels: Array, limit: int) -> None:
+    problems = []
+    for name, image in (("infocus", infocus), ("defocus", defocus)):
+        if image.ndim != 3 or 0 in image.shape or image.dtype != np.uint8:
+            got = f"{image.dtype} {image.shape}"
+            problems.append(
+                Problem("wrong image", where=name, expected="uint8 (y, x, channel)", got=got)
+            )
+    if not problems and infocus.shape != defocus.shape:
+        problems.append(
+            Problem(
+                "sizes differ",
+                where="defocus",
+                expected=f"the shape {infocus.shape}",
+                got=f"{defocus.shape}",
+            )
+        )
+    if kernels.ndim != 2 or kernels.shape[0] < 2 or kernels.shape[1] % 2 == 0:
+        got = str(kernels.shape)
+        problems.append(
+            Problem(
+                "wrong kernels", where="kernels", expected="(label, odd size), 2 or more", got=got
+            )
+        )
+    if not 0 < limit <= 65535:
+        problems.append(
+            Problem("wrong limit", where="limit", expected="1 to 65535", got=str(limit))
+        )
+    if problems:
+        raise InputError.of(problems)
+
+
+def _mixture(kernels: Array) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Choose few kernels, and the sums of their 2-D kernels that stand for all.
+
+    Returns the rows of the chosen ones and a (chosen, label) float64 matrix.
+    """
+    radius = kernels.shape[1] // 2
+    # A tap off an axis stands for its mirror images too, in sums over the kernel.
+    half = kernels[:, radius:] * np.where(np.arange(radius + 1) > 0, 2.0, 1.0)
+    planes = np.einsum("ia,ib->iab", half, half).reshape(len(half), -1)
+    return few_kernels(planes, KERNEL_TOLERANCE)
+
+
+# Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
+# dozen, for every pixel.
+@compiled(fastmath={"contract"})
+def _misfits(
+    padded: Array, defocus: Array, kernels: Array, lengths: Array, mixture: Array, out: Array
+) -> None:
+    # In float64: an interval of half a level leaves no room for the errors of a faster way. One
+    # image row is in work at a time, and no blurred image is stored.
+    channels, height, width = defocus.shape
+    nodes, labels = mixture.shape
+    radius = kernels.shape[1] - 1
+    column = np.empty(width + 2 * radius, np.float64)
+    # Four pixels share each trip to the mixture; the columns that fill up a last four are unused.
+    fours = (width + 3) // 4 * 4
+    residuals = np.zeros((channels, fours, (nodes + 3) // 4 * 4), np.float64)
+    factors = np.zeros((residuals.shape[2], labels), np.float64)
+    # By loops: numba takes seconds to compile what an assignment of arrays says when shapes differ.
+    for node in range(nodes):
+        for label in range(labels):
+            factors[node, label] = mixture[node, label]
+    blurred = np.empty(width, np.float64)
+    difference = np.zeros((4, labels), np.float64)
+    squares = np.empty((4, labels), np.float64)
+    bound = 0.5 + TOLERANCE
+    for y in range(height):
+        for channel in range(channels):
+            rows = padded[channel]
+            for node in range(nodes):
+                kernel = kernels[node]
+                for x in range(width + 2 * radius):
+                    column[x] = kernel[0] * rows[y + radius, x]
+                for tap in range(1, lengths[node]):
+                    above, below = rows[y + radius - tap], rows[y + radius + tap]
+                    factor = kernel[tap]
+                    for x in range(width + 2 * radius):
+                        column[x] += factor * (above[x] + below[x])
+                for x in range(width):
+                    blurred[x] = kernel[0] * column[x + radius]
+                for tap in range(1, lengths[node]):
+                    left, right = column[radius - tap :], column[radius + tap :]
+                    factor = kernel[tap]
+                    for x in range(width):
+                        blurred[x] += factor * (left[x] + right[x])
+                for x in range(width):
+                    residuals[channel, x, node] = blurred[x]
+        for start in range(0, width, 4):
+            many = min(4, width - start)
+            squares[:] = 0
+            for channel in range(channels):
+                for pixel in range(many):
+                    difference[pixel] = -np.float64(defocus[channel, y, start + pixel])
+                for node in range(0, factors.shape[0], 4):
+                    _add_four(
+                        factors[node : node + 4],
+                        residuals[channel, start : start + 4, node : node + 4],
+                        difference,
+                    )
+                for pixel in range(many):
+                    for label in range(labels):
+                        excess = max(abs(difference[pixel, label]) - bound, 0.0)
+                        squares[pixel, label] += excess * excess
+            for pixel in range(many):
+                for label in range(labels):
+                    steps = np.ceil(STEPS * np.sqrt(squares[pixel, label]))
+                    out[y, start + pixel, label] = np.uint16(min(steps, 65535.0))
+
+
+@compiled(fastmath={"contract"}, inline="always")
+def _add_four(factors: Array, at: Array, out: Array) -> None:
+    # Add four nodes' parts to what each label makes of four pixels.
+    for half in range(0, 4, 2):
+        a0, a1, a2, a3 = at[half, 0], at[half, 1], at[half, 2], at[half, 3]
+        b0, b1, b2, b3 = at[half + 1, 0], at[half + 1, 1], at[half + 1, 2], at[half + 1, 3]
+        for label in range(out.shape[1]):
+            f0, f1, f2, f3 = (
+                factors[0, label],
+                factors[1, label],
+                factors[2, label],
+                factors[3, label],
+            )
+            out[half, label] += f0 * a0 + f1 * a1 + f2 * a2 + f3 * a3
+            out[half + 1, label] += f0 * b0 + f1 * b1 + f2 * b2 + f3 * b3
+
+
+@compiled()
+def _costs(unary: Array, entry: float, slope: float, limit: int) -> int:
+    # Turns misfits into costs in place: the volume is the largest array there is.
+    height, width, labels = unary.shape
+    most = np.float64(limit)
+    offset = 0
+    for y in range(height):
+        for x in range(width):
+            row = unary[y, x]
+            misfit = np.float64(row.min())
+            least = np.rint(entry + slope * misfit * misfit) if misfit > 0 else 0.0
+            offset += int(least)
+            for label in range(labels):
+                misfit = np.float64(row[label])
+                cost = np.rint(entry + slope * misfit * misfit) if misfit > 0 else 0.0
+                row[label] = np.uint16(min(cost - least, most))
+    return offset
+
 
 Image = NDArray[np.uint8]
 

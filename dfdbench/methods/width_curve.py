@@ -12,7 +12,7 @@ from scipy.linalg import solve_banded
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
-from dfdbench.methods.light import ROUNDING
+from dfdbench.methods.alignment import ROUNDING
 
 Array = NDArray[Any]
 

@@ -1,7 +1,7 @@
 """What a metric is, and all that there are, each defined here once.
 
 Whatever shows or checks scores loops over those of its protocol, which
-`dfdbench.metrics.of_protocol.metrics_of` tells.
+`dfdbench.metrics.protocol.metrics_of` tells.
 """
 
 from __future__ import annotations

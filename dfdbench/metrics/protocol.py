@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
@@ -11,10 +12,129 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.errors import UnknownNameError, unknown_name
-from dfdbench.metrics.distance_scores import Scale, score_distances
-from dfdbench.metrics.metric import METRICS
-from dfdbench.metrics.window import Crop, window_of
+from dfdbench.errors import InputError, UnknownNameError, unknown_name
+from dfdbench.metrics.metres import aligned
+from dfdbench.metrics.metric import IN_METRES, METRICS, RANKED_BY, TIES_BY, Metric
+
+Crop = Literal["whole", "network", "network-of-16"]
+# The published networks halve their images four times, so their program cuts images to this.
+_NETWORK_MULTIPLE = 16
+
+
+def window_of(crop: Crop, shape: tuple[int, ...], side: int) -> tuple[slice, ...]:
+    """Return the part of an image that is scored, as slices of its axes.
+
+    Parameters
+    ----------
+    crop : {"whole", "network", "network-of-16"}
+        As of a `dfdbench.metrics.protocol.Protocol`.
+    shape : tuple of int
+        Of the image.
+    side : int
+        Of the centre square, in pixels.
+
+    Examples
+    --------
+    >>> window_of("network-of-16", (370, 463), 352)
+    (slice(8, 360, None), slice(48, 400, None))
+    """
+    if crop == "whole":
+        return tuple(slice(0, extent) for extent in shape)
+    if crop == "network-of-16":
+        shape = tuple(extent - extent % _NETWORK_MULTIPLE for extent in shape)
+    starts = (max(extent - side, 0) // 2 for extent in shape)
+    return tuple(
+        slice(start, min(start + side, extent)) for start, extent in zip(starts, shape, strict=True)
+    )
+
+
+class Scale(typing.Protocol):
+    """How depth levels become metres; `far` is the farthest distance there is."""
+
+    @property
+    def far(self) -> float:
+        """In metres."""
+
+    def to_metres(self, levels: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the distance of each level."""
+
+
+def score_distances(
+    metrics: Iterable[str],
+    align: bool,
+    truth: NDArray[np.uint8],
+    estimate: NDArray[np.float32],
+    mask: NDArray[np.bool_] | None,
+    scale: Scale | None,
+) -> dict[str, float]:
+    """Return the scores of depth levels that are taken as distances.
+
+    Parameters
+    ----------
+    metrics : iterable of str
+        Which of `dfdbench.metrics.metric.IN_METRES`.
+    align : bool
+        Whether scale and shift in inverse depth are fitted first, see
+        `dfdbench.metrics.metres.aligned`.
+    truth, estimate : ndarray, shape (y, x)
+        Depth levels.
+    mask : ndarray of bool, shape (y, x), or None
+        True where a pixel counts.
+    scale : Scale or None
+        How levels become metres.
+
+    Raises
+    ------
+    InputError
+        Where there is no scale.
+    """
+    if scale is None:
+        raise InputError("nothing says how levels become metres", where="scale")
+    true, found = scale.to_metres(truth), scale.to_metres(estimate)
+    if align:
+        found = aligned(true, found, scale.far, mask)
+    return {name: IN_METRES[name].function(true, found, mask=mask) for name in metrics}
+
+
+def protocols_of(in_metres: bool) -> dict[str, Protocol]:
+    """Return the protocols that a run scores under, by label.
+
+    Parameters
+    ----------
+    in_metres : bool
+        Whether the data set says how levels become metres.
+
+    Examples
+    --------
+    >>> list(protocols_of(False)), list(protocols_of(True))[3:]
+    (['thesis', 'thesis-networks-2', 'valid'], ['metric', 'aligned'])
+    """
+    newest = {label: p for label, p in RELEASED.items() if p.superseded_by is None}
+    return {label: p for label, p in newest.items() if in_metres or not p.metrics}
+
+
+def metrics_of(label: str) -> Mapping[str, Metric]:
+    """Return the metrics of a protocol by name, in the order in which they are shown.
+
+    Examples
+    --------
+    >>> list(metrics_of("valid")), list(metrics_of("aligned"))[:2]
+    (['nrmse', 'nmae', 'ssim'], ['abs_rel', 'delta_1'])
+    """
+    names = RELEASED[label].metrics if label in RELEASED else ()
+    return {name: IN_METRES[name] for name in names} if names else METRICS
+
+
+def ranked_by(label: str) -> tuple[str, str]:
+    """Return the metrics that pairs and methods are ranked by, and by where the first ties.
+
+    Examples
+    --------
+    >>> ranked_by("thesis"), ranked_by("metric"), ranked_by("aligned")
+    (('nrmse', 'nmae'), ('abs_rel', 'rmse_m'), ('abs_rel', 'abs_rel'))
+    """
+    smaller = [name for name, metric in metrics_of(label).items() if not metric.larger_is_better]
+    return (RANKED_BY, TIES_BY) if RANKED_BY in smaller else (smaller[0], smaller[-1])
 
 
 def label_of(protocol: Mapping[str, Any]) -> str:

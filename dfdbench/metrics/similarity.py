@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from dfdbench.system.compiled import compiled
 
 
 # Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
 # dozen, for every pixel.
-@njit(cache=True, nogil=True)
+@compiled()
 def mean_similarity(
     truth: NDArray[np.float64],
     test: NDArray[np.float64],

@@ -150,7 +150,7 @@ def read_lens_captures(folder: Path) -> dict[str, tuple[Measurement, ...]]:
     if problems:
         raise SourceError.of(problems)
     if not found:
-        fix = "to see the layout: dfdbench simulate lens --out DIR"
+        fix = "to see the layout: dfdbench rig simulate lens --out DIR"
         raise SourceError("no captures of a lens test", where=str(folder), fix=fix)
     return found
 

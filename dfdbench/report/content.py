@@ -14,8 +14,7 @@ from dfdbench.figures.style import write_forms
 from dfdbench.leaderboard.board_tables import lighting_table, runs_table, standings_table
 from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.of_protocol import ranked_by
-from dfdbench.metrics.protocol import require_scored
+from dfdbench.metrics.protocol import ranked_by, require_scored
 from dfdbench.results.record import PairResult
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.scene_tables import all_tables

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from dfdbench.errors import unknown_name
 from dfdbench.leaderboard.boards import Entry, ScoreBoard, Standing, boards
-from dfdbench.metrics.of_protocol import metrics_of
-from dfdbench.metrics.protocol import require_scored, title_of
+from dfdbench.metrics.protocol import metrics_of, require_scored, title_of
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.told import told
 from dfdbench.results.wording import SECONDS_NOTE, score_text, seconds_text

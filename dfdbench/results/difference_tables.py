@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dfdbench.errors import ResultError
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.of_protocol import metrics_of, ranked_by
+from dfdbench.metrics.protocol import metrics_of, ranked_by
 from dfdbench.results.differences import (
     PairChange,
     PairedDifference,

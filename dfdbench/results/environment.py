@@ -11,6 +11,7 @@ from pathlib import Path
 
 import cv2
 import numba
+import numpy as np
 
 from dfdbench.results.record import Environment
 
@@ -35,6 +36,24 @@ def describe_environment() -> Environment:
         git=_commit(),
         versions={name: found for name in (*_PACKAGES, "torch") if (found := _version(name))},
     )
+
+
+def software() -> dict[str, str | None]:
+    """Return the versions and the processor architecture on which depth maps depend.
+
+    Examples
+    --------
+    >>> software()["numpy"] == np.__version__
+    True
+    """
+    return {
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "opencv": cv2.__version__,
+        "numba": numba.__version__,
+        "torch": _version("torch"),
+        "architecture": platform.machine(),
+    }
 
 
 def _version(package: str) -> str | None:

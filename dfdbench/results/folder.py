@@ -17,13 +17,13 @@ from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
+from dfdbench.results.output_place import RUN_IDENTITY
 from dfdbench.results.record import PairResult, Result
 from dfdbench.system.files import write_whole
 from dfdbench.system.json_text import parse_json
 from dfdbench.system.location import Place, as_location, is_local
 from dfdbench.tables.wording import listed
 
-_IDENTITY = "run.json"
 _JOURNAL = "pairs.jsonl"
 _STORE = "store.txt"
 #: How the name of a run ends that was set aside for a newer one.
@@ -31,7 +31,7 @@ PREVIOUS = ".previous"
 PREDICTIONS = "predictions.zarr"
 
 
-def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> Path | None:
+def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) -> Path | None:
     """Make a run's folder, or find it as an earlier call of the same run left it.
 
     Parameters
@@ -40,8 +40,8 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> P
         Where the run goes.
     identity : mapping
         What must be the same for pairs of an earlier call to be taken over.
-    fresh : bool
-        Take nothing over.
+    goes_on : bool
+        Take over what is there, which `read_identity` told to be of the same run.
 
     Returns
     -------
@@ -55,40 +55,42 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], fresh: bool) -> P
     """
     set_aside = None
     if folder.exists() and any(folder.iterdir()):
-        if not (folder / _IDENTITY).exists():
+        if not (folder / RUN_IDENTITY).exists():
             raise ResultError(
                 "the folder holds something else than a run",
                 where=str(folder),
                 fix="choose another with --out DIR",
             )
-        if fresh or not is_of_run(folder, identity):
+        if not goes_on:
             set_aside = folder.with_name(folder.name + PREVIOUS)
             if set_aside.exists():
                 shutil.rmtree(set_aside)
             folder.rename(set_aside)
     folder.mkdir(parents=True, exist_ok=True)
-    if not (folder / _IDENTITY).exists():
-        write_whole(folder / _IDENTITY, json.dumps(identity, indent=1) + "\n")
+    keep_identity(folder, identity)
     return set_aside
+
+
+def keep_identity(folder: Path, identity: Mapping[str, Any]) -> None:
+    """Write down by what a run is known."""
+    write_whole(folder / RUN_IDENTITY, json.dumps(identity, indent=1) + "\n")
 
 
 def is_begun(folder: Path) -> bool:
     """Return whether a run was begun in a folder, ended or not."""
-    return (folder / _IDENTITY).is_file()
+    return (folder / RUN_IDENTITY).is_file()
 
 
-def is_of_run(folder: Path, identity: Mapping[str, Any]) -> bool:
-    """Return whether a folder was begun by an earlier call of the same run."""
-    path = folder / _IDENTITY
-    return path.is_file() and _read_identity(path) == identity
-
-
-def _read_identity(path: Path) -> Any:
-    try:
-        return parse_json(path.read_bytes())
-    except ValueError:
-        # Damaged: of another run for all that can be known, and set aside like one.
+def read_identity(folder: Path) -> dict[str, Any] | None:
+    """Return by what a folder's run is known; None without a run, empty if that is damaged."""
+    path = folder / RUN_IDENTITY
+    if not path.is_file():
         return None
+    try:
+        content = parse_json(path.read_bytes())
+    except ValueError:
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
 def read_journal(folder: Path) -> dict[str, PairResult]:

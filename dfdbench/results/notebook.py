@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dfdbench.datasets.notebook import depth_map, gallery, thumbnails
-from dfdbench.metrics.of_protocol import metrics_of
+from dfdbench.metrics.protocol import metrics_of
 from dfdbench.results.first_table import shown_protocol
 from dfdbench.results.record import Result
 from dfdbench.results.run_tables import run_score_table

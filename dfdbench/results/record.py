@@ -13,8 +13,7 @@ from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, WithJsonSche
 
 from dfdbench.datasets.manifest import Name, Pair, simulated_label
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric, mean_of
-from dfdbench.metrics.of_protocol import metrics_of
-from dfdbench.metrics.protocol import label_of
+from dfdbench.metrics.protocol import label_of, metrics_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
 from dfdbench.system.record import Record
 
@@ -91,8 +90,9 @@ class PairResult(Record):
 
     `status`: ``ok``; ``failed``, the method gave no usable depth (`error` says why);
     ``missing``, the store does not hold the pair; ``not-run``, the run was limited. Only where
-    `timed_alone` can `seconds` be compared. `numbers` are what the method said of its answer,
-    an energy for example.
+    `timed_alone` can `seconds` be compared, and only with pairs of the same `machine`, its place
+    among the result's `environments`. `numbers` are what the method said of its answer, an energy
+    for example.
     """
 
     id: str
@@ -101,6 +101,7 @@ class PairResult(Record):
     status: Literal["ok", "failed", "missing", "not-run"]
     seconds: Seconds | None = None
     timed_alone: bool = True
+    machine: Count = 0
     prediction_sha256: Sha256 | None = None
     scores: dict[Name, PairScores] = Field(default_factory=dict)
     numbers: dict[str, Number] = Field(default_factory=dict)
@@ -182,8 +183,7 @@ class MethodRecord(Record):
     `files_sha256` is of what parameters name: files, and folders by their files' names and
     contents. `fitted_on` says which pairs the method's fit saw before the run, in the words of
     `trained_on`; `fit_seconds` how long that took, which no pair's time holds. `scored` is set
-    where nothing was run: depth maps made elsewhere were handed in, in that unit. `isolated` is set
-    where the method ran in a process of its own, by ``--isolate``.
+    where nothing was run: depth maps made elsewhere were handed in, in that unit.
     """
 
     name: Line
@@ -198,7 +198,6 @@ class MethodRecord(Record):
     fitted_on: str | None = None
     fit_seconds: Seconds | None = None
     scored: Unit | None = None
-    isolated: bool = False
 
     @property
     def title(self) -> str:
@@ -243,13 +242,17 @@ class Submission(Record):
 
 
 class Result(Record):
-    """A run in full. `averages` is null unless every expected pair was evaluated."""
+    """A run in full. `averages` is null unless every expected pair was evaluated.
+
+    `environment` is where the run began, `other_environments` where it went on.
+    """
 
     schema_version: Literal[1]
     dataset: DatasetRecord
     protocols: list[ProtocolRecord]
     method: MethodRecord
     environment: Environment
+    other_environments: list[Environment] = Field(default_factory=list)
     seed: Seed
     pairs: list[PairResult]
     averages: dict[Name, dict[str, Finite | None]] | None
@@ -260,6 +263,11 @@ class Result(Record):
     def protocol_names(self) -> tuple[str, ...]:
         """The labels of the protocols that were scored, under which `scores` has them."""
         return tuple(label_of(protocol) for protocol in self.protocols)
+
+    @property
+    def environments(self) -> tuple[Environment, ...]:
+        """Where pairs were run; each pair's `machine` is a place in it."""
+        return (self.environment, *self.other_environments)
 
     @property
     def complete(self) -> bool:

@@ -42,12 +42,12 @@ def seal_of(content: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def load_result(path: Path) -> Result:
+def load_result(path: Path | str) -> Result:
     """Read a run's result, check it, and compute its averages anew.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         The result file, or the folder of the run.
 
     Raises
@@ -55,7 +55,7 @@ def load_result(path: Path) -> Result:
     ResultError
         Where it cannot be read, is of another schema version, or contradicts itself.
     """
-    result, problems = examine_result(path)
+    result, problems = examine_result(Path(path))
     if problems:
         raise ResultError.of(problems)
     return result
@@ -148,9 +148,8 @@ def _misplaced(result: Result, path: str) -> list[Problem]:
         if axis is not None and axis not in axes
     ]
     if len(set(axes)) != len(axes):
-        problems.append(
-            Problem("an axis is listed twice", where=f"{path}: dataset.axes", got=str(axes))
-        )
+        twice = Problem("an axis is listed twice", where=f"{path}: dataset.axes", got=str(axes))
+        problems.append(twice)
     for number, pair in enumerate(result.pairs):
         where = f"{path}: pairs.{number}"
         if pair.coordinates.keys() != set(axes):
@@ -203,6 +202,8 @@ def _miscounted(result: Result, evaluated: list[PairResult], path: str) -> Itera
             expected=str(len(evaluated)),
             got=str(result.dataset.evaluated),
         )
+    if any(pair.machine >= len(result.environments) for pair in result.pairs):
+        yield Problem("a pair was run on a machine that is not listed", where=f"{path}: pairs")
 
 
 def _unscored(result: Result, evaluated: list[PairResult], path: str) -> Iterator[Problem]:
@@ -258,12 +259,12 @@ def _impossible(evaluated: list[PairResult], path: str) -> Iterator[Problem]:
 def _not_run(result: Result, path: str) -> Iterator[Problem]:
     timed = [pair.id for pair in result.pairs if pair.seconds is not None]
     method = result.method
-    if method.scored and (timed or method.source_sha256 or method.isolated):
+    if method.scored and (timed or method.source_sha256):
         yield Problem(
-            f"{SCORED}, and yet it has a source or times, or was isolated",
+            f"{SCORED}, and yet it has a source or times",
             where=f"{path}: method.scored",
-            expected="no source_sha256, no seconds, isolated false",
-            got=", ".join(timed[:1]) or str(method.source_sha256 or method.isolated),
+            expected="no source_sha256, no seconds",
+            got=", ".join(timed[:1]) or str(method.source_sha256),
         )
 
 

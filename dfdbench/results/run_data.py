@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from dfdbench.metrics.of_protocol import metrics_of
+from dfdbench.metrics.protocol import metrics_of
 from dfdbench.results.record import PairResult
 from dfdbench.results.run_tables import EXTREMES
 from dfdbench.results.summary import RunSummary, ScoreGroup, Statistic, summarise_scenes

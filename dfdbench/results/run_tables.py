@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from dfdbench.metrics.intervals import SCENES_TO_TELL
 from dfdbench.metrics.metric import find_metric, mean_of
-from dfdbench.metrics.of_protocol import metrics_of
-from dfdbench.metrics.protocol import title_of
+from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.summary import RunSummary, ScoreGroup
 from dfdbench.results.wording import score_text

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from dfdbench.datasets.manifest import Scene, Split
-from dfdbench.metrics.of_protocol import metrics_of
-from dfdbench.metrics.protocol import title_of
+from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import Result
 from dfdbench.results.run_tables import run_tables
 from dfdbench.results.summary import RunSummary, scene_labels, summarise_scenes

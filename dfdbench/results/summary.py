@@ -10,8 +10,7 @@ import numpy as np
 from dfdbench.datasets.manifest import Scene
 from dfdbench.metrics.intervals import interval_name, scene_interval
 from dfdbench.metrics.metric import mean_of
-from dfdbench.metrics.of_protocol import metrics_of, ranked_by
-from dfdbench.metrics.protocol import require_scored
+from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.wording import machine_of
 

@@ -1,6 +1,6 @@
 """What a result says its method was told of the blur: the column *told*.
 
-What it is told on a track is made in `dfdbench.blur.told`.
+What it is told on a track is made in `dfdbench.blur.formation`.
 """
 
 from __future__ import annotations

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.metrics.metric import mean_of
-from dfdbench.metrics.of_protocol import metrics_of, ranked_by
-from dfdbench.metrics.protocol import title_of
+from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.results.record import Result
 from dfdbench.results.told import told
 from dfdbench.results.wording import method_label, score_text

@@ -20,6 +20,7 @@ from dfdbench.metrics.metric import METRICS
 from dfdbench.metrics.protocol import label_of
 from dfdbench.results.record import (
     Coordinate,
+    Count,
     DataName,
     DatasetRecord,
     Environment,
@@ -54,7 +55,7 @@ class TrackRun(Record):
     """A run on clean images or on a track at a severity, in what it has of its own.
 
     Lists have a place for each of the file's pairs, null where it was not evaluated. `environment`
-    is null where it is the file's.
+    is null where it is the file's. `machine` is empty if all pairs were run there.
     """
 
     fingerprint: Sha256
@@ -65,6 +66,8 @@ class TrackRun(Record):
     fitted_on: str | None
     fit_seconds: Seconds | None
     environment: Environment | None = None
+    other_environments: list[Environment] = Field(default_factory=list)
+    machine: list[Count] = Field(default_factory=list)
     status: list[Literal["ok", "failed", "missing", "not-run"]]
     timed_alone: bool
     seconds: list[Seconds | None]
@@ -117,6 +120,7 @@ class TracksRecord(Record):
                 "status": run.status,
                 "seconds": run.seconds,
                 "prediction_sha256": run.prediction_sha256,
+                "machine": run.machine or [0] * count,
                 **run.scores,
             }
             for name, column in columns.items():
@@ -180,6 +184,8 @@ def _run(result: Result, clean: Result, protocol: str) -> TrackRun:
         fitted_on=method.fitted_on,
         fit_seconds=_short(method.fit_seconds, _SECONDS_DIGITS),
         environment=None if same else result.environment,
+        other_environments=result.other_environments,
+        machine=[pair.machine for pair in pairs] if result.other_environments else [],
         status=[pair.status for pair in pairs],
         timed_alone=all(pair.timed_alone for pair in pairs),
         seconds=[_short(pair.seconds, _SECONDS_DIGITS) for pair in pairs],
@@ -223,6 +229,7 @@ def _result(record: TracksRecord, label: str, run: TrackRun) -> Result:
         protocols=[record.protocol],
         method=record.method.model_copy(update=own),
         environment=run.environment or record.environment,
+        other_environments=run.other_environments,
         seed=record.seed,
         pairs=pairs,
         averages=average(pairs, [protocol]) if len(evaluated) == len(pairs) else None,
@@ -240,6 +247,7 @@ def _pair(record: TracksRecord, run: TrackRun, number: int, protocol: str) -> Pa
         status=run.status[number],
         seconds=run.seconds[number],
         timed_alone=run.timed_alone,
+        machine=run.machine[number] if run.machine else 0,
         prediction_sha256=run.prediction_sha256[number],
         scores={protocol: scores} if run.status[number] == "ok" else {},
     )

@@ -31,7 +31,7 @@ def method_label(method: MethodRecord) -> str:
     """
     name = method.name
     # What would read like the parameters that follow a name is told apart by quotes.
-    if " (" in name or ", told" in name or name.startswith('"') or name != name.strip():
+    if " (" in name or ", given " in name or name.startswith('"') or name != name.strip():
         name = json.dumps(name, ensure_ascii=False)
     title = name + method.title.removeprefix(method.name)
     settings = _settings(method)

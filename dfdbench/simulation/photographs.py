@@ -42,7 +42,7 @@ def near_normal_numbers(shape: tuple[int, ...], seed: tuple[int, ...]) -> Floats
     """Return numbers close to normal, the same ones for a seed in every version of NumPy.
 
     Of made scenes alone. The noise of tracks is another stream, and normal to the last bit:
-    `dfdbench.blur.noise.normal_numbers`.
+    `dfdbench.blur.formation.normal_numbers`.
 
     Examples
     --------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import platformdirs
 
 from dfdbench.errors import InputError
+from dfdbench.system.files import is_address
 
 DOWNLOADS = "downloads"
 STORES = "stores"
@@ -58,8 +58,7 @@ def cache_folder(folder: Path | None = None) -> Path:
     """
     named = os.environ.get("DFDBENCH_CACHE") or platformdirs.user_cache_dir("dfdbench")
     found = folder or Path(os.path.expanduser(named))
-    # A Path has one of an address's two slashes left.
-    if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(found)):
+    if is_address(found):
         raise InputError(
             "the cache is no folder of this machine",
             where="--cache" if folder else "DFDBENCH_CACHE",

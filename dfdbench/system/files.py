@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import stat
 import tempfile
 from pathlib import Path
@@ -12,6 +13,17 @@ from pathlib import Path
 LARGEST_TEXT = 64 * 2**20
 #: The largest file of numbers that is read at once: an image, the ranges of a laser scanner.
 LARGEST_ARRAY = 2**30
+
+
+def is_address(place: str | Path) -> bool:
+    """Return whether a text is a URL, even if a Path has swallowed one of its slashes.
+
+    Examples
+    --------
+    >>> is_address(Path("s3://bucket/folder")), is_address("results/s3")
+    (True, False)
+    """
+    return bool(re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(place)))
 
 
 def require_file(path: Path) -> None:

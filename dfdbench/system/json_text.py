@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 _HALF = re.compile(r"\\u[dD][89a-fA-F]")
@@ -16,15 +16,19 @@ def parse_json(text: str | bytes) -> Any:
     Raises
     ------
     ValueError
-        As `parse_message` does, where it holds half a character, which no file can be written
-        with, and where an object has a key twice: another reader would take the other value.
+        If it is no JSON, is nested too deep, has a number of thousands of digits, holds half a
+        character, which no file can be written with, or has a key twice in one object: another
+        reader would take the other value.
 
     Examples
     --------
     >>> parse_json('{"view": [1, 5]}')
     {'view': [1, 5]}
     """
-    content = _parsed(text, _without_twins)
+    try:
+        content = json.loads(text, object_pairs_hook=_without_twins)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
     if _HALF.search(text if isinstance(text, str) else text.decode("utf-8", "replace")):
         try:
             json.dumps(content, ensure_ascii=False).encode()
@@ -32,27 +36,6 @@ def parse_json(text: str | bytes) -> Any:
             half = ascii(error.object[error.start])
             raise ValueError(f"a lone surrogate, {half}: half a character is no text") from error
     return content
-
-
-def parse_message(text: str | bytes) -> Any:
-    """Return what JSON from another process says, which may name files by half characters.
-
-    Raises
-    ------
-    ValueError
-        Where it is no JSON, is nested deeper than anything that means something, or has a number
-        of thousands of digits.
-    """
-    return _parsed(text)
-
-
-def _parsed(
-    text: str | bytes, make: Callable[[list[tuple[str, Any]]], dict[str, Any]] | None = None
-) -> Any:
-    try:
-        return json.loads(text, object_pairs_hook=make)
-    except RecursionError as error:
-        raise ValueError("nested too deep") from error
 
 
 def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -40,7 +40,8 @@ def as_location(place: Place) -> UPath:
     try:
         location = UPath(place)
         _ = location.fs
-    except (ImportError, ValueError) as error:
+    except (ImportError, ValueError, TypeError, AttributeError) as error:
+        # TypeError and AttributeError: kinds that need more than a URL, as reference:// does.
         raise InputError(
             "cannot reach places of this kind",
             where=str(place),

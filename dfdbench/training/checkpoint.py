@@ -1,78 +1,48 @@
-"""A training's folder: what it is of, its log, and a checkpoint to go on from."""
+"""A training's folder: its tables and figures, and a checkpoint to continue from."""
 
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
-import pickle
-import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from dfdbench.errors import InputError, Problem
-from dfdbench.system.files import require_file, write_whole
-from dfdbench.system.json_text import differences, parse_json
-from dfdbench.training.saved_numbers import whole_number
-from dfdbench.training.saved_tensors import require_plain_archive
+from dfdbench.errors import InputError, Problem, reason_of
+from dfdbench.system.files import read_whole, write_whole
+from dfdbench.system.json_text import differences
 
-#: Of the checkpoint's layout.
-VERSION = 1
 WEIGHTS = "weights.safetensors"
 _CHECKPOINT = "checkpoint.pt"
-_LOSSES = "losses.csv"
-_SCORES = "scores.csv"
-_LEVELS = "depth_levels.csv"
-TRAINING_FIGURE = "training.png"
-LEVELS_FIGURE = "depth_levels.png"
-PATCHES = "patches.csv"
-PATCHES_FIGURE = "patches.png"
-_OWN = (
-    _CHECKPOINT,
-    WEIGHTS,
-    Path(WEIGHTS).with_suffix(".md").name,
-    _LOSSES,
-    _SCORES,
-    _LEVELS,
-    TRAINING_FIGURE,
-    LEVELS_FIGURE,
-    PATCHES,
-    PATCHES_FIGURE,
-)
-#: What reading a damaged checkpoint comes to, by where it is damaged.
-DAMAGED = (
-    pickle.UnpicklingError,
-    RuntimeError,
-    EOFError,
-    ValueError,
-    TypeError,
-    LookupError,
-    AttributeError,
-    OSError,
-    zipfile.BadZipFile,
-)
-#: Of a step, at most: Python reads no number of thousands.
-_DIGITS = 18
-#: The columns of a log that have a number in every row.
-_NEEDED = {_LOSSES: ("step", "learning_rate", "loss"), _SCORES: ("step",)}
+#: Of a `Log`, in the order of its fields.
+_TABLES = ("losses.csv", "scores.csv", "depth_levels.csv")
+_PATCHES = "patches.csv"
+FIGURES = ("training.png", "depth_levels.png", "patches.png")
+_CARD = Path(WEIGHTS).with_suffix(".md").name
+_OWN = (_CHECKPOINT, WEIGHTS, _CARD, *_TABLES, _PATCHES, *FIGURES)
+#: In bytes; a checkpoint of the thesis's network has 170 MB.
+_LARGEST = 2**32
+_DIGEST_BYTES = hashlib.sha256().digest_size
 
 Row = dict[str, Any]
 
 
 @dataclass
 class Log:
-    """What a training wrote down: a loss for each step, scores now and then."""
+    """What people read of a training: a row a step, a row a scoring, a row a depth level."""
 
     losses: list[Row] = field(default_factory=list)
     scores: list[Row] = field(default_factory=list)
+    levels: list[Row] = field(default_factory=list)
 
 
 class TrainingFolder:
-    """Where a training keeps what it needs to go on, and what people read.
+    """The files of one training.
 
     Parameters
     ----------
@@ -85,184 +55,86 @@ class TrainingFolder:
 
     @property
     def started(self) -> bool:
-        """True where there is something to go on from."""
+        """True if there is a checkpoint to continue from."""
         return (self.path / _CHECKPOINT).exists()
 
     @property
     def foreign(self) -> bool:
-        """True where there is something, and none of it is a training's."""
+        """True if the folder holds files, and none of them is a training's."""
         there = {file.name for file in self.path.iterdir()} if self.path.exists() else set()
         return bool(there) and there.isdisjoint(_OWN)
 
     @property
     def holds_files(self) -> bool:
-        """True where a training left anything, if only a log."""
+        """True if a training left anything here, even only a log."""
         return any((self.path / name).exists() for name in _OWN)
 
     def clear(self) -> None:
-        """Remove what an earlier training left; other files are not touched."""
+        """Remove the files of an earlier training, and no others."""
         for name in _OWN:
             (self.path / name).unlink(missing_ok=True)
 
-    def save(self, identity: Mapping[str, Any], state: Mapping[str, Any], new: Log) -> None:
-        """Add to the log, then put the new checkpoint in place of the old one.
+    def save(self, identity: Mapping[str, Any], state: Mapping[str, Any], log: Log) -> None:
+        """Write the log as tables for people, then the checkpoint, which holds it too.
 
-        Killed in between, the log has rows too many: `load` leaves them out.
+        After a kill in between, the tables are ahead of the checkpoint until the next `save`.
         """
-        self.path.mkdir(parents=True, exist_ok=True)
-        for name, rows in ((_LOSSES, new.losses), (_SCORES, new.scores)):
-            _append(self.path / name, rows)
+        for name, rows in zip(_TABLES, (log.losses, log.scores, log.levels), strict=True):
+            _write(self.path / name, rows)
         content = io.BytesIO()
-        torch.save({"version": VERSION, "identity": json.dumps(identity), **state}, content)
-        write_whole(self.path / _CHECKPOINT, content.getvalue())
+        saved = {"identity": _as_json(identity), "log": vars(log), "state": dict(state)}
+        torch.save(saved, content)
+        body = content.getvalue()
+        write_whole(self.path / _CHECKPOINT, body + hashlib.sha256(body).digest())
 
-    def load(self, identity: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the state of the checkpoint; cut the log to its step.
+    def load(self, identity: Mapping[str, Any]) -> tuple[dict[str, Any], Log]:
+        """Return the checkpoint's state and log.
 
         Raises
         ------
         InputError
-            Where it cannot be read, or is of another training; what differs is named.
+            If it is damaged, or of another training; every difference is named.
         """
-        state = self._state()
         path = self.path / _CHECKPOINT
         try:
-            step, before = whole_number(state, "step"), parse_json(state["identity"])
-            if not isinstance(before, dict):
-                raise TypeError("it does not say of which training it is")
-        except DAMAGED as error:
-            raise self.unreadable(error) from error
-        now = json.loads(json.dumps(identity))
+            content = read_whole(path, _LARGEST)
+        except OSError as error:
+            what = f"cannot read the checkpoint: {reason_of(error)}"
+            raise InputError(what, where=str(path), fix="--fresh starts over") from error
+        body, digest = content[:-_DIGEST_BYTES], content[-_DIGEST_BYTES:]
+        if hashlib.sha256(body).digest() != digest:
+            raise InputError("damaged checkpoint", where=str(path), fix="--fresh starts over")
+        saved = torch.load(io.BytesIO(body), weights_only=True)
         problems = [
             Problem(
-                "the checkpoint is of another training",
-                where=f"{path}: {name}",
-                expected=str(one),
-                got=str(other),
-                fix="ask for the same again, choose another folder with --out, or --fresh",
+                f"the checkpoint is of another training, with {name} {one} instead of {other}",
+                where=str(path),
+                fix="repeat the earlier command, choose another folder with --out, or --fresh",
             )
-            for name, one, other in differences(before, now)
+            for name, one, other in differences(saved["identity"], _as_json(identity))
         ]
         if problems:
             raise InputError.of(problems)
-        for name, needed in _NEEDED.items():
-            file = self.path / name
-            rows = _up_to(step, _read(file), needed, str(file))
-            if name == _LOSSES and len(rows) != step:
-                raise _damaged_log(str(file), f"{len(rows):,} of the checkpoint's {step:,} steps")
-            _write(file, rows)
-        return state
-
-    def _state(self) -> dict[str, Any]:
-        path = self.path / _CHECKPOINT
-        try:
-            require_file(path)
-            require_plain_archive(path)
-            state = dict(torch.load(path, weights_only=True))
-            version = whole_number(state, "version")
-        except DAMAGED as error:
-            raise self.unreadable(error) from error
-        if version != VERSION:
-            raise InputError(
-                "a checkpoint of another version",
-                where=str(path),
-                expected=str(VERSION),
-                got=str(version),
-                fix="go on with the dfdbench that wrote it, or --fresh starts anew",
-            )
-        return state
-
-    def unreadable(self, error: Exception) -> InputError:
-        """Return the error for a checkpoint that is damaged, or holds another network's state."""
-        return InputError(
-            "the checkpoint cannot be read",
-            where=str(self.path / _CHECKPOINT),
-            got=_said(error),
-            fix="--fresh starts anew",
-        )
-
-    def log(self) -> Log:
-        """Return all that the log holds."""
-        return Log(_read(self.path / _LOSSES), _read(self.path / _SCORES))
-
-    def write_levels(self, trained: Iterable[int], present: Iterable[int]) -> None:
-        """Write how often each depth level was trained on, and occurs in the training pairs."""
-        rows: list[Row] = [
-            {"level": level, "trained": int(count), "present": int(there)}
-            for level, (count, there) in enumerate(zip(trained, present, strict=True))
-        ]
-        _write(self.path / _LEVELS, rows)
-
-    def levels(self) -> list[Row]:
-        """Return what `write_levels` wrote."""
-        return _read(self.path / _LEVELS)
+        return saved["state"], Log(**saved["log"])
 
     def write_patches(self, rows: list[Row]) -> None:
         """Write how often patches were drawn from each pair."""
-        _write(self.path / PATCHES, rows)
+        _write(self.path / _PATCHES, rows)
 
 
-def _said(error: Exception) -> str:
-    if isinstance(error, KeyError):
-        return f"no {error}"
-    return str(error).partition("\n")[0][:100] or "no content"
-
-
-def _up_to(step: int, rows: list[Row], needed: tuple[str, ...], where: str) -> list[Row]:
-    # A row cut short by a kill may read as an earlier step: steps only grow.
-    kept: list[Row] = []
-    if rows and not rows[0].keys() >= set(needed):
-        raise _damaged_log(where, f"a heading {','.join(map(str, rows[0]))}"[:100])
-    for row in rows:
-        last = int(kept[-1]["step"]) if kept else -1
-        whole = None not in row.values() and None not in row and row["step"].isdigit()
-        if whole and last < int(row["step"][:_DIGITS]) <= step:
-            kept.append(row)
-    for row in kept:
-        for name, value in row.items():
-            try:
-                float(value if name in needed else value or 0)
-            except ValueError as error:
-                raise _damaged_log(where, f"{name} {value}"[:100]) from error
-    return kept
-
-
-def _damaged_log(where: str, got: str) -> InputError:
-    return InputError(
-        "the log of the training cannot be read",
-        where=where,
-        got=got,
-        fix="put it back as it was, or --fresh starts anew",
-    )
-
-
-def _as_csv(rows: list[Row], header: bool) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    if header:
-        writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
-
-
-def _append(path: Path, rows: list[Row]) -> None:
-    if rows:
-        with path.open("a", encoding="utf-8") as file:
-            file.write(_as_csv(rows, header=file.tell() == 0))
+def _as_json(identity: Mapping[str, Any]) -> dict[str, Any]:
+    # Tuples become lists, so that both sides of a comparison have the same types.
+    found: dict[str, Any] = json.loads(json.dumps(identity))
+    return found
 
 
 def _write(path: Path, rows: list[Row]) -> None:
-    if rows:
-        write_whole(path, _as_csv(rows, header=True))
-    else:
+    if not rows:
         path.unlink(missing_ok=True)
-
-
-def _read(path: Path) -> list[Row]:
-    if not path.exists():
-        return []
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            return list(csv.DictReader(file))
-    except (ValueError, csv.Error) as error:
-        raise _damaged_log(str(path), str(error)[:100]) from error
+        return
+    text = io.StringIO()
+    names = dict.fromkeys(name for row in rows for name in row)
+    writer = csv.DictWriter(text, list(names), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(path, text.getvalue())

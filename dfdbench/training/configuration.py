@@ -1,18 +1,23 @@
-"""How a network is trained: every choice by name, from a file that is checked."""
+"""How a network is trained: a checked record of every choice, and the files it is read from."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+import torch
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from dfdbench.blur.tracks import TRACKS
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError, Problem, reason_of
 from dfdbench.methods.networks.architectures import UNET_FILTERS
-from dfdbench.methods.networks.choices import SITES, SIZED, plain_choices
+from dfdbench.methods.networks.choices import FILTERS, SITES, SIZED, narrowed, plain_choices
 from dfdbench.methods.networks.inference import Readout
-from dfdbench.methods.networks.widths import FILTERS, narrowed
-from dfdbench.system.record import Record
+from dfdbench.system.files import read_whole
+from dfdbench.system.record import Record, problems_of
+from dfdbench.system.toml_text import parse_toml
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
@@ -22,6 +27,16 @@ _NARROWEST = 128
 #: Rows and columns of a filter, or one number for both.
 _Size = int | tuple[int, int]
 _Activation = Literal["relu", "prelu", "sigmoid", "tanh", "elu", "srelu"]
+_OF_DFD_NET = (
+    "sampling_size",
+    "first_activation",
+    "kernels",
+    "activations",
+    "normalized",
+    "normalization",
+)
+#: Processors without one of these compute bf16 in steps: training takes twenty times as long.
+_BF16_INSTRUCTIONS = ("amx_bf16", "avx512_bf16")
 
 
 class TrainingConfiguration(Record):
@@ -88,7 +103,7 @@ class TrainingConfiguration(Record):
         Of ``cosine``: steps over which the learning rate rises.
     precision : {"float32", "bf16", "auto"}
         Of all convolutions but the first, which tells apart what differs by less than bf16 can.
-        ``auto``: bf16 where the processor has it, see `dfdbench.training.precision`.
+        ``auto``: bf16 where the processor has it, see `precision_for`.
     readout : {"mode", "median"}
         Which level of a pixel's distribution is the answer, in what is logged and wherever the
         weights are used: the likeliest, as in the thesis, or the median.
@@ -200,27 +215,113 @@ class TrainingConfiguration(Record):
         }
 
     def _refuse_choices_of_dfd_net(self) -> None:
-        defaults = type(self).model_fields
-        problems = [
-            Problem("U-Net has no such choice", where=name, got=str(getattr(self, name)))
-            for name in (
-                "sampling_size",
-                "first_activation",
-                "kernels",
-                "activations",
-                "normalized",
-                "normalization",
+        fields = type(self).model_fields
+        refused = [name for name in _OF_DFD_NET if getattr(self, name) != fields[name].default]
+        refused += ["filters"] * isinstance(self.filters, str)
+        if refused:
+            raise InputError.of(
+                Problem("U-Net has no such choice", where=name, got=str(getattr(self, name)))
+                for name in refused
             )
-            if getattr(self, name) != defaults[name].default
-        ]
-        if isinstance(self.filters, str):
-            problems.append(
-                Problem(
-                    "U-Net has no such choice",
-                    where="filters",
-                    expected="5 numbers",
-                    got=self.filters,
-                )
-            )
-        if problems:
-            raise InputError.of(problems)
+
+
+def shipped_configurations() -> dict[str, str]:
+    """Return the texts of the configurations that come with the package, by name."""
+    folder = files("dfdbench.training.configurations")
+    return {
+        item.name.removesuffix(".toml"): item.read_text(encoding="utf-8")
+        for item in sorted(folder.iterdir(), key=lambda item: item.name)
+        if item.name.endswith(".toml")
+    }
+
+
+def read_configuration(
+    name: str, changes: Mapping[str, Any] | None = None
+) -> TrainingConfiguration:
+    """Read a shipped configuration by its name, or a TOML file by its path.
+
+    Parameters
+    ----------
+    name : str
+        A name, or a file's path.
+    changes : mapping, optional
+        Values that replace those of the file.
+
+    Raises
+    ------
+    InputError
+        If there is no such file or it is not a configuration; every problem is named.
+
+    Examples
+    --------
+    >>> read_configuration("published", {"noise": 2}).noise
+    2.0
+    """
+    text = shipped_configurations().get(name)
+    if text is None:
+        text = _text_of(name)
+    try:
+        choices = {**parse_toml(text), **(changes or {})}
+    except ValueError as error:
+        raise InputError("not a TOML file", where=name, got=str(error)) from error
+    known = TrainingConfiguration.model_fields
+    problems = [
+        Problem("unknown choice", where=f"{name}: {choice}", expected=f"one of: {', '.join(known)}")
+        for choice in choices.keys() - known.keys()
+    ]
+    kept = {choice: value for choice, value in choices.items() if choice in known}
+    try:
+        configuration = TrainingConfiguration.model_validate(kept)
+    except ValidationError as error:
+        problems += problems_of(error, "the configuration cannot be used", file=name)
+    if problems:
+        raise InputError.of(problems)
+    return configuration
+
+
+def _text_of(name: str) -> str:
+    if not Path(name).is_file():
+        known = ", ".join(shipped_configurations())
+        raise InputError(
+            f"no such configuration as {name}", where="--config", expected=f"a file or {known}"
+        )
+    try:
+        return read_whole(Path(name)).decode("utf-8", errors="replace")
+    except OSError as error:
+        got = reason_of(error)
+        raise InputError("cannot read the configuration", where=name, got=got) from error
+
+
+def precision_for(device: torch.device) -> tuple[Literal["float32", "bf16"], str]:
+    """Return the precision in which a device computes fast, and the reason in words.
+
+    Examples
+    --------
+    >>> precision, reason = precision_for(torch.device("cpu"))
+    >>> precision in ("float32", "bf16")
+    True
+    """
+    if device.type == "cuda":
+        if torch.cuda.is_bf16_supported(including_emulation=False):
+            return "bf16", "this graphics processor has bf16"
+        return "float32", "this graphics processor has no bf16"
+    if device.type == "cpu":
+        # PyTorch before 2.6 cannot be asked; float32 is right everywhere.
+        known: Mapping[str, object] = getattr(torch.cpu, "get_capabilities", dict)()
+        there = [name for name in _BF16_INSTRUCTIONS if known.get(name)]
+        if there:
+            return "bf16", f"this processor has {there[0]}"
+    return "float32", f"no fast bf16 is known of this {device.type}"
+
+
+def settled(configuration: TrainingConfiguration, device: torch.device) -> TrainingConfiguration:
+    """Return a configuration whose precision is not ``auto`` but what the device does fast.
+
+    Examples
+    --------
+    >>> settled(TrainingConfiguration(precision="auto"), torch.device("meta")).precision
+    'float32'
+    """
+    if configuration.precision != "auto":
+        return configuration
+    return configuration.model_copy(update={"precision": precision_for(device)[0]})

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,14 +11,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from dfdbench.blur.formation import LOBES, form_pair, kernel_size_of, law_of
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.blur.tracks import Degradation
+from dfdbench.blur.tracks import TRACKS, Degradation
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
 from dfdbench.training.configuration import Expansion
-from dfdbench.training.random_tracks import RandomTracks
 
 #: What cross-entropy leaves out.
 IGNORED = -100
@@ -148,6 +149,59 @@ class Redraw:
         return np.where(known, levels, depth).astype(np.uint8)
 
 
+class RandomTracks:
+    """Draw a track and a severity for each patch, and form the patch by it.
+
+    Parameters
+    ----------
+    recipe : BlurRecipe
+        The data set's, which tracks change.
+    names : sequence of str
+        The tracks to draw from, all equally likely, as are their severities from 0 (clean) to 3.
+
+    Examples
+    --------
+    >>> from dfdbench.blur.recipe import RECIPES
+    >>> tracks = RandomTracks(RECIPES["published"], ["noise", "psf"])
+    >>> tracks.choose(np.random.default_rng(0)).label, tracks.margin
+    ('psf-2', 13)
+    """
+
+    def __init__(self, recipe: BlurRecipe, names: Sequence[str]) -> None:
+        self._recipe = recipe
+        self._drawn = tuple(
+            Degradation(TRACKS[name], severity)
+            for name in names
+            for severity in range(len(TRACKS[name].severities) + 1)
+        )
+        #: Pixels around a patch that it may depend on, on any of the tracks.
+        self.margin = max(map(self.margin_of, self._drawn))
+
+    def margin_of(self, degradation: Degradation) -> int:
+        """Return how many pixels around a patch it depends on, on one track."""
+        formation = degradation.formation
+        radius = kernel_size_of(law_of(self._recipe, formation), formation.layers) // 2
+        return radius + (LOBES + math.ceil(formation.shift) if formation.shift else 0)
+
+    def choose(self, random: np.random.Generator) -> Degradation:
+        """Draw a track and a severity."""
+        return self._drawn[int(random.integers(len(self._drawn)))]
+
+    def form(
+        self,
+        infocus: NDArray[np.uint8],
+        depth: NDArray[np.uint8],
+        degradation: Degradation,
+        name: str,
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Return a patch's two images, (y, x, 3); direction, gain and noise follow from its name.
+
+        Names of patches begin with ``training``, which no pair's does, so that no noise of a data
+        set is drawn again.
+        """
+        return form_pair(infocus, depth, self._recipe, degradation, f"training/{name}")
+
+
 class Cropper:
     """Draws the patches of each step.
 
@@ -191,7 +245,7 @@ class Cropper:
         self._tracks = tracks
         #: Rows and columns of each pair's images.
         self.shapes = tuple((levels.shape[0], levels.shape[1]) for levels in images.levels)
-        require_fit(size, self.shapes, self._margin)
+        require_crops_fit(size, self.shapes, self._margin)
         self._images = images
         self.size = size
         self.count = count
@@ -267,18 +321,16 @@ def margin_of(recipe: BlurRecipe) -> int:
     return recipe.kernel_size // 2
 
 
-def require_fit(size: int, shapes: Iterable[tuple[int, ...]], margin: int) -> None:
-    """Refuse patches that do not fit the smallest image with a margin around them.
+def require_crops_fit(size: int, shapes: Iterable[tuple[int, ...]], margin: int) -> None:
+    """Raise an InputError if patches do not fit the smallest image with a margin around them.
 
     Examples
     --------
-    >>> require_fit(20, [(24, 30)], margin=2)
+    >>> require_crops_fit(20, [(24, 30)], margin=2)
     """
     fits = min(min(shape) for shape in shapes) - 2 * margin
     if size > fits:
-        raise InputError(
-            "crops do not fit the images", where="crop", expected=f"at most {fits}", got=str(size)
-        )
+        raise InputError(f"crops of {size} do not fit the images, at most {fits} do", where="crop")
 
 
 def oriented(image: Tensor, orientation: int) -> Tensor:

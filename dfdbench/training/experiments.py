@@ -19,10 +19,8 @@ from dfdbench.metrics.metric import METRICS
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
 from dfdbench.training.checkpoint import WEIGHTS
-from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.configuration_file import read_configuration
-from dfdbench.training.ending import EndedBy
-from dfdbench.training.precision import settled
+from dfdbench.training.configuration import TrainingConfiguration, read_configuration, settled
+from dfdbench.training.schedule import EndedBy
 from dfdbench.training.scoring import PROTOCOL
 from dfdbench.training.task import Task, require_trainable, task_of
 from dfdbench.training.trainer import train

@@ -1,4 +1,4 @@
-"""A network that learns: each step draws patches and changes its weights."""
+"""A network in training, and its loss."""
 
 from __future__ import annotations
 
@@ -6,26 +6,24 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
+from torch.nn import functional
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError, Problem
-from dfdbench.methods.networks.preparation import start_from_differences
+from dfdbench.methods.networks.architectures import start_from_differences
 from dfdbench.methods.networks.weights import build_network, load_weights, weights_sha256
-from dfdbench.training.crops import Cropper, Redraw, TrainingImages, count_levels
-from dfdbench.training.loss import LevelLoss
-from dfdbench.training.saved_numbers import whole_number
-from dfdbench.training.saved_tensors import counts, moments_of
+from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels
 from dfdbench.training.schedule import schedule_of
 from dfdbench.training.task import Task, require_trainable, tracks_of
 
 
 class DivergedError(InputError):
-    """A training whose loss is no number any more."""
+    """A training whose loss became NaN or infinite."""
 
 
 class Learner:
-    """A network, what draws its patches, and what changes its weights.
+    """A network in training: each call of `learn` draws patches and changes the weights.
 
     Parameters
     ----------
@@ -41,11 +39,11 @@ class Learner:
     architecture : dict
         The network's constructor arguments.
     started_from : str
-        What the card says of the weights it began with; empty for random ones.
+        Where the initial weights come from, for the card; empty for random ones.
     cropper : Cropper
         What draws the patches.
     schedule : Schedule
-        The learning rate of the step to come, and whether there is one.
+        The learning rate of the next step, and whether there is one.
     step : int
         Steps done.
     present, trained : ndarray of int64, shape (256,)
@@ -54,7 +52,7 @@ class Learner:
     Raises
     ------
     InputError
-        Where the network cannot be trained so, or the weights to begin with are of another.
+        If the choices do not fit, or the weights to begin with are of another network.
     """
 
     def __init__(self, task: Task, device: torch.device) -> None:
@@ -87,7 +85,7 @@ class Learner:
         Raises
         ------
         DivergedError
-            Where the loss is no number any more.
+            If the loss became NaN or infinite.
         """
         pixels, levels = self.cropper.draw(self.step)
         self.trained += count_levels(levels)
@@ -104,12 +102,8 @@ class Learner:
         self._optimizer.step()
         value = float(loss.detach())
         if not np.isfinite(value):
-            raise DivergedError(
-                "the loss is no number any more",
-                where=f"step {self.step + 1}",
-                got=str(value),
-                fix="a lower learning_rate; --fresh starts anew",
-            )
+            fix = "lower learning_rate and start over with --fresh"
+            raise DivergedError(f"the loss became {value}", where=f"step {self.step + 1}", fix=fix)
         self.step += 1
         self.schedule.after(self.step, value)
         return value
@@ -125,24 +119,12 @@ class Learner:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint.
-
-        Raises
-        ------
-        ValueError, TypeError, LookupError, RuntimeError
-            Where it holds what this training cannot have left.
-        """
-        self.step = whole_number(state, "step", self._choices.steps)
+        """Continue from what `state` returned."""
+        self.step = state["step"]
         self.network.load_state_dict(state["network"])
-        # Of the optimizer what it has summed up, not how it is set: that is the configuration's.
-        own = self._optimizer.state_dict()["param_groups"]
-        parameters = [each for group in self._optimizer.param_groups for each in group["params"]]
-        kept = moments_of(state["optimizer"], parameters)
-        if bool(kept) != bool(self.step):
-            raise ValueError("the optimizer's state is of another step")
-        self._optimizer.load_state_dict({"state": kept, "param_groups": own})
-        self.schedule.restore(state["schedule"], self.step)
-        self.trained = counts(state, "trained", LEVELS).numpy()
+        self._optimizer.load_state_dict(state["optimizer"])
+        self.schedule.restore(state["schedule"])
+        self.trained = state["trained"].numpy()
 
 
 def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str]:
@@ -153,14 +135,13 @@ def _beginning(task: Task, architecture: dict[str, Any]) -> tuple[nn.Module, str
             network = build_network(task.method, architecture)
         return network, ""
     network, card = load_weights(task.start, task.method)
+    # Each may lack what is usual and the other names.
     problems = [
         Problem(
-            "the weights are of another network",
-            where=f"{task.start}: {name}",
-            expected=str(architecture.get(name)),
-            got=str(card.architecture.get(name)),
+            f"the weights are of another network, with {name} {card.architecture.get(name)} "
+            f"instead of {architecture.get(name)}",
+            where=str(task.start),
         )
-        # What is usual is left out: a choice may stand on either side alone.
         for name in dict.fromkeys([*architecture, *card.architecture])
         if name != "channel_means" and card.architecture.get(name) != architecture.get(name)
     ]
@@ -202,7 +183,7 @@ def _redraw(task: Task, images: TrainingImages) -> Redraw | None:
 def _parameter_groups(
     network: nn.Module, weight_decay: float, decay_prelu: bool
 ) -> list[dict[str, Any]]:
-    # As in dlib: filters decay and, where asked for, PReLUs; biases and batch normalization never.
+    # As in dlib: filters decay, PReLUs only on request, biases and batch normalization never.
     slopes = [module.weight for module in network.modules() if isinstance(module, nn.PReLU)]
     decayed = {id(parameter) for parameter in network.parameters() if parameter.dim() > 1}
     decayed |= {id(slope) for slope in slopes if decay_prelu}
@@ -211,3 +192,61 @@ def _parameter_groups(
         {"params": [p for p in parameters if id(p) in decayed], "weight_decay": weight_decay},
         {"params": [p for p in parameters if id(p) not in decayed], "weight_decay": 0.0},
     ]
+
+
+class LevelLoss:
+    """Mean cross-entropy over the pixels, with the true depth level or those around it.
+
+    Parameters
+    ----------
+    width : float
+        0: all weight on the true level, the published loss. Above 0: a Gaussian of this standard
+        deviation in levels, whose own entropy is subtracted, so that a perfect answer has loss 0.
+    device : torch.device
+        Of the tensors that it is called with.
+
+    Examples
+    --------
+    >>> logits = torch.zeros(1, 256, 1, 1)
+    >>> round(float(LevelLoss(0, torch.device("cpu"))(logits, torch.tensor([[[7]]]))), 4)
+    5.5452
+    """
+
+    def __init__(self, width: float, device: torch.device) -> None:
+        self._targets: Tensor | None = None
+        if width:
+            levels = torch.arange(LEVELS, dtype=torch.float32, device=device)
+            weights = torch.exp(-(((levels[:, None] - levels) / width) ** 2) / 2)
+            self._targets = weights / weights.sum(1, keepdim=True)
+            self._entropy = torch.special.entr(self._targets).sum(1)
+
+    def __call__(self, logits: Tensor, levels: Tensor) -> Tensor:
+        """Return the loss for logits, float (n, 256, y, x), and levels, int64 (n, y, x)."""
+        # A row a pixel: channels come last in memory already, so that this copies nothing.
+        rows = logits.float().permute(0, 2, 3, 1).reshape(-1, LEVELS)
+        flat = levels.flatten()
+        if self._targets is None:
+            loss: Tensor = functional.cross_entropy(rows, flat, ignore_index=IGNORED)
+            return loss
+        if bool((flat == IGNORED).any()):
+            known = flat != IGNORED
+            rows, flat = rows[known], flat[known]
+        crossed: Tensor = _CrossEntropy.apply(rows, self._targets, flat)  # type: ignore[no-untyped-call]
+        level_loss: Tensor = crossed - self._entropy[flat].mean()
+        return level_loss
+
+
+class _CrossEntropy(torch.autograd.Function):
+    # The gradient is softmax minus target: computing it directly takes a third of autograd's time.
+    @staticmethod
+    def forward(ctx: Any, rows: Tensor, targets: Tensor, levels: Tensor) -> Tensor:
+        chosen = targets.index_select(0, levels)
+        logarithms = functional.log_softmax(rows, 1)
+        loss = -torch.dot(logarithms.flatten(), chosen.flatten()) / len(rows)
+        ctx.save_for_backward(logarithms.exp_().sub_(chosen).div_(len(rows)))
+        return loss
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
+        (gradient,) = ctx.saved_tensors
+        return gradient * gradients[0], None, None

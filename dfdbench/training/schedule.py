@@ -3,22 +3,52 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from enum import StrEnum
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.ending import EndedBy
-from dfdbench.training.saved_numbers import finite_number, finite_numbers, whole_number
-from dfdbench.training.slope_test import (
-    SURE,
-    probability_of_fall,
-    steps_without_progress,
-    without_largest,
-)
 
 #: The slope test looks at all losses since the last change: not at each step.
 _TEST_EVERY = 50
 #: Of dlib's trainer: what a step adds to the budget of checks, and the losses it drops at least.
 _BUDGET_A_STEP, _DROPPED = 200, 400
+_FEWEST = 3
+#: The probability from which a loss counts as fallen, in dlib and here.
+SURE = 0.51
+
+
+class EndedBy(StrEnum):
+    """Why a training ended: the words that a card's `ended_by` begins with."""
+
+    STEPS = "its number of steps"
+    LEARNING_RATE = "learning rate"
+    TIME_LIMIT = "its time limit"
+    #: Such weights are hardly trained: their scores say nothing about the network.
+    TIME_LIMIT_IN_WARM_UP = "its time limit, within the warm-up"
+
+    @classmethod
+    def of(cls, text: str) -> EndedBy | None:
+        """Parse the text of a card; None if it says something else.
+
+        Examples
+        --------
+        >>> EndedBy.of("learning rate 1e-10").name
+        'LEARNING_RATE'
+        >>> EndedBy.of("its time limit, within the warm-up, at step 1 of 5").name
+        'TIME_LIMIT_IN_WARM_UP'
+        """
+        said = [ending for ending in cls if text.startswith(ending)]
+        return max(said, key=len, default=None)
+
+    @property
+    def early(self) -> bool:
+        """True if training would continue with more time."""
+        return self in (EndedBy.TIME_LIMIT, EndedBy.TIME_LIMIT_IN_WARM_UP)
 
 
 class Schedule(Protocol):
@@ -29,24 +59,24 @@ class Schedule(Protocol):
         """The learning rate of the step to come."""
 
     def after(self, step: int, loss: float) -> None:
-        """Take note of the loss of a step, the first being 1."""
+        """Note the loss of a step; the first is 1."""
 
     @property
     def ended(self) -> str:
-        """Why training has ended, empty while it has not."""
+        """Why training has ended; empty if it has not."""
 
     def state(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""
 
-    def restore(self, state: dict[str, Any], step: int) -> None:
-        """Go on from a checkpoint of that step; a `ValueError` says what it cannot have left."""
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` returned."""
 
 
 class ProgressSchedule:
-    """The learning rate falls where the loss has made no progress for long: a rule of our own.
+    """Lower the learning rate if the loss has made no progress for long: a rule of our own.
 
-    Of all losses since the last change, the largest number of last ones that do not fall is sought,
-    every 50 steps; then all are forgotten.
+    Every 50 steps it looks at all losses since the last change (`steps_without_progress`). When
+    the rate changes, the losses are forgotten.
 
     Parameters
     ----------
@@ -70,10 +100,10 @@ class ProgressSchedule:
         self._steps = configuration.steps
         self._losses: list[float] = []
         self._step = 0
-        self._highest = self.rate = configuration.learning_rate
+        self.rate = configuration.learning_rate
 
     def after(self, step: int, loss: float) -> None:
-        """Take note of a loss; lower the rate where the slope test says so."""
+        """Note a loss; lower the rate if the slope test says so."""
         self._step = step
         self._losses.append(loss)
         due = step % _TEST_EVERY == 0 and len(self._losses) >= self._patience
@@ -83,7 +113,7 @@ class ProgressSchedule:
 
     @property
     def ended(self) -> str:
-        """Why training has ended, empty while it has not."""
+        """Why training has ended; empty if it has not."""
         # Ten shrinkings by 0.1 leave a rounding error above 1e-10.
         if self.rate <= self._least * (1 + 1e-6):
             return f"{EndedBy.LEARNING_RATE} {self._least:g}"
@@ -95,21 +125,19 @@ class ProgressSchedule:
         """Return what a checkpoint keeps."""
         return {"step": self._step, "rate": self.rate, "losses": list(self._losses)}
 
-    def restore(self, state: dict[str, Any], step: int) -> None:
-        """Go on from a checkpoint of that step; a `ValueError` says what it cannot have left."""
-        self._step = _same(state, step)
-        self.rate = finite_number(state, "rate", self._highest)
-        self._losses = finite_numbers(state, "losses", step)
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` returned."""
+        self._step, self.rate, self._losses = state["step"], state["rate"], state["losses"]
 
 
 class DlibSchedule(ProgressSchedule):
-    """The learning rate falls where dlib's trainer would lower it (5.2.2).
+    """Lower the learning rate if dlib's trainer would (5.2.2).
 
-    Only the last `patience` losses are kept. Every ``patience // 200 + 1`` steps, 13 for 2,500, a
-    line is fitted to them, once there are so many; where it is not falling with a probability of
-    0.51, neither over all of them nor without the largest 10 %, the rate is lowered and the
-    oldest ``400 + patience // 10`` are dropped. After dlib's ``dnn_trainer`` and
-    ``running_gradient``; that it goes back to its last file where the loss rises is left out.
+    It keeps the last `patience` losses. Once there are so many, it fits a line to them every
+    ``patience // 200 + 1`` steps (13 for 2,500). If that line does not fall with a probability of
+    0.51, neither over all of them nor without the largest 10 %, it lowers the rate and drops the
+    oldest ``400 + patience // 10`` losses. After dlib's ``dnn_trainer`` and ``running_gradient``,
+    except that dlib also returns to its last file if the loss rises.
 
     Parameters
     ----------
@@ -131,7 +159,7 @@ class DlibSchedule(ProgressSchedule):
     """
 
     def after(self, step: int, loss: float) -> None:
-        """Take note of a loss; lower the rate where dlib would."""
+        """Note a loss; lower the rate if dlib would."""
         self._step = step
         self._losses = [*self._losses[-self._patience + 1 :], loss]
         due = step % (self._patience // _BUDGET_A_STEP + 1) == 0
@@ -144,7 +172,7 @@ class DlibSchedule(ProgressSchedule):
 
 
 class CosineSchedule:
-    """The learning rate rises over `warm_up` steps, then falls along a cosine to 0.
+    """Raise the learning rate over `warm_up` steps, then lower it along a cosine to 0.
 
     Parameters
     ----------
@@ -175,27 +203,21 @@ class CosineSchedule:
         return self._highest * rising * (1 + math.cos(math.pi * self._step / self._steps)) / 2
 
     def after(self, step: int, loss: float) -> None:
-        """Take note that a step is over."""
+        """Note that a step is over."""
         self._step = step
 
     @property
     def ended(self) -> str:
-        """Why training has ended, empty while it has not."""
+        """Why training has ended; empty if it has not."""
         return EndedBy.STEPS if self._step >= self._steps else ""
 
     def state(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""
         return {"step": self._step}
 
-    def restore(self, state: dict[str, Any], step: int) -> None:
-        """Go on from a checkpoint of that step; a `ValueError` says what it cannot have left."""
-        self._step = _same(state, step)
-
-
-def _same(state: dict[str, Any], step: int) -> int:
-    if whole_number(state, "step") != step:
-        raise ValueError("the schedule is of another step")
-    return step
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` returned."""
+        self._step = state["step"]
 
 
 def schedule_of(configuration: TrainingConfiguration) -> Schedule:
@@ -203,3 +225,94 @@ def schedule_of(configuration: TrainingConfiguration) -> Schedule:
     if configuration.schedule == "cosine":
         return CosineSchedule(configuration)
     return (DlibSchedule if configuration.schedule == "dlib" else ProgressSchedule)(configuration)
+
+
+def steps_without_progress(losses: Sequence[float] | NDArray[np.float64]) -> int:
+    """Return the largest number of last steps over which the loss is not known to have fallen.
+
+    Fit a line to the last n losses by least squares. With Gaussian noise its slope is normally
+    distributed; the loss has fallen if the slope is negative with a probability of `SURE` (5.2.2,
+    after dlib).
+
+    Parameters
+    ----------
+    losses : array_like of float, shape (n,)
+        One a step, oldest first.
+
+    Returns
+    -------
+    int
+        0 if it falls over every stretch up to now.
+
+    Examples
+    --------
+    >>> steps_without_progress([9, 8, 7, 6, 5, 4, 3, 2, 1, 0])
+    0
+    >>> steps_without_progress([9, 8, 7, 6, 5, 5, 5, 5, 5, 5, 5])
+    7
+    """
+    values = np.asarray(losses, np.float64)
+    if values.size < _FEWEST:
+        return 0
+    # From the newest back: sums over the last n for all n at once.
+    backwards = values[::-1] - values.mean()
+    index = np.arange(values.size, dtype=np.float64)
+    n = index + 1
+    total = np.cumsum(backwards)
+    spread = (n**3 - n) / 12
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rise = (np.cumsum(index * backwards) - (n - 1) / 2 * total) / spread
+        residual = np.cumsum(backwards**2) - total**2 / n - rise**2 * spread
+        error = np.sqrt(np.maximum(residual, 0) / (n - 2) / spread)
+        # Back in time a falling loss rises.
+        least = _rounding(values)
+        exact = np.where(rise > least, 1.0, 0.5)
+        falling = np.where(error > least, ndtr(rise / error), exact)
+    stuck = falling[_FEWEST - 1 :] < SURE
+    return int(np.flatnonzero(stuck)[-1]) + _FEWEST if stuck.any() else 0
+
+
+def probability_of_fall(losses: Sequence[float] | NDArray[np.float64]) -> float:
+    """Return the probability that the loss has fallen, by the line through all losses.
+
+    Parameters
+    ----------
+    losses : array_like of float, shape (n,)
+        One a step, oldest first; at least 3.
+
+    Examples
+    --------
+    >>> probability_of_fall([5.0, 4.0, 3.0]), probability_of_fall([1.0, 1.0, 1.0])
+    (1.0, 0.5)
+    >>> round(probability_of_fall([2.0, 1.0, 3.0, 2.0]), 3)
+    0.319
+    """
+    values = np.asarray(losses, np.float64)
+    steps = np.arange(values.size) - (values.size - 1) / 2
+    centred = values - values.mean()
+    slope = float(steps @ centred / (steps @ steps))
+    residual = centred - slope * steps
+    error = float(np.sqrt(residual @ residual / (values.size - 2) / (steps @ steps)))
+    least = _rounding(values)
+    if error > least:
+        return float(ndtr(-slope / error))
+    return 0.5 if abs(slope) <= least else float(slope < 0)
+
+
+def without_largest(losses: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the losses without the largest tenth, in their order, as dlib does.
+
+    Examples
+    --------
+    >>> without_largest([3, 9, 1, 2, 5, 4, 6, 7, 8, 2, 1]).tolist()
+    [3.0, 1.0, 2.0, 5.0, 4.0, 6.0, 7.0, 8.0, 2.0, 1.0]
+    """
+    values = np.asarray(losses, np.float64)
+    highest = int((values.size - 1) * 0.9 + 0.5)
+    kept: NDArray[np.float64] = values[values <= np.partition(values, highest)[highest]]
+    return kept
+
+
+def _rounding(values: NDArray[np.float64]) -> float:
+    # Below this, slopes and their errors are the sums' own rounding.
+    return float(1e-12 * max(1.0, np.abs(values).max()))

@@ -1,4 +1,4 @@
-"""What is to be trained, on what, and whether it can be."""
+"""What to train on which pairs, and whether that is possible."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.weights import build_network, weights_sha256
 from dfdbench.system.version import PACKAGE_VERSION
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.crops import margin_of, require_fit
-from dfdbench.training.random_tracks import RandomTracks
+from dfdbench.training.crops import RandomTracks, margin_of, require_crops_fit
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is to be trained, on what.
+    """What to train on which pairs.
 
     Parameters
     ----------
@@ -31,7 +30,7 @@ class Task:
     store : Store
         The data set.
     train, test : tuple of Pair
-        Pairs to train on, and those to watch the scores on.
+        Pairs to train on, and pairs to score.
     trained_on : str
         The training pairs in words that `dfdbench.audit.trained_on` can read.
     tested_on : str
@@ -41,7 +40,7 @@ class Task:
     seed : int
         Of weights, patches and noise.
     start : Path, optional
-        Weights to begin with, in place of random ones.
+        Weights to begin with instead of random ones.
     """
 
     method: str
@@ -56,7 +55,7 @@ class Task:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What must be the same for a checkpoint to be gone on with."""
+        """What must be the same to continue from a checkpoint."""
         return {
             "dfdbench": PACKAGE_VERSION,
             "method": self.method,
@@ -78,14 +77,14 @@ def task_of(
     seed: int = 0,
     start: Path | None = None,
 ) -> Task:
-    """Return a training of a split, or of all scenes but a fold or a single scene.
+    """Return the task to train on a split, or on all scenes but those of a fold or one scene.
 
     Raises
     ------
     StoreError
-        Where the store holds no pair to train on.
+        If the store holds no pair to train on.
     UnknownNameError
-        Where there is no such split or fold.
+        If there is no such split or fold.
     """
     manifest = store.manifest
     if fold is not None:
@@ -107,24 +106,21 @@ def task_of(
         named = "" if every else ": " + " ".join(configuration.tracks)
         trained_on += f", random tracks{named}"
     if not train:
-        raise StoreError(
-            "the store holds no pair to train on",
-            where=str(store.path),
-            expected=trained_on,
-            fix=f"build {manifest.short} with the scenes of that split",
-        )
+        fix = f"build {manifest.short} with the scenes of that split"
+        what = f"the store holds no pair to train on, of {trained_on}"
+        raise StoreError(what, where=str(store.path), fix=fix)
     test = store.pairs(tested) if tested else ()
     return Task(method, store, train, test, trained_on, tested, configuration, seed, start)
 
 
 def tracks_of(task: Task) -> RandomTracks | None:
-    """Return what forms the patches of a training by random tracks; None where nothing does."""
+    """Return what forms patches by random tracks, or None if the configuration names no tracks."""
     names, recipe = task.configuration.tracks, task.store.recipe
     return RandomTracks(recipe, names) if names and recipe else None
 
 
 def require_trainable(task: Task) -> dict[str, Any]:
-    """Refuse a training whose choices do not fit each other or the data set.
+    """Check that the choices of a training fit each other and the data set.
 
     Returns
     -------
@@ -136,41 +132,29 @@ def require_trainable(task: Task) -> dict[str, Any]:
     InputError
         With what does not fit.
     """
-    choices = task.configuration
+    choices, recipe = task.configuration, task.store.recipe
     architecture = choices.architecture(task.method)
     with torch.device("meta"):
         multiple = int(build_network(task.method, architecture).multiple)  # type: ignore[arg-type]
     if choices.crop % multiple:
-        raise InputError(
-            "wrong crop", where="crop", expected=f"a multiple of {multiple}", got=str(choices.crop)
-        )
+        raise InputError(f"crop {choices.crop} is not a multiple of {multiple}", where="crop")
     if choices.normalization == "fixed" and task.start is None:
-        raise InputError(
-            "normalization fixed needs weights to begin with",
-            where="normalization",
-            expected="weights that were trained with normalization batch",
-            fix="dfdbench train takes them with --weights FILE",
-        )
+        what = "normalization fixed needs weights to begin with"
+        fix = "give --weights FILE, trained with normalization batch"
+        raise InputError(what, where="normalization", fix=fix)
     margin = 0
     if choices.tracks and not choices.redraw_depth:
-        raise InputError(
-            "tracks form patches whose depth is redrawn",
-            where="tracks",
-            expected="redraw_depth = true beside it",
-            got=f"tracks {', '.join(choices.tracks)}, redraw_depth = false",
-            fix="dfdbench train takes it with --set redraw_depth=true",
-        )
+        what = "tracks form only patches whose depth is redrawn"
+        raise InputError(what, where="tracks", fix="add --set redraw_depth=true")
     if choices.redraw_depth:
-        if task.store.recipe is None:
-            raise InputError(
-                "redraw_depth needs a data set with a blur recipe",
-                where="redraw_depth",
-                got=f"{task.store.manifest.short}: "
-                + ("its track tells none" if task.store.manifest.on_track else "captured defocus"),
-            )
+        if recipe is None:
+            manifest = task.store.manifest
+            why = "of this track is unknown" if manifest.on_track else "captured defocus has not"
+            what = f"redraw_depth needs a blur recipe, which {why}"
+            raise InputError(what, where=f"{manifest.short}, redraw_depth")
         tracks = tracks_of(task)
-        margin = max(margin_of(task.store.recipe), tracks.margin if tracks else 0)
+        margin = max(margin_of(recipe), tracks.margin if tracks else 0)
     scenes = dict.fromkeys(pair.scene for pair in task.train)
-    shapes = (task.store.scene(name)["depth"].shape[-2:] for name in scenes)
-    require_fit(choices.crop, shapes, margin)
+    shapes = (task.store.to_xarray(name)["depth"].shape[-2:] for name in scenes)
+    require_crops_fit(choices.crop, shapes, margin)
     return architecture

@@ -16,41 +16,29 @@ from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
 from dfdbench.results.environment import describe_environment
 from dfdbench.system.version import PACKAGE_VERSION
-from dfdbench.training.checkpoint import DAMAGED, WEIGHTS, Log, TrainingFolder
+from dfdbench.training.checkpoint import WEIGHTS, Log, TrainingFolder
+from dfdbench.training.configuration import settled
 from dfdbench.training.crops import Cropper
-from dfdbench.training.ending import EndedBy
 from dfdbench.training.learner import Learner
-from dfdbench.training.precision import settled
-from dfdbench.training.saved_numbers import finite_number
+from dfdbench.training.schedule import EndedBy
 from dfdbench.training.scoring import PROTOCOL, evenly_spaced, mean_scores, same_threads
 from dfdbench.training.task import Task
 
 _SAVE_SECONDS = 60.0
-# Of a training, in seconds: thirty years.
-_LONGEST = 1e9
 
 
 @dataclass(frozen=True)
 class TrainingOutcome:
-    """What a call of `train` came to.
-
-    Parameters
-    ----------
-    weights : Path
-        The file that was written.
-    card : Card
-        What it says.
-    cropper : Cropper
-        What drew its patches.
-    """
+    """The results of `train`: the file of weights, its card, the log, and what drew the patches."""
 
     weights: Path
     card: Card
+    log: Log
     cropper: Cropper
 
     @property
     def within_warm_up(self) -> bool:
-        """True where time was up before the learning rate had reached its height."""
+        """True if time was up before the learning rate had reached its maximum."""
         return EndedBy.of(self.card.ended_by) is EndedBy.TIME_LIMIT_IN_WARM_UP
 
 
@@ -62,7 +50,7 @@ def train(
     on_step: Callable[[int, int | None, float], None] | None = None,
     fresh: bool = False,
 ) -> TrainingOutcome:
-    """Train until the schedule ends or time is up; go on from the folder's checkpoint.
+    """Train until the schedule ends or time is up, from the folder's checkpoint if it has one.
 
     Parameters
     ----------
@@ -71,43 +59,40 @@ def train(
     folder : Path
         Where checkpoint, log and weights go.
     max_seconds : float, optional
-        Time spent training at most, that of earlier calls included.
+        The most time to spend on training, earlier calls included.
     device : str
         As for the methods: ``auto``, ``cpu``, ``cuda``, ``mps``.
     on_step : callable, optional
-        Called with (steps done, steps in all where known, loss).
+        Called with (steps done, steps in all if known, loss).
     fresh : bool
-        Remove what an earlier training left in the folder, once all is checked.
+        Remove an earlier training from the folder, once everything is checked.
 
     Raises
     ------
     InputError
-        Where choices do not fit each other, or the checkpoint is of another training.
+        If choices do not fit each other, or the checkpoint is damaged or of another training.
     ResultError
-        Where the folder cannot be written.
+        If the folder cannot be written.
 
     Notes
     -----
-    On a CPU, with the same number of threads, a training that was stopped and gone on with has
-    the same losses, bit for bit, as one that was not.
+    On a CPU, with the same number of threads, an interrupted and resumed training has the same
+    losses, bit for bit, as an uninterrupted one.
     """
     found = find_device(device)
-    # The precision settled on goes into checkpoint and card: elsewhere `auto` may be another.
+    # Checkpoint and card keep the settled precision: on another machine `auto` may differ.
     task = replace(task, configuration=settled(task.configuration, found))
     session = _Session(task, TrainingFolder(folder), found, fresh)
     try:
         return session.run(max_seconds, on_step)
     except OSError as error:
-        raise ResultError(
-            "cannot write the training",
-            where=str(folder),
-            got=reason_of(error),
-            fix=room_or("choose another place with --out DIR; --resume goes on", error),
-        ) from error
+        fix = room_or("choose another place with --out DIR; --resume goes on", error)
+        what = f"cannot write the training: {reason_of(error)}"
+        raise ResultError(what, where=str(folder), fix=fix) from error
 
 
 class _Session:
-    """A learner and its folder: when to save, score and stop."""
+    """Decide when a learner is saved, scored and stopped."""
 
     def __init__(
         self, task: Task, folder: TrainingFolder, device: torch.device, fresh: bool
@@ -118,14 +103,11 @@ class _Session:
         self._fresh = fresh
         self._learner = Learner(task, device)
         self._seconds = 0.0
-        self._new = Log()
+        self._log = Log()
         if folder.started and not fresh:
-            state = folder.load(task.identity)
-            try:
-                self._seconds = finite_number(state, "seconds", _LONGEST)
-                self._learner.restore(state)
-            except DAMAGED as error:
-                raise folder.unreadable(error) from error
+            state, self._log = folder.load(task.identity)
+            self._seconds = state.pop("seconds")
+            self._learner.restore(state)
 
     def run(
         self, max_seconds: float | None, on_step: Callable[[int, int | None, float], None] | None
@@ -136,7 +118,7 @@ class _Session:
         if self._fresh:
             self._folder.clear()
         if self._learner.step == 0:
-            # A place that cannot be written is told now, not after the first minute.
+            # Report a folder that cannot be written now, not after the first minute.
             self._save()
         ended = self._ended(max_seconds)
         while not ended:
@@ -154,7 +136,7 @@ class _Session:
         return self._finish(ended)
 
     def _ended(self, max_seconds: float | None) -> str:
-        """Return what has ended the training, in the words of the card; empty if nothing has."""
+        """Return why training has ended, in the words of the card, or an empty text."""
         ended = self._learner.schedule.ended
         if ended or max_seconds is None or self._seconds < max_seconds:
             return ended
@@ -166,7 +148,7 @@ class _Session:
     def _one_step(self) -> float:
         rate = self._learner.schedule.rate
         loss = self._learner.learn()
-        self._new.losses.append({"step": self._learner.step, "learning_rate": rate, "loss": loss})
+        self._log.losses.append({"step": self._learner.step, "learning_rate": rate, "loss": loss})
         return loss
 
     def _note_scores(self) -> None:
@@ -176,7 +158,7 @@ class _Session:
             for protocol, scores in self._mean_scores(chosen).items():
                 kind = name if protocol == PROTOCOL else f"{name}_{protocol}"
                 row |= {f"{kind}_{metric}": value for metric, value in scores.items()}
-        self._new.scores.append(row)
+        self._log.scores.append(row)
 
     def _mean_scores(self, pairs: Sequence[Pair]) -> dict[str, dict[str, float]]:
         readout = self._task.configuration.readout
@@ -185,9 +167,12 @@ class _Session:
 
     def _save(self) -> None:
         state = {**self._learner.state(), "seconds": self._seconds}
-        self._folder.save(self._task.identity, state, self._new)
-        self._folder.write_levels(self._learner.trained, self._learner.present)
-        self._new = Log()
+        counts = zip(self._learner.trained, self._learner.present, strict=True)
+        self._log.levels = [
+            {"level": level, "trained": int(trained), "present": int(present)}
+            for level, (trained, present) in enumerate(counts)
+        ]
+        self._folder.save(self._task.identity, state, self._log)
 
     def _finish(self, ended: str) -> TrainingOutcome:
         task = self._task
@@ -220,4 +205,4 @@ class _Session:
         )
         path = self._folder.path / WEIGHTS
         save_weights(path, self._learner.network, card)
-        return TrainingOutcome(path, card, self._learner.cropper)
+        return TrainingOutcome(path, card, self._log, self._learner.cropper)

@@ -12,8 +12,7 @@ from dfdbench.leaderboard.boards import Entry, ScoreBoard, parted
 from dfdbench.leaderboard.readme import collect_all
 from dfdbench.leaderboard.track_boards import TracksBoard, TracksEntry, track_boards
 from dfdbench.metrics.metric import RANKED_BY, find_metric
-from dfdbench.metrics.of_protocol import metrics_of, ranked_by
-from dfdbench.metrics.protocol import title_of
+from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.results.record import SCORED, Result
 from dfdbench.results.summary import median_seconds
 from dfdbench.results.told import told

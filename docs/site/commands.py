@@ -44,7 +44,8 @@ def _described(command: Any, name: str, level: int) -> Iterator[str]:
     if rows := [_row(parameter, context) for parameter in shown]:
         yield "| option | what | default |\n|:---|:---|:---|"
         yield from rows
-    for inner, found in getattr(command, "commands", {}).items():
+    for inner in command.list_commands(context) if hasattr(command, "list_commands") else ():
+        found = command.get_command(context, inner)
         yield from _described(found, f"{name} {inner}", level + 1)
 
 

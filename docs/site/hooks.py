@@ -6,8 +6,10 @@ import json
 import posixpath
 import re
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -31,6 +33,15 @@ SCHEMAS = ROOT / "dfdbench/results/schemas"
 #: Sections of CONTRIBUTING.md that are a page of their own.
 SUBMITTING = ("Submit a result", "Review a submission")
 _LINK = re.compile(r"(?<=\]\()([^)#:\s]*)(#[^)\s]*)?(?=\))")
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Link to the repository from every page, if pyproject.toml has its address."""
+    urls = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["urls"]
+    if address := urls.get("Repository"):
+        config.repo_url = address
+        config.repo_name = urlsplit(address).path.strip("/")
+    return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

@@ -102,7 +102,7 @@ def build(toml: str, folder: Path, path: Path) -> Store:
 def test_depth_maps_weigh_by_the_manifests_pairs(tiny_store: Store) -> None:
     histograms = scene_histograms(tiny_store)
     assert {name: h.pairs for name, h in histograms.items()} == {"One": 4, "Two": 4, "Three": 3}
-    arrays = tiny_store.scene("Three")
+    arrays = tiny_store.to_xarray("Three")
     depth, valid = arrays["depth"].values, arrays["valid"].values
     by_hand = sum(
         weight * np.bincount(depth[view][valid[view]], minlength=256)

@@ -30,6 +30,24 @@ def stack(
     return np.clip(np.rint(out.astype(np.float32)), 0, 255).astype(np.uint8)
 
 
+def separable(
+    image: NDArray[np.uint8], depth: NDArray[np.uint8], recipe: BlurRecipe
+) -> NDArray[np.uint8]:
+    """Do the same with rows and columns in float32, cut at four sigmas: faster, less exact."""
+    levels = recipe.level_of_depth(depth.astype(int))
+    plane = image.astype(np.float32)
+    out = np.empty_like(plane)
+    for level, (sigma, row) in enumerate(zip(recipe.sigmas, recipe.kernels(), strict=True)):
+        middle = len(row) // 2
+        reach = min(middle, int(np.ceil(4 * sigma)))
+        kernel = row[middle - reach : middle + reach + 1]
+        blurred = cv2.sepFilter2D(
+            plane, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REPLICATE
+        )
+        out[levels == level] = blurred[levels == level]
+    return np.clip(np.rint(out), 0, 255).astype(np.uint8)
+
+
 @pytest.fixture
 def pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     random = np.random.default_rng(0)

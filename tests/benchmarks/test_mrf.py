@@ -1,7 +1,7 @@
 """Times of the data cost and the solvers, and their ratios to named peers in the same process.
 
 Run with one thread: NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1, and `-s` to see
-the ratios, which are of CPU time. Nothing here asserts a time.
+the ratios, which are of CPU time. Nothing is asserted of them but what docs/graph_cuts.md says.
 """
 
 from __future__ import annotations
@@ -30,14 +30,12 @@ from dfdbench.methods.mrf import (
     Solution,
     coarse_to_fine,
     expansion,
-    message_passing,
     published,
     split,
     truncated_absolute,
 )
-from dfdbench.methods.rounded_cost import rounded_cost
-from dfdbench.methods.rounded_graph_cuts import REPAIRS, RoundedGraphCuts, best_paths
-from tests.benchmarks.test_blur import stack
+from dfdbench.methods.rounded_graph_cuts import REPAIRS, RoundedGraphCuts, best_paths, rounded_cost
+from tests.benchmarks.test_blur import separable, stack
 
 LABELS = 256
 SIGMAS = 0.32 + 0.01 * np.arange(LABELS)
@@ -113,17 +111,23 @@ def scene(request: pytest.FixtureRequest, shared_data: Path) -> Any:
     "method", [GraphCuts(), RoundedGraphCuts()], ids=lambda m: type(m).__name__
 )
 def test_method_against_blurring_whole(benchmark: Any, scene: Any, method: Any) -> None:
-    """Compare with what the blur alone takes where the whole image is filtered at every level."""
+    """Compare with what filtering the whole image at every level takes, in two ways."""
     infocus, defocus, depth = scene
     cv2.setNumThreads(1)
     method.warm_up(infocus, defocus)
-    ratios = []
+    peers = {"dense float64": stack, "separable float32": separable}
+    ratios: dict[str, list[float]] = {name: [] for name in peers}
     for _ in range(3):
         own = cpu(lambda: method(infocus, defocus))
-        ratios.append(own / cpu(lambda: stack(infocus, depth, RECIPES["published"])))
-    benchmark.extra_info["of the blur"] = sorted(ratios)[1]
+        for name, peer in peers.items():
+            ratios[name].append(own / cpu(partial(peer, infocus, depth, RECIPES["published"])))
+    middle = {name: sorted(found)[1] for name, found in ratios.items()}
+    benchmark.extra_info |= middle
     benchmark.pedantic(method, (infocus, defocus), rounds=1)
-    print(f"\n{type(method).__name__}: {sorted(ratios)[1]:.2f} of 256 filterings of the image")
+    for name, ratio in middle.items():
+        print(f"\n{type(method).__name__}: {ratio:.2f} of 256 {name} filterings of the image")
+    assert middle["dense float64"] < 0.5
+    assert middle["separable float32"] > 1
 
 
 def test_repairs_against_expansion(benchmark: Any, scene: Any) -> None:
@@ -186,11 +190,6 @@ def test_split(benchmark: Any, energy: Energy, quality: Quality) -> None:
     print(f"\nsplit {quality}: energy {solution.energy}")
 
 
-def test_message_passing(benchmark: Any, energy: Energy) -> None:
-    message_passing(Energy(energy.unary[:4], energy.smoothness), 1)
-    benchmark.pedantic(message_passing, (energy, 2), rounds=1)
-
-
 @pytest.fixture(params=["demo", "aloe-exposure1", "aloe-exposure2"])
 def photograph(request: pytest.FixtureRequest, demo_store: Store) -> Energy:
     """The published energy of a demo pair, and of the two published pairs with step 0.01."""
@@ -222,7 +221,6 @@ def test_against_pymaxflow(
     solvers: dict[str, Callable[[], Any]] = {
         **{f"split {quality}": partial(split, energy, quality) for quality in get_args(Quality)},
         "expansion": lambda: expansion(energy),
-        "message passing, 10 iterations": lambda: message_passing(energy, 10),
     }
     solvers["split fast"]()
     for name, solve in solvers.items():
@@ -230,8 +228,7 @@ def test_against_pymaxflow(
         solution = solve()
         own = time.process_time() - start
         change = 100 * (solution.energy / reached - 1)
-        bound = f", lower bound {solution.lower_bound}" if solution.lower_bound else ""
         print(
             f"{name}: {own:.2f} s CPU, 1/{seconds / own:.1f} of aexpansion_grid, "
-            f"energy {solution.energy} ({change:+.4f} %){bound}"
+            f"energy {solution.energy} ({change:+.4f} %)"
         )

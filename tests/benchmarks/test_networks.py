@@ -12,9 +12,9 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.methods.networks.architectures import DfDNet
+from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import Predictor, find_device
-from dfdbench.methods.networks.widths import FILTERS
-from dfdbench.training.loss import LevelLoss
+from dfdbench.training.learner import LevelLoss
 
 SHAPE = (370, 463)
 CROPS = 32

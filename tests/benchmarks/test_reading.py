@@ -9,8 +9,8 @@ from typing import Any
 import cv2
 import pytest
 
-import dfdbench
 from dfdbench.building.export import export_png
+from dfdbench.datasets.pair_sequence import open_pairs
 from dfdbench.datasets.store import Store
 
 CROP = (slice(100, 132), slice(150, 182))
@@ -35,7 +35,7 @@ def ways(
 ) -> dict[str, Callable[[], Any]]:
     folder = tmp_path_factory.mktemp("png")
     export_png(demo_store, folder, "test")
-    data = dfdbench.open("demo", "test", store=demo_store.path)
+    data = open_pairs("demo", "test", store=demo_store.path)
     wanted = {"view": 1, "illumination": 2, "exposure": 2}
     chosen = [number for number, pair in enumerate(data.pairs) if pair.at == wanted]
     return {

@@ -1,15 +1,28 @@
 import hashlib
+from statistics import NormalDist
 
 import numpy as np
 import pytest
 import scipy.ndimage
+import scipy.stats
 from numpy.typing import NDArray
 
-from dfdbench.blur.formation import Images, decode, encode, form_pair, move
+from dfdbench.blur.formation import (
+    Images,
+    decode,
+    encode,
+    form_pair,
+    move,
+    normal_numbers,
+    told_law,
+    uniform_numbers,
+)
+from dfdbench.blur.law import noise_at
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.errors import InputError
+from dfdbench.methods.law_cost import blurred_by
 
 RECIPE = RECIPES["published"]
 NAMES = [f"{name}-{severity}" for name in TRACKS for severity in (1, 2, 3)]
@@ -173,3 +186,84 @@ def test_what_a_released_track_makes_never_changes(label: str) -> None:
     pair = form_pair(image, depth, RECIPE, find_degradation(label), "Art/view1/exposure0")
     digest = hashlib.sha256(pair[0].tobytes() + pair[1].tobytes()).hexdigest()
     assert digest[:16] == PINNED[label]
+
+
+def one_by_one(count: int, text: str) -> list[float]:
+    """Philox by its paper (Salmon et al. 2011, 4 x 64, ten rounds) in Python's integers."""
+    word = 2**64 - 1
+    digest = hashlib.sha256(text.encode()).digest()
+    keys = [int.from_bytes(digest[8 * n : 8 * n + 8], "little") for n in range(2)]
+    numbers: list[float] = []
+    block = 0
+    while len(numbers) < count:
+        block += 1
+        a, b, c, d = block, 0, 0, 0
+        k, m = keys
+        for _ in range(10):
+            first, second = 0xD2E7470EE14C6C93 * a, 0xCA5A826395121157 * c
+            a, b, c, d = (second >> 64) ^ b ^ k, second & word, (first >> 64) ^ d ^ m, first & word
+            k, m = (k + 0x9E3779B97F4A7C15) & word, (m + 0xBB67AE8584CAA73B) & word
+        for bits in (a, b, c, d):
+            numbers += [((bits & 0xFFFFFFFF) + 0.5) / 2**32, ((bits >> 32) + 0.5) / 2**32]
+    return numbers[:count]
+
+
+def test_the_numbers_are_those_of_the_generator_s_paper() -> None:
+    expected = one_by_one(21, '["camera", 1, "Art/view1"]')
+    assert uniform_numbers(21, "camera", 1, "Art/view1").tolist() == expected
+    normal = normal_numbers((3, 7), "camera", 1, "Art/view1")
+    inverse = NormalDist().inv_cdf
+    assert np.allclose(normal.ravel(), [inverse(number) for number in expected], atol=1e-9)
+
+
+def test_another_key_gives_others_and_a_longer_array_begins_alike() -> None:
+    assert not np.array_equal(uniform_numbers(9, "a", "b"), uniform_numbers(9, "ab"))
+    assert np.array_equal(uniform_numbers(9, "a")[:4], uniform_numbers(4, "a"))
+
+
+def test_they_are_normal() -> None:
+    numbers = normal_numbers((300, 300), "many")
+    assert scipy.stats.kstest(numbers.ravel(), "norm").pvalue > 0.01
+    beside = np.corrcoef(numbers[:, :-1].ravel(), numbers[:, 1:].ravel())[0, 1]
+    assert abs(beside) < 0.01
+
+
+LABELS = [
+    f"{name}-{n}" for name, track in TRACKS.items() for n in range(1, len(track.severities) + 1)
+]
+
+
+@pytest.mark.parametrize("label", [label for label in LABELS if not label.startswith("occlusion")])
+def test_the_law_explains_a_plane_of_every_track(label: str) -> None:
+    # A plane shows nothing of layers: what is left of it is the noise that the law tells.
+    random = np.random.default_rng(0)
+    image = random.integers(60, 190, (64, 64, 3)).astype(np.uint8)
+    depth = np.full((64, 64), 100, np.uint8)
+    degradation = find_degradation(label)
+    infocus, defocus = form_pair(image, depth, RECIPE, degradation, "Art/view1")
+    law = told_law(RECIPE, degradation.formation)
+    blurred = blurred_by(law, infocus, defocus, np.array([100]))
+    inner = (slice(12, -12), slice(12, -12))
+    left = (blurred.of_level(0) - blurred.aim)[inner]
+    expected = blurred.noise[inner] * np.sqrt(blurred.spread[0])
+    assert np.sqrt(np.mean(np.square(left / expected))) == pytest.approx(1, abs=0.25)
+
+
+def test_noise_is_what_a_grey_patch_shows() -> None:
+    grey = np.full((64, 64, 3), 90, np.uint8)
+    depth = np.zeros((64, 64), np.uint8)
+    for label in ("noise-3", "camera-3"):
+        degradation = find_degradation(label)
+        _, defocus = form_pair(grey, depth, RECIPE, degradation, "Art/view1")
+        law = told_law(RECIPE, degradation.formation)
+        told = noise_at(law.noise, np.array(90.0))
+        seen = 255 * decode(defocus.astype(float)) if law.linear else defocus
+        assert float(seen.std()) == pytest.approx(float(told), rel=0.05)
+
+
+def test_what_a_law_cannot_say_it_leaves_to_be_found_a_pair() -> None:
+    shift, gain = (
+        told_law(RECIPE, find_degradation(f"{n}-2").formation) for n in ("shift", "gain")
+    )
+    assert (shift.registered, shift.even) == (False, True)
+    assert (gain.registered, gain.even) == (True, False)

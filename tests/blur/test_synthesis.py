@@ -1,6 +1,7 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
+from dfdbench.blur.point_spread import DISK, point_spread_functions
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
-from dfdbench.blur.synthesis import synthesize
+from dfdbench.blur.synthesis import blur_by_level, synthesize
 from dfdbench.errors import InputError
 
 Image = NDArray[np.uint8]
@@ -136,3 +138,56 @@ def test_a_depth_without_a_level_is_named() -> None:
     image, depth = np.zeros((2, 2, 3), np.uint8), np.full((2, 2), 64, np.uint8)
     with pytest.raises(InputError, match="0 to 63"):
         synthesize(image, depth, BlurRecipe(0.3, 0.05, levels=64))
+
+
+RANDOM = np.random.default_rng(7)
+IMAGE = RANDOM.uniform(0, 255, (17, 23, 3))
+LEVELS = RANDOM.integers(0, 5, (17, 23))
+
+
+def whole_images(
+    image: NDArray[np.float64], levels: NDArray[Any], kernels: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    out = np.zeros_like(image)
+    for level, kernel in enumerate(kernels):
+        for channel in range(image.shape[2]):
+            blurred = scipy.ndimage.correlate(image[..., channel], kernel, mode="nearest")
+            out[..., channel][levels == level] = blurred[levels == level]
+    return out
+
+
+@pytest.mark.parametrize("kind", ["skewed", "disk"])
+def test_it_is_whole_images_filtered_then_picked(kind: str) -> None:
+    kernels = (
+        RANDOM.uniform(0, 1, (5, 9, 9))
+        if kind == "skewed"
+        else point_spread_functions(np.linspace(0.3, 2, 5), 9, DISK)
+    )
+    ours = blur_by_level(IMAGE, LEVELS, kernels)
+    assert np.allclose(ours, whole_images(IMAGE, LEVELS, kernels), rtol=1e-12)
+    grey = blur_by_level(IMAGE[..., 1], LEVELS, kernels)
+    assert np.array_equal(grey, ours[..., 1])
+
+
+def test_threads_at_work_at_once_change_nothing_gather() -> None:
+    kernels = point_spread_functions(np.linspace(0.3, 2, 5), 9, 3)
+    alone = blur_by_level(IMAGE, LEVELS, kernels)
+    with ThreadPoolExecutor(4) as pool:
+        many = list(pool.map(lambda _: blur_by_level(IMAGE, LEVELS, kernels), range(8)))
+    assert all(np.array_equal(one, alone) for one in many)
+
+
+@pytest.mark.parametrize(
+    ("image", "levels", "kernels", "told"),
+    [
+        (IMAGE, LEVELS[:4], np.ones((5, 3, 3)), "sizes differ"),
+        (IMAGE, LEVELS, np.ones((5, 4, 4)), "odd size"),
+        (IMAGE, LEVELS, np.ones((4, 3, 3)), "no kernel"),
+        (IMAGE, LEVELS - 1, np.ones((5, 3, 3)), "no kernel"),
+    ],
+)
+def test_wrong_input_is_named_gather(
+    image: NDArray[np.float64], levels: NDArray[Any], kernels: NDArray[np.float64], told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        blur_by_level(image, levels, kernels)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from dfdbench.blur.noise import uniform_numbers
+from dfdbench.blur.formation import uniform_numbers
 from dfdbench.blur.point_spread import DISK
 from dfdbench.blur.tracks import CLEAN, TRACKS, Formation, Track, find_degradation
 from dfdbench.errors import UnknownNameError

@@ -17,7 +17,13 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
+from dfdbench.evaluation.loading import load_here
+from dfdbench.evaluation.run import run_method
+from dfdbench.evaluation.scored import score_predictions
+from dfdbench.methods.baselines import Local
 from tests.conftest import write_png
+
+local = Local()
 
 
 def test_what_is_exported_builds_the_same_store_again(
@@ -87,6 +93,21 @@ def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -
     image = cv2.imread(str(tmp_path / f"png/k03/exposure_ms20_{blurred}.png"))
     assert image is not None
     assert np.array_equal(image[..., ::-1], store.read(store.pairs("k03")[1]).defocus)
+
+
+def test_images_alone_are_enough_for_the_scores_of_a_run(
+    tiny_store: Store, tmp_path: Path, read_image: Callable[[Path], NDArray[np.uint8]]
+) -> None:
+    assert export_png(tiny_store, tmp_path / "images", "One", images_only=True) == 4
+    written = list((tmp_path / "images").rglob("*.*"))
+    assert sorted(path.name for path in written) == ["defocus.png"] * 4 + ["infocus.png"] * 4
+    for path in (tmp_path / "images").rglob("infocus.png"):
+        depth = tmp_path / "depth" / path.parent.relative_to(tmp_path / "images")
+        depth.parent.mkdir(parents=True, exist_ok=True)
+        np.save(f"{depth}.npy", local(read_image(path), read_image(path.with_name("defocus.png"))))
+    scored = score_predictions(tmp_path / "depth", tiny_store, "One", tmp_path / "scored", "local")
+    run = run_method(tiny_store, load_here(tiny_store, local, {}), "One", tmp_path / "run")
+    assert [p.scores for p in scored.result.pairs] == [p.scores for p in run.result.pairs]
 
 
 @pytest.mark.slow

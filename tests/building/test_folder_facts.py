@@ -44,8 +44,8 @@ def test_a_folder_tells_roles_unit_bounds_and_what_the_images_need(folder: Path)
     assert (facts.depth_unit, facts.near, facts.far) == (0.001, 1.0, 4.0)
     assert (facts.missing, facts.image_bits) == ([0], None)
     assert set(facts.shapes.values()) == {SHAPE}
-    assert facts.align != "none"
-    assert facts.match_gain
+    assert facts.matching.align != "none"
+    assert facts.matching.match_gain
     assert any("is sharper in 4 of 4" in text for text in facts.found)
     assert any("one unit of depth is 0.001 m: the median is 2.5 m" in text for text in facts.open)
 
@@ -92,10 +92,66 @@ def test_depth_in_files_that_are_not_read_is_told(folder: Path) -> None:
     for scene in SCENES:
         (folder / scene / "depth.png").unlink()
         (folder / scene / "more.jpg").write_bytes((folder / scene / "sharp.png").read_bytes())
-        np.save(folder / scene / "depth.npy", np.ones(SHAPE))
+        (folder / scene / "depth.mat").touch()
     with pytest.raises(InputError) as caught:
         facts_of(folder)
-    assert "not read: 4 .npy" in caught.value.problems[0].got
+    assert "not read: 4 .mat" in caught.value.problems[0].got
+
+
+def test_depth_in_metres_is_read_from_arrays(folder: Path) -> None:
+    for scene in SCENES:
+        (folder / scene / "depth.png").unlink()
+        np.save(folder / scene / "depth.npy", np.linspace(0.3, 2.0, 72 * 96).reshape(SHAPE))
+        np.save(folder / scene / "K_gt.npy", np.eye(3))
+    facts = facts_of(folder)
+    assert facts.roles["depth"].pattern == "{scene}/depth.npy"
+    assert (facts.depth_unit, facts.near, facts.far) == (1.0, 0.3, 2.0)
+
+
+def test_photographs_of_the_depth_s_size_are_taken(folder: Path) -> None:
+    for scene in SCENES:
+        for name in ("sharp", "blurred"):
+            image = cv2.imread(str(folder / scene / f"{name}.png"))
+            assert image is not None
+            cv2.imwrite(str(folder / scene / f"raw_{name}.png"), cv2.resize(image, (192, 144)))
+    facts = facts_of(folder)
+    assert facts.roles["infocus"].pattern == "{scene}/sharp.png"
+    assert facts.roles["defocus"].pattern == "{scene}/blurred.png"
+    assert any("also there: {scene}/raw_" in text for text in facts.open)
+
+
+def test_of_a_focal_stack_the_smallest_aperture_is_in_focus(folder: Path) -> None:
+    for number, scene in enumerate(SCENES):
+        image = cv2.imread(str(folder / scene / "sharp.png"))
+        assert image is not None
+        place = folder / ("val" if number < 2 else "test") / f"scene_{number:04}"
+        (place / "stack").mkdir(parents=True)
+        for run in range(1, 8):
+            for f_number in ("1.4", "2.8"):
+                blurred = cv2.GaussianBlur(image, (0, 0), 0.4 + run / 8)
+                name = f"img_run_{run}_motor_{run:04X}_aperture_F{f_number}.jpg"
+                cv2.imwrite(str(place / "stack" / name), blurred)
+        # Softer than the sharpest of the stack, as diffraction makes it.
+        wide = cv2.GaussianBlur(image, (0, 0), 0.8)
+        cv2.imwrite(str(place / "stack/img_run_5_motor_0009_aperture_F16.0.jpg"), wide)
+        if number < 2:
+            (place / "gt").mkdir()
+            np.save(place / "gt/depth.npy", np.full(SHAPE, 2.0, np.float32))
+        for file in (folder / scene).iterdir():
+            file.unlink()
+    facts = facts_of(folder)
+    stack = "{split}/{scene}/stack"
+    assert facts.roles["infocus"].pattern == f"{stack}/img_run_5_motor_0009_aperture_F16.0.jpg"
+    assert facts.roles["defocus"].pattern.startswith(f"{stack}/img_run_7_")
+    assert facts.roles["depth"].pattern == "{split}/{scene}/gt/depth.npy"
+    assert any("pairs, not focal stacks, and 13 more kinds" in text for text in facts.open)
+
+
+def test_a_scene_without_its_depth_is_not_looked_at(folder: Path) -> None:
+    (folder / SCENES[0] / "depth.png").unlink()
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(folder / SCENES[0] / name), np.zeros((4, 4, 3), np.uint8))
+    assert set(facts_of(folder).shapes.values()) == {SHAPE}
 
 
 def test_without_depth_nothing_is_guessed(folder: Path) -> None:

@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from dfdbench.building.folder_layout import find_layout, image_files
+from dfdbench.errors import InputError
 
 SCENES = ("desk_1", "door", "x-2")
 
@@ -28,6 +29,31 @@ def patterns(paths: list[str]) -> list[str]:
 def test_scenes_are_told_by_what_their_files_share(kinds: list[str]) -> None:
     paths = [kind.replace("{scene}", scene) for kind in kinds for scene in SCENES]
     assert patterns(paths) == kinds
+
+
+def test_kinds_may_differ_in_nothing_but_their_endings() -> None:
+    paths = [f"depth/{scene}.png" for scene in SCENES]
+    paths += ["f2/desk_1.JPG", "f2/door.jpg", "f2/x-2.jpeg"]
+    paths += ["f8/desk_1.png", "f8/door.png", "f8/x-2.JPG"]
+    assert patterns(paths) == ["depth/{scene}.png", "f2/{scene}.*", "f8/{scene}.*"]
+
+
+def test_an_image_in_two_formats_is_two_kinds() -> None:
+    kinds = ["depth/{scene}.png", "f2/{scene}.jpg", "f2/{scene}.png", "f8/{scene}.jpg"]
+    paths = [kind.replace("{scene}", scene) for kind in kinds for scene in SCENES]
+    assert patterns(paths) == kinds
+
+
+def test_files_in_order_may_differ_in_their_endings() -> None:
+    paths = [f"{kind}/{time}" for kind in ("f2", "f8") for time in ("10:01.jpg", "10:05.JPG")]
+    layout = find_layout((*paths, "depth/10:00.png", "depth/10:06.png"))
+    assert layout is not None
+    assert layout.by_order
+    assert [g.pattern for g in layout.groups] == [
+        "depth/{scene}.png",
+        "f2/{scene}.*",
+        "f8/{scene}.*",
+    ]
 
 
 def test_splits_are_told_from_scenes() -> None:
@@ -66,7 +92,30 @@ def test_what_belongs_to_no_scene_is_named() -> None:
 
 
 def test_only_images_count_and_none_that_is_hidden(tmp_path: Path) -> None:
-    for name in ("a/b.PNG", "a/c.tif", "a/notes.txt", ".cache/d.png", "a/._b.png"):
+    names = (
+        "a/b.PNG",
+        "a/c.tif",
+        "a/notes.txt",
+        ".cache/d.png",
+        "a/._b.png",
+        "a/gt.npy",
+        "a/K.npy",
+    )
+    for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
-    assert image_files(tmp_path) == ("a/b.PNG", "a/c.tif")
+    assert image_files(tmp_path) == ("a/b.PNG", "a/c.tif", "a/gt.npy")
+
+
+def test_a_folder_that_may_not_be_looked_into_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "one.png").touch()
+
+    def refused(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "is_file", refused)
+    with pytest.raises(InputError, match="cannot look into the folder") as caught:
+        image_files(tmp_path)
+    assert caught.value.problems[0].where == str(tmp_path / "one.png")

@@ -1,5 +1,7 @@
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from dfdbench.building.build import build_store
@@ -42,6 +44,42 @@ def test_names_that_are_no_scene_names_and_splits(tmp_path: Path) -> None:
     assert manifest.scenes[0].name == "10-00-s"
     assert manifest.scenes[0].names == {"split": "test", "file": "10:00 s"}
     assert len(manifest.scenes_of("train")) == 3
+
+
+def test_mixed_endings_build(tmp_path: Path) -> None:
+    # As in iDFD, whose folders hold .JPG beside .jpg.
+    made = make_folder(tmp_path / "made")
+    endings = (".JPG", ".jpg", ".png", ".jpg")
+    for scene, ending in zip(SCENES, endings, strict=True):
+        for kind in ("sharp", "blurred", "depth"):
+            image = cv2.imread(str(made / scene / f"{kind}.png"), cv2.IMREAD_UNCHANGED)
+            assert image is not None
+            name = f"{scene}_0{'.png' if kind == 'depth' else ending}"
+            place = tmp_path / "set" / kind / name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(place), image)
+    manifest = built(tmp_path / "set", tmp_path / "one.zarr")
+    assert manifest.files is not None
+    assert (manifest.files.infocus, manifest.files.depth) == (
+        "sharp/{scene}.*",
+        "depth/{scene}.png",
+    )
+    assert len(manifest.scenes) == 4
+
+
+def test_depth_in_one_split_only_is_split_by_number(tmp_path: Path) -> None:
+    # As in ZEDD, whose test scenes have no depth.
+    made = make_folder(tmp_path / "made")
+    for scene in SCENES:
+        depth = cv2.imread(str(made / scene / "depth.png"), cv2.IMREAD_UNCHANGED)
+        assert depth is not None
+        np.save(made / scene / "depth.npy", (depth / 1000).astype(np.float32))
+        (made / scene / "depth.png").unlink()
+        (tmp_path / "set/val").mkdir(parents=True, exist_ok=True)
+        (made / scene).rename(tmp_path / "set/val" / scene)
+    manifest = built(tmp_path / "set", tmp_path / "one.zarr")
+    assert manifest.scenes_of("test") == SCENES[3:]
+    assert manifest.scenes[0].names == {"split": "val"}
 
 
 def test_a_name_loses_its_accents_and_not_its_letters(tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from dfdbench.cli.answer import Answer, AnswerFormat, folder_or, give
-from dfdbench.errors import InputError, ResultError
+from dfdbench.cli.answer import Answer, AnswerFormat, give
+from dfdbench.errors import ResultError
 from dfdbench.tables.table import Table
 
 TABLE = Table("a title", ("name",), (("value",),), "l", ("a note",))
@@ -61,13 +61,6 @@ def test_a_place_that_cannot_be_written_is_told_before_anything_is_printed(
     with pytest.raises(ResultError, match=r"a\.json"):
         give(ANSWER, AnswerFormat.table, tmp_path / "in the way", {"a.json": "x"})
     assert capsys.readouterr().out == ""
-
-
-def test_out_names_a_folder_or_is_left_out(tmp_path: Path) -> None:
-    assert folder_or(None, tmp_path) == tmp_path
-    assert folder_or("here", tmp_path) == Path("here")
-    with pytest.raises(InputError, match="no folder"):
-        folder_or(" ", tmp_path)
 
 
 SCRIPT = """

@@ -146,6 +146,18 @@ def test_what_the_site_does_not_have_is_told(dfdbench: Command, site: Site) -> N
     assert dfdbench("build", "tiny-1.toml", "--allow-missing").status == 0
 
 
+def test_a_mirror_that_has_nothing_is_named(dfdbench: Command, site: Site) -> None:
+    wrong = f"{site.address}/nothing"
+    built = dfdbench("build", "tiny-1.toml", "--mirror", wrong)
+    assert built.status == 0
+    assert f"warning: the mirror lacks 17 files ({wrong})" in built.err
+    (site.folder / BELOW).rename(site.folder / "gone")
+    nowhere = dfdbench("build", "tiny-1.toml", "--mirror", wrong, "--cache", "empty")
+    assert nowhere.status == 2
+    assert "no file of tiny is there" in nowhere.err
+    assert f"({wrong})" in nowhere.err
+
+
 @pytest.mark.slow
 def test_mirrors_come_from_the_command_line_or_the_environment(
     dfdbench: Command, site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -57,7 +57,7 @@ def test_a_full_disk_is_told() -> None:
     command = f"{sys.executable} -m dfdbench list > /dev/full"
     outcome = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
     assert outcome.returncode == 2
-    assert outcome.stderr.startswith("error: cannot write\n")
+    assert outcome.stderr.startswith("error: cannot write: ")
     assert "Traceback" not in outcome.stderr
 
 
@@ -94,10 +94,10 @@ def test_more_mistakes(dfdbench: Command, site: Site, arguments: list[str], told
         ["list", "--cache"],
         ["info"],
         ["verify"],
-        ["register", "all", "--source"],
+        ["rig", "register", "all", "--source"],
         ["report"],
         ["leaderboard", "--folder"],
-        ["optics", "pairs", "--lens"],
+        ["rig", "optics", "pairs", "--lens"],
     ],
 )
 def test_a_name_too_long_for_the_file_system_is_told(

@@ -49,7 +49,7 @@ def learned(dfdbench: Command) -> None:
 def test_what_training_lacks_is_named_kept_and_ends_with_status_1(
     dfdbench: Command, uneven: str
 ) -> None:
-    outcome = dfdbench("coverage", uneven, "--criterion", "thesis")
+    outcome = dfdbench("audit", "coverage", uneven, "--criterion", "thesis")
     assert outcome.status == 1
     row = next(line for line in outcome.out.splitlines() if "36-38" in line)
     assert "missing" in row
@@ -65,30 +65,33 @@ def test_what_training_lacks_is_named_kept_and_ends_with_status_1(
     assert record["test"]["unknown_pixels"] == 4 * 31 + 3 * 32
     assert record["verdicts"][36:39] == ["missing"] * 3
     assert (folder / "coverage.png").stat().st_size > 10_000
-    printed = dfdbench("coverage", uneven, "--criterion", "thesis", "--format", "json")
+    printed = dfdbench("audit", "coverage", uneven, "--criterion", "thesis", "--format", "json")
     assert json.loads(printed.out) == record
 
 
 @pytest.mark.slow
 def test_a_covered_test_ends_with_status_0(dfdbench: Command, uneven: str) -> None:
-    fine = dfdbench("coverage", uneven, "--train", "Two", "--test", "One")
+    fine = dfdbench("audit", "coverage", uneven, "--train", "Two", "--test", "One")
     assert (fine.status, fine.out.splitlines()[-1][:8]) == (0, "covered:")
-    assert dfdbench("coverage", uneven, "--allow", "0.2", "--criterion", "density").status == 0
-    assert dfdbench("coverage", uneven, "--fold", "K2").status == 1
+    assert (
+        dfdbench("audit", "coverage", uneven, "--allow", "0.2", "--criterion", "density").status
+        == 0
+    )
+    assert dfdbench("audit", "coverage", uneven, "--fold", "K2").status == 1
 
 
 def test_each_fold_and_each_scene_have_their_row(dfdbench: Command, uneven: str) -> None:
-    folds = dfdbench("coverage", uneven, "--each", "fold", "--format", "markdown")
+    folds = dfdbench("audit", "coverage", uneven, "--each", "fold", "--format", "markdown")
     assert folds.status == 1
     assert "| K2 | Three |" in folds.out
-    scenes = dfdbench("coverage", uneven, "--each", "scene", "--format", "json")
+    scenes = dfdbench("audit", "coverage", uneven, "--each", "scene", "--format", "json")
     records = json.loads(scenes.out)["records"]
     assert records["Three"]["shares"]["missing"] > 0
     assert records["One"]["shares"]["missing"] == 0
 
 
 def test_leaks_are_an_error(dfdbench: Command, uneven: str) -> None:
-    outcome = dfdbench("coverage", uneven, "--train", "all", "--test", "Two")
+    outcome = dfdbench("audit", "coverage", uneven, "--train", "all", "--test", "Two")
     assert outcome.status == 2
     assert "the same scene in training and test" in outcome.err
     kept = json.loads(Path("results/uneven-coverage/all-Two/coverage.json").read_text())
@@ -115,7 +118,9 @@ def test_another_data_set_is_turned_round_where_it_grows_the_other_way(
                 image = random.integers(0, 256, (*depth.shape, 3)).astype(np.uint8)
                 write_png(tiny_folder / scene / f"Illum1/Exp{exposure}/view{view}.png", image)
     other = build(far, tiny_folder, tmp_path / "far.zarr")
-    outcome = dfdbench("coverage", uneven, "--test-dataset", other, "--criterion", "thesis")
+    outcome = dfdbench(
+        "audit", "coverage", uneven, "--test-dataset", other, "--criterion", "thesis"
+    )
     assert outcome.status == 1
     for levels in ("4", "8", "11"):
         assert any(line.split()[:2] == [levels, "missing"] for line in outcome.out.splitlines())
@@ -130,7 +135,7 @@ def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: s
     (warning,) = load_result(path).warnings
     assert "tiny-1, all but K2, leaves missing or scarce: 36-38" in warning
     assert "missing or scarce: 36-38" in ran.out
-    outcome = dfdbench("coverage", uneven, "--result", str(path))
+    outcome = dfdbench("audit", "coverage", uneven, "--result", str(path))
     assert outcome.status == 1
     errors = json.loads((path.parent / "coverage/errors.json").read_text())
     assert errors["verdicts"]["covered"]["mean_absolute_error"] == 0
@@ -141,7 +146,7 @@ def test_errors_of_a_run_are_told_apart_by_coverage(dfdbench: Command, uneven: s
         assert (path.parent / "coverage" / figure).stat().st_size > 5_000
     # Another method on a split whose levels its training has.
     dfdbench("run", "--method", "learned:Apart", "--dataset", uneven, "--split", "Two")
-    other = dfdbench("coverage", uneven, "--result", "results/uneven-Two/learned-Apart")
+    other = dfdbench("audit", "coverage", uneven, "--result", "results/uneven-Two/learned-Apart")
     assert "what is wrong is not coverage" in other.out
     assert other.status == 0
 
@@ -156,7 +161,7 @@ def test_a_run_on_what_trained_its_method_is_a_leak(
 ) -> None:
     """Elsewhere says that all but K2 trained it, One and Two: it is tested on Two."""
     dfdbench("run", "--method", method, "--dataset", uneven, "--split", "K1", "--out", "run")
-    outcome = dfdbench("coverage", uneven, "--result", "run/result.json", *options)
+    outcome = dfdbench("audit", "coverage", uneven, "--result", "run/result.json", *options)
     assert outcome.status == 2
     assert "the same scene in training and test" in outcome.err
     errors = json.loads(Path("run/coverage/errors.json").read_text())
@@ -171,7 +176,7 @@ def test_a_run_on_what_trained_its_method_is_a_leak(
 def test_training_is_what_the_user_or_the_method_names(dfdbench: Command, uneven: str) -> None:
     def conclusion(method: str, *options: str) -> str:
         dfdbench("run", "--method", method, "--dataset", uneven, "--split", "K2", "--out", method)
-        dfdbench("coverage", uneven, "--result", f"{method}/result.json", *options)
+        dfdbench("audit", "coverage", uneven, "--result", f"{method}/result.json", *options)
         return str(json.loads(Path(method, "coverage/errors.json").read_text())["conclusion"])
 
     assert "hard for other reasons" in conclusion("learned:Untrained")
@@ -200,13 +205,14 @@ def test_predictions_that_are_gone_or_not_the_runs_are_refused(
     run = ("run", "--method", "learned:Learned", "--dataset", uneven, "--out")
     dfdbench(*run, "none", "--no-predictions")
     assert (
-        "no prediction was kept" in dfdbench("coverage", uneven, "--result", "none/result.json").err
+        "no prediction was kept"
+        in dfdbench("audit", "coverage", uneven, "--result", "none/result.json").err
     )
     dfdbench(*run, "a")
     depth = np.full((24, 30), 99, np.uint8)
     write_png(tiny_folder / "One/disp1.png", depth)
     changed = build(TINY_TOML, tiny_folder, tmp_path / "changed.zarr")
-    other = dfdbench("coverage", changed, "--result", "a/result.json")
+    other = dfdbench("audit", "coverage", changed, "--result", "a/result.json")
     assert other.status == 2
     assert "another data set" in other.err
 
@@ -214,17 +220,17 @@ def test_predictions_that_are_gone_or_not_the_runs_are_refused(
 @pytest.mark.parametrize(
     "verb",
     [
-        ["coverage"],
-        ["coverage", "--each", "scene"],
-        ["split", "--folds", "2"],
-        ["difficulty", "--split", "all"],
+        ["audit", "coverage"],
+        ["audit", "coverage", "--each", "scene"],
+        ["audit", "split", "--folds", "2"],
+        ["audit", "difficulty", "--split", "all"],
     ],
 )
 def test_a_damaged_store_is_an_error_and_no_verdict(
     dfdbench: Command, uneven: str, verb: list[str]
 ) -> None:
     shutil.rmtree(Path(uneven) / "Two/depth/c")
-    outcome = dfdbench(verb[0], uneven, *verb[1:])
+    outcome = dfdbench(*verb[:2], uneven, *verb[2:])
     assert outcome.status == 2
     assert "Two/depth" in outcome.err
     assert not Path("results").exists()
@@ -233,29 +239,35 @@ def test_a_damaged_store_is_an_error_and_no_verdict(
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["coverage"], "no data set is named"),
-        (["coverage", "STORE", "--fold", "K1", "--train", "Two"], "a fold says both"),
-        (["coverage", "STORE", "--fold", "K7"], "did you mean K"),
-        (["coverage", "STORE", "--fold", "all"], "unknown fold or scene"),
-        (["coverage", "STORE", "--fold", "train"], "unknown fold or scene"),
-        (["coverage", "STORE", "--each", "fold", "--test", "Two"], "--each takes no split"),
-        (["coverage", "STORE", "--each", "fold", "--fold", "K1"], "leave out --fold"),
-        (["coverage", "STORE", "--result", "none.json"], "cannot read the result"),
-        (["coverage", "STORE", "--result", "learned.py"], "the result is damaged"),
-        (["coverage", "STORE", "--out", ""], "--out names no folder"),
-        (["coverage", "STORE", "--out", "learned.py"], "another place with --out"),
-        (["coverage", "STORE", "--out", "learned.py/in"], "another place with --out"),
-        (["coverage", "learned.py"], "a file, and not a data set"),
-        (["coverage", "STORE", "--density-factor", "inf"], "a density factor is"),
-        (["coverage", "STORE", "--allow", "nan"], "--allow"),
-        (["split", "STORE", "--folds", "2", "--density-factor", "nan"], "--density-factor"),
-        (["split", "STORE", "--folds", "2", "--allow", "nan"], "--allow"),
-        (["split", "STORE"], "ask for one thing"),
-        (["split", "STORE", "--test-scenes", "3"], "--test-scenes 1 or 2"),
-        (["split", "STORE", "--folds", "9"], "choose 2 to"),
-        (["difficulty", "STORE", "--split", "tset"], "did you mean test"),
-        (["difficulty", "STORE", "--noise", "inf"], "--noise"),
-        (["difficulty", "STORE", "--noise", "0.5"], "--noise"),
+        (["audit", "coverage"], "no data set is named"),
+        (["audit", "coverage", "STORE", "--fold", "K1", "--train", "Two"], "a fold says both"),
+        (["audit", "coverage", "STORE", "--fold", "K7"], "did you mean K"),
+        (["audit", "coverage", "STORE", "--fold", "all"], "unknown fold or scene"),
+        (["audit", "coverage", "STORE", "--fold", "train"], "unknown fold or scene"),
+        (
+            ["audit", "coverage", "STORE", "--each", "fold", "--test", "Two"],
+            "--each takes no split",
+        ),
+        (["audit", "coverage", "STORE", "--each", "fold", "--fold", "K1"], "leave out --fold"),
+        (["audit", "coverage", "STORE", "--result", "none.json"], "cannot read the result"),
+        (["audit", "coverage", "STORE", "--result", "learned.py"], "the result is damaged"),
+        (["audit", "coverage", "STORE", "--out", ""], "no place is named"),
+        (["audit", "coverage", "STORE", "--out", "learned.py"], "another place with --out"),
+        (["audit", "coverage", "STORE", "--out", "learned.py/in"], "another place with --out"),
+        (["audit", "coverage", "learned.py"], "a file, and not a data set"),
+        (["audit", "coverage", "STORE", "--density-factor", "inf"], "a density factor is"),
+        (["audit", "coverage", "STORE", "--allow", "nan"], "--allow"),
+        (
+            ["audit", "split", "STORE", "--folds", "2", "--density-factor", "nan"],
+            "--density-factor",
+        ),
+        (["audit", "split", "STORE", "--folds", "2", "--allow", "nan"], "--allow"),
+        (["audit", "split", "STORE"], "ask for one thing"),
+        (["audit", "split", "STORE", "--test-scenes", "3"], "--test-scenes 1 or 2"),
+        (["audit", "split", "STORE", "--folds", "9"], "choose 2 to"),
+        (["audit", "difficulty", "STORE", "--split", "tset"], "did you mean test"),
+        (["audit", "difficulty", "STORE", "--noise", "inf"], "--noise"),
+        (["audit", "difficulty", "STORE", "--noise", "0.5"], "--noise"),
     ],
 )
 def test_a_mistake_ends_with_a_message_and_status_2(
@@ -282,12 +294,14 @@ def middlebury(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.mark.slow
 def test_middlebury_shows_what_the_thesis_found(dfdbench: Command, middlebury: str) -> None:
     """The thesis says that K03 lacks levels 35 to 38: Midd2's; Midd1's wall at 56 comes next."""
-    fold = dfdbench("coverage", middlebury, "--fold", "K03", "--format", "json")
+    fold = dfdbench("audit", "coverage", middlebury, "--fold", "K03", "--format", "json")
     assert fold.status == 1
     ranges = sorted(json.loads(fold.out)["ranges"], key=lambda item: -item["share"])
     largest = [(item["first"], item["last"], next(iter(item["scenes"]))) for item in ranges[:2]]
     assert largest == [(36, 39, "Midd2"), (56, 56, "Midd1")]
-    each = json.loads(dfdbench("coverage", middlebury, "--each", "scene", "--format", "json").out)
+    each = json.loads(
+        dfdbench("audit", "coverage", middlebury, "--each", "scene", "--format", "json").out
+    )
     uncovered = {
         name for name, record in each["records"].items() if record["shares"]["thesis"] > 0.01
     }
@@ -305,6 +319,6 @@ def test_middlebury_shows_what_the_thesis_found(dfdbench: Command, middlebury: s
         "Reindeer",
     }
     proposed = json.loads(
-        dfdbench("split", middlebury, "--test-scenes", "3", "--format", "json").out
+        dfdbench("audit", "split", middlebury, "--test-scenes", "3", "--format", "json").out
     )
     assert (proposed["choices"], proposed["covered"]) == (2925, 141)

@@ -23,6 +23,7 @@ def test_it_tells_versions_extras_and_what_lies_in_the_cache(
     assert "torch" in told["extra nets"]
     assert told["trains on cpu in"].split(":")[0] in ("float32", "bf16")
     assert told["NUMBA_NUM_THREADS"] == "1"
+    assert Path(told["compiled code"]).is_dir()
 
 
 def test_a_cache_that_is_not_there_yet_is_none_the_worse(dfdbench: Command, tmp_path: Path) -> None:

@@ -13,7 +13,14 @@ from tests.conftest import write_png
 
 @pytest.mark.slow
 def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_store: Store) -> None:
-    command = ["experiment", "cross-validation", "--dataset", str(tiny_store.path), *QUICK]
+    command = [
+        "thesis",
+        "experiment",
+        "cross-validation",
+        "--dataset",
+        str(tiny_store.path),
+        *QUICK,
+    ]
     done = dfdbench(*command)
     assert done.status == 0, done.err
     folder = Path("training/tiny-experiments/cross-validation-dfd-net")
@@ -30,10 +37,12 @@ def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_stor
 def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) -> None:
     store = ["--dataset", str(tiny_store.path)]
     for values, message in (("", "not a list"), ("16,17", "multiple of 4"), ("16,64", "24")):
-        early = dfdbench("experiment", "patch-size", *store, *QUICK[:2], "--values", values)
+        early = dfdbench(
+            "thesis", "experiment", "patch-size", *store, *QUICK[:2], "--values", values
+        )
         assert (early.status, message in early.err) == (2, True), early.err
     assert not Path("training").exists()
-    wrong = dfdbench("experiment", "nose", *store)
+    wrong = dfdbench("thesis", "experiment", "nose", *store)
     assert wrong.status == 2
     assert "did you mean noise" in wrong.err
 
@@ -47,11 +56,13 @@ def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -
             write_png(Path(f"site/{scene}/left/exp_30/image_{step}_30.00.png"), image)
         levels = np.linspace(150, 220, 630).astype(np.uint8)[np.newaxis].repeat(630, axis=0)
         write_png(Path(f"site/{scene}/lidar/lidar_rng_left_00000_8bit_x6.png"), levels)
-    command = ["experiment", "voltage-pairs", "--values", "135-129,141-129", *QUICK]
+    command = ["thesis", "experiment", "voltage-pairs", "--values", "135-129,141-129", *QUICK]
     unnamed = dfdbench(*command)
     assert (unnamed.status, "--source DIR" in unnamed.err) == (2, True), unnamed.err
     for values, told in (("135", "as 141-129,140-130"), ("135-129,135-150", "two of 127 to 143")):
-        wrong = dfdbench("experiment", "voltage-pairs", "--values", values, "--source", "site")
+        wrong = dfdbench(
+            "thesis", "experiment", "voltage-pairs", "--values", values, "--source", "site"
+        )
         assert (wrong.status, told in wrong.err) == (2, True), wrong.err
     assert "--source DIR" in dfdbench(*command).err  # nothing was built before it was told
     done = dfdbench(*command, "--source", "site", "--format", "csv")

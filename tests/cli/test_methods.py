@@ -1,9 +1,6 @@
 import json
 import re
-import sys
 from pathlib import Path
-
-import pytest
 
 from dfdbench.datasets.store import Store
 from dfdbench.results.record_file import load_result
@@ -82,23 +79,3 @@ def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
     assert told.status == 2
     assert "not scored in metres" in told.err
     assert not (tmp_path / "work/run").exists()
-
-
-@pytest.mark.usefixtures("built")
-def test_an_isolated_method_is_not_imported_here(
-    dfdbench: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delitem(sys.modules, "mymodule", raising=False)
-    words = ("run", "--dataset", "demo", "--method", "mymodule:predict", "--limit", "1")
-    apart = dfdbench(*words, "--isolate", "--no-predictions")
-    assert apart.status == 0, apart.err
-    assert "mymodule" not in sys.modules
-    path = Path("results/demo-1-test/mymodule-predict/result.json")
-    first = load_result(path)
-    assert first.method.isolated
-    assert "printed to standard output on 1 pair" in str(first.warnings)
-    here = dfdbench(*words, "--no-predictions")
-    assert "with other settings was moved" in here.err
-    assert load_result(path).pairs[0].prediction_sha256 == first.pairs[0].prediction_sha256
-    refused = dfdbench(*words, "--isolate", "--param", "size=3")
-    assert (refused.status, "unknown parameter" in refused.err) == (2, True)

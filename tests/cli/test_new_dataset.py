@@ -36,7 +36,7 @@ def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     scored = dfdbench("score", "--predictions", "elsewhere", "--dataset", "mine-1.toml")
     assert scored.status == 0
     assert "protocol valid" in scored.out
-    assert dfdbench("coverage", "mine-1.toml").status in (0, 1)
+    assert dfdbench("audit", "coverage", "mine-1.toml").status in (0, 1)
     results = "results/mine-1-test/mymodule-predict"
     report = dfdbench("report", results, "--out", "page", "--format", "markdown")
     assert report.status == 0

@@ -7,31 +7,41 @@ import pytest
 
 from tests.cli.command import Command
 
-SIMULATE = ("simulate", "realworld", "--out", "raw", "--steps", "129,141", "--exposures", "40")
+SIMULATE = (
+    "rig",
+    "simulate",
+    "realworld",
+    "--out",
+    "raw",
+    "--steps",
+    "129,141",
+    "--exposures",
+    "40",
+)
 
 
 @pytest.mark.slow
 def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     made = dfdbench(*SIMULATE, "--scenes", "k34")
     assert made.status == 0, made.err
-    assert "dfdbench register k34 --source raw" in made.err
+    assert "dfdbench rig register k34 --source raw" in made.err
     assert "simulated 0 scenes, 1 kept from before" in dfdbench(*SIMULATE, "--scenes", "k34").out
 
     unregistered = dfdbench("build", "realworld", "--source", "raw")
     assert (unregistered.status, "nothing to build" in unregistered.err) == (2, True)
-    assert "dfdbench register k34 --source raw" in unregistered.err
+    assert "dfdbench rig register k34 --source raw" in unregistered.err
 
-    found = dfdbench("register", "k34", "--source", "raw")
+    found = dfdbench("rig", "register", "k34", "--source", "raw")
     assert found.status == 0, found.err
     assert Path("raw/k34/registration.png").read_bytes().startswith(b"\x89PNG")
     by_hand = Path("raw/k34/registration.toml").read_text() + "# looked at\n"
     Path("raw/k34/registration.toml").write_text(by_hand)
     shutil.copytree("raw/k34/frames", "raw/k35/frames")
-    some = dfdbench("register", "all", "--source", "raw")
+    some = dfdbench("rig", "register", "all", "--source", "raw")
     assert (some.status, "scene has no LIDAR" in some.err, "kept" in some.out) == (2, True, True)
     assert Path("raw/k34/registration.toml").read_text() == by_hand
     shutil.rmtree("raw/k35")
-    assert "estimated" in dfdbench("register", "k34", "--source", "raw", "--fresh").out
+    assert "estimated" in dfdbench("rig", "register", "k34", "--source", "raw", "--fresh").out
 
     built = dfdbench("build", "realworld", "--source", "raw", "--allow-missing")
     assert (built.status, "1 pair of 1 scene" in built.out) == (0, True), built.err
@@ -79,8 +89,8 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
 
 
 def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:
-    assert "46 images" in dfdbench("simulate", "lens", "--out", "dots").out
-    measured = dfdbench("optics", "sharpness", "dots")
+    assert "46 images" in dfdbench("rig", "simulate", "lens", "--out", "dots").out
+    measured = dfdbench("rig", "optics", "sharpness", "dots")
     assert measured.status == 0, measured.err
     assert "54.75" in measured.out
     assert "going down" in measured.out
@@ -90,20 +100,20 @@ def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("simulate", "realworld", "--out", "o", "--scenes", "k64"), "of k00 to k63"),
-        (("simulate", "realworld", "--out", "o", "--steps", "1-3"), "127, 128"),
-        (("simulate", "realworld", "--out", "o", "--exposures", "x"), "10, 20"),
-        (("simulate", "realworld", "--out", "o", "--turn", "1,2"), "yaw,pitch,roll"),
-        (("simulate", "realworld", "--out", "o", "--turn", "nan,0,0"), "10 degrees at most"),
-        (("simulate", "realworld", "--out", "o", "--exposures", "0"), "unknown value"),
-        (("simulate", "realworld", "--out", "o", "--steps", "140-130"), "130-140"),
-        (("register", "k33", "--source", "."), "no raw captures"),
-        (("register", "all", "--source", "."), "no raw scene found"),
-        (("register", "all", "--source", "none"), "no such folder"),
-        (("register", "all", "--source", ".", "--dataset", "middlebury"), "not captured by"),
-        (("register", "all", "--source", ".", "--baseline", "93"), "--baseline"),
-        (("register", "all", "--source", ".", "--pixel", "4.8m"), "1mm at most"),
-        (("optics", "sharpness", "none"), "no captures of a lens test"),
+        (("rig", "simulate", "realworld", "--out", "o", "--scenes", "k64"), "of k00 to k63"),
+        (("rig", "simulate", "realworld", "--out", "o", "--steps", "1-3"), "127, 128"),
+        (("rig", "simulate", "realworld", "--out", "o", "--exposures", "x"), "10, 20"),
+        (("rig", "simulate", "realworld", "--out", "o", "--turn", "1,2"), "yaw,pitch,roll"),
+        (("rig", "simulate", "realworld", "--out", "o", "--turn", "nan,0,0"), "10 degrees at most"),
+        (("rig", "simulate", "realworld", "--out", "o", "--exposures", "0"), "unknown value"),
+        (("rig", "simulate", "realworld", "--out", "o", "--steps", "140-130"), "130-140"),
+        (("rig", "register", "k33", "--source", "."), "no raw captures"),
+        (("rig", "register", "all", "--source", "."), "no raw scene found"),
+        (("rig", "register", "all", "--source", "none"), "no such folder"),
+        (("rig", "register", "all", "--source", ".", "--dataset", "middlebury"), "not captured by"),
+        (("rig", "register", "all", "--source", ".", "--baseline", "93"), "--baseline"),
+        (("rig", "register", "all", "--source", ".", "--pixel", "4.8m"), "1mm at most"),
+        (("rig", "optics", "sharpness", "none"), "no captures of a lens test"),
         (("build", "realworld", "--source", "none"), "no such folder"),
         (("build", "realworld", "--source", "none", "--pair", "141"), "two steps, as 141,129"),
     ],

@@ -24,7 +24,7 @@ def test_reduced_networks_are_written_trained_and_compared(
 ) -> None:
     weights, dataset = str(save_small(Path("mine.safetensors"))), str(tiny_store.path)
     done = dfdbench(
-        "reduce", "--weights", weights, "--dataset", dataset, "--rounds", "H", *FEW, *HERE
+        "thesis", "reduce", "--weights", weights, "--dataset", dataset, "--rounds", "H", *FEW, *HERE
     )
     assert done.status == 0, done.err
     assert "noise, mean" in done.out
@@ -32,7 +32,16 @@ def test_reduced_networks_are_written_trained_and_compared(
     assert str(folder) in done.err
     assert (folder / "B-03-03H.toml").exists()
     assert "no zero point" in (folder / "counts.md").read_text()
-    command = ["experiment", "reduction", "--dataset", dataset, "--rows", str(folder), *HERE]
+    command = [
+        "thesis",
+        "experiment",
+        "reduction",
+        "--dataset",
+        dataset,
+        "--rows",
+        str(folder),
+        *HERE,
+    ]
     command += ["--values", "original,B-01-01", "--repeats", "2"]
     trained = dfdbench(*command, "--format", "csv")
     assert trained.status == 0, trained.err
@@ -64,11 +73,11 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) 
         (["--weights", "wide.safetensors"], "fewer pixels than filters"),
         (["--weights", "none.safetensors"], "cannot be read"),
         (["--weights", "nowhere.safetensors"], "no such weights"),
-        (["--weights", small, "--level", "4"], "no such level"),
+        (["--weights", small, "--level", "4"], "there is no level 4"),
         (["--weights", small, "--split", "tset"], "test"),
         (["--weights", small, "--config", "publisht"], "no such configuration"),
     ):
-        wrong = dfdbench("reduce", *arguments, *dataset)
+        wrong = dfdbench("thesis", "reduce", *arguments, *dataset)
         assert (wrong.status, told in wrong.err) == (2, True), wrong.err
         assert "Traceback" not in wrong.err
     assert not Path("training").exists()
@@ -82,11 +91,11 @@ def test_unknown_rows_are_named_before_anything_is_trained(
     Path("rows/original.toml").write_text("crop = 16\nsteps = 1\n")
     for arguments, told in (
         (["reduction", "--rows", "rows", "--values", "B-09-01"], "unknown row"),
-        (["reduction", "--rows", "nowhere"], "no reduced networks"),
+        (["reduction", "--rows", "nowhere"], "lacks original.toml"),
         (["reduction", "--values", "B-09-01", *FEW], "B-01-01"),
         (["reduction", "--rows", "rows", "--config", "demo"], "its own configuration"),
         (["noise", "--rows", "rows"], "has no rows"),
     ):
-        wrong = dfdbench("experiment", *arguments, *dataset)
+        wrong = dfdbench("thesis", "experiment", *arguments, *dataset)
         assert (wrong.status, told in wrong.err) == (2, True), wrong.err
     assert not Path("training").exists()

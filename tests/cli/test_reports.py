@@ -28,8 +28,8 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     assert panels is not None
     assert panels.shape[1] == 1800
     both = ("compare", "window=5", "window=9")
-    assert "panels       window=5/compare.png" in dfdbench(*both, "--out", "window=5").err
-    assert Path("window=5/compare.png").exists()
+    assert "panels       folder/compare.png" in dfdbench(*both, "--out", "folder").err
+    assert Path("folder/compare.png").exists()
     sheet = dfdbench(*both, "--format", "csv", "--out", "a.png").out.splitlines()
     assert sheet[0] == "metric,pairs,difference,low,high,wins,losses,ties,verdict"
     assert not any(line.startswith(",") for line in sheet)

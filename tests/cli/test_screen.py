@@ -38,7 +38,7 @@ def test_a_terminal_that_is_not_utf_8_is_shown_all_in_line(
     [
         ("verify", "d" * 300),
         ("list", "--cache", "c" * 300),
-        ("register", "all", "--source", "s" * 300),
+        ("rig", "register", "all", "--source", "s" * 300),
     ],
 )
 def test_a_name_too_long_for_the_file_system_is_a_mistake(

@@ -19,7 +19,7 @@ FOLDER = Path("training/tiny-search/thesis-quick")
 
 @pytest.mark.slow
 def test_search_then_train_what_was_found(dfdbench: Command, tiny_store: Store) -> None:
-    search = ["search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
+    search = ["thesis", "search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
     early = dfdbench(*search, "--max-time", "0.001s")
     assert early.status == 0, early.err
     assert "time was up after 0 trainings; the same command goes on" in early.err
@@ -46,7 +46,7 @@ def test_search_then_train_what_was_found(dfdbench: Command, tiny_store: Store) 
 
 
 def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) -> None:
-    search = ["search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
+    search = ["thesis", "search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
     assert dfdbench(*search, "--iterations=0").status == 0
     log = FOLDER / "positions.csv"
     before = log.read_text()
@@ -76,3 +76,13 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) 
     assert done.status == 2
     assert "a particle out of bounds" in done.err
     assert "600" in log.read_text()
+
+
+def test_a_search_that_found_nothing_ends_with_status_1(
+    dfdbench: Command, tiny_store: Store
+) -> None:
+    search = ["thesis", "search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
+    done = dfdbench(*search, "--iterations=0", "--set=learning_rate=1e30")
+    assert "every training failed: nothing was found" in done.err
+    assert done.status == 1
+    assert (FOLDER / "search.md").is_file()

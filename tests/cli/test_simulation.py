@@ -6,7 +6,7 @@ import pytest
 
 from tests.cli.command import Command
 
-SIMULATE = ["simulate", "realworld", "--steps", "129,141", "--exposures", "40"]
+SIMULATE = ["rig", "simulate", "realworld", "--steps", "129,141", "--exposures", "40"]
 
 
 @pytest.mark.parametrize(

@@ -124,4 +124,4 @@ def test_a_scene_record_of_another_kind_is_told_by_name(
 ) -> None:
     path = damaged(tiny_store, "One", lambda content: content["attributes"].update({name: value}))
     with pytest.raises(StoreError, match=rf"record is damaged[^:]*One: {name}"):
-        scene_record(Store(path).scene("One").attrs, f"{path}, One")
+        scene_record(Store(path).to_xarray("One").attrs, f"{path}, One")

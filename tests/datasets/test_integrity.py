@@ -36,7 +36,7 @@ def test_chunks_and_compression_do_not_matter(
     root = zarr.open_group(other, mode="w", zarr_format=3)
     root.attrs.update(tiny_store.attributes)
     for name in tiny_store.scenes:
-        scene = tiny_store.scene(name).load()
+        scene = tiny_store.to_xarray(name).load()
         encoding = {
             str(key): {
                 "chunks": tuple(min(chunk, length) for length in variable.shape),
@@ -101,7 +101,7 @@ def test_digests_changed_together_with_the_arrays_are_noticed(tiny_store: Store)
     assert isinstance(depth, zarr.Array)
     depth[...] = np.asarray(depth[...]) ^ 1
     scene = zarr.open_group(local(tiny_store), path="Two", mode="r+")
-    dataset = Store(tiny_store.path).scene("Two")
+    dataset = Store(tiny_store.path).to_xarray("Two")
     digests = scene_digests(dataset)
     scene.attrs.update({"array_digests": digests, "digest": combine(digests)})
     found = verify_store(Store(tiny_store.path))

@@ -5,8 +5,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-import dfdbench
 from dfdbench.datasets.notebook import depth_map, gallery, photograph
+from dfdbench.datasets.pair_sequence import open_pairs
 from dfdbench.datasets.store import Store
 
 
@@ -40,7 +40,7 @@ def test_captions_are_text_and_no_markup() -> None:
 
 
 def test_store_split_and_pair_show_themselves(tiny_store: Store) -> None:
-    data = dfdbench.open(str(tiny_store.path), "test")
+    data = open_pairs(str(tiny_store.path), "test")
     pair = data[0]
     assert pair._repr_html_().count("<img") == 3
     assert pair.pair.id in pair._repr_html_()

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import dfdbench
+from dfdbench.datasets.pair_sequence import open_pairs
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 
 
 def test_pairs_are_read_when_they_are_asked_for(tiny_store: Store) -> None:
-    data = dfdbench.open("tiny", "test", store=tiny_store.path)
+    data = open_pairs("tiny", "test", store=tiny_store.path)
     assert len(data) == 7
     assert [images.pair for images in data] == list(tiny_store.pairs("test"))
     expected = tiny_store.read(tiny_store.pairs("test")[-1])
@@ -33,7 +33,7 @@ def test_pairs_are_read_when_they_are_asked_for(tiny_store: Store) -> None:
 
 
 def test_a_crop_decodes_its_own_pair_only(tiny_store: Store) -> None:
-    data = dfdbench.open(str(tiny_store.path))
+    data = open_pairs(str(tiny_store.path))
     region = (slice(4, 12), slice(10, 26))
     whole = data[1]
     for name in ("infocus", "defocus", "depth", "valid"):
@@ -61,7 +61,7 @@ def test_a_crop_decodes_its_own_pair_only(tiny_store: Store) -> None:
 def test_a_crop_beyond_the_image_is_refused(
     tiny_store: Store, region: tuple[slice, slice], told: str
 ) -> None:
-    data = dfdbench.open("tiny", "One", store=tiny_store.path)
+    data = open_pairs("tiny", "One", store=tiny_store.path)
     with pytest.raises(InputError, match=f"(?s){told}"):
         data.crop(0, region)
     assert data.crop(0, (slice(16, 24), slice(-8, None))).depth.shape == (8, 8)
@@ -69,13 +69,13 @@ def test_a_crop_beyond_the_image_is_refused(
 
 @pytest.mark.parametrize("region", [(0, 0), (slice(0, 3),), slice(0, 3)])
 def test_a_region_is_two_slices(tiny_store: Store, region: object) -> None:
-    data = dfdbench.open("tiny", "One", store=tiny_store.path)
+    data = open_pairs("tiny", "One", store=tiny_store.path)
     with pytest.raises(InputError, match="two slices"):
         data.crop(0, region)  # type: ignore[arg-type]
 
 
 def test_scenes_are_arrays_with_names(tiny_store: Store) -> None:
-    scene = dfdbench.open("tiny", store=tiny_store.path).scene("Two")
+    scene = open_pairs("tiny", store=tiny_store.path).scene("Two")
     image = scene["infocus"].sel(view=5, illumination=1, exposure=0)
     assert image.dims == ("y", "x", "channel")
     assert image.shape == (24, 31, 3)
@@ -83,10 +83,10 @@ def test_scenes_are_arrays_with_names(tiny_store: Store) -> None:
 
 def test_mistakes(tiny_store: Store, tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="dfdbench build demo"):
-        dfdbench.open("demo")
+        open_pairs("demo")
     with pytest.raises(UnknownNameError, match="did you mean demo"):
-        dfdbench.open("deno")
+        open_pairs("deno")
     with pytest.raises(UnknownNameError, match="did you mean test"):
-        dfdbench.open("tiny", "tets", store=tiny_store.path)
+        open_pairs("tiny", "tets", store=tiny_store.path)
     with pytest.raises(UnknownNameError, match="did you mean Two"):
-        dfdbench.open("tiny", store=tiny_store.path).scene("Twoo")
+        open_pairs("tiny", store=tiny_store.path).scene("Twoo")

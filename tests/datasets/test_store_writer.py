@@ -34,23 +34,23 @@ def test_the_same_store_wherever_it_lies(
     assert np.array_equal(store.read(pair).defocus, expected.defocus)
     assert np.array_equal(store.read(pair, region).infocus, expected.infocus[region])
     assert np.array_equal(store.read(pair, region).valid, expected.valid[region])
-    assert store.scene("Two")["infocus"].dims[0] == "view"
+    assert store.to_xarray("Two")["infocus"].dims[0] == "view"
     assert verify_store(store).sound
     assert not exists(place("s.zarr.partial"))
-    assert not exists(place(".s.zarr.lock")) or place("s.zarr").protocol == ""
+    assert not exists(place(".s.zarr.lock"))
     again = build_store(tiny_manifest, source, place("s.zarr"))
     assert again.scenes_kept == tiny_store.scenes
     assert again.fingerprint == tiny_store.fingerprint
 
 
-def test_two_builds_do_not_mix(place: Callable[[str], UPath], tiny_manifest: Manifest) -> None:
+def test_two_builds_do_not_mix_on_disk(tmp_path: Path, tiny_manifest: Manifest) -> None:
     with (
-        StoreWriter(place("a.zarr"), tiny_manifest, {}),
+        StoreWriter(tmp_path / "a.zarr", tiny_manifest, {}),
         pytest.raises(StoreError, match="another build"),
-        StoreWriter(place("a.zarr"), tiny_manifest, {}),
+        StoreWriter(tmp_path / "a.zarr", tiny_manifest, {}),
     ):
         pass
-    with StoreWriter(place("a.zarr"), tiny_manifest, {}):
+    with StoreWriter(tmp_path / "a.zarr", tiny_manifest, {}):
         pass
 
 

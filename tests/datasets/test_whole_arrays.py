@@ -21,7 +21,7 @@ def test_a_lost_chunk_is_told_and_never_read_as_zeros(tiny_store: Store, name: s
     assert f"{chunk.relative_to(tiny_store.path.path).as_posix()} is missing" in problem.got
     if name != "available":
         with pytest.raises(FileNotFoundError, match="is missing"):
-            _ = tiny_store.scene("Two")[name].values
+            _ = tiny_store.to_xarray("Two")[name].values
     (found,) = verify_store(Store(tiny_store.path)).differences
     assert (found.scene, found.array) == ("Two", name)
     assert "cannot be decoded" in found.what

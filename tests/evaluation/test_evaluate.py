@@ -7,11 +7,13 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-import dfdbench
 from dfdbench.cli import app
+from dfdbench.datasets.pair_sequence import open_pairs
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
+from dfdbench.evaluation.evaluate import evaluate
 from dfdbench.results.record_file import load_result
+from dfdbench.results.saved_run import open_run
 
 
 def grey(infocus: Any, defocus: Any, gain: float = 1.0) -> Any:
@@ -41,7 +43,7 @@ def test_it_gives_the_numbers_of_the_command(
     )
     assert ran.exit_code == 0, ran.output
     commanded = load_result(tmp_path / "results/tiny-test/constant")
-    run = dfdbench.evaluate("constant", tiny_store)
+    run = evaluate("constant", tiny_store)
     assert run.result.averages == commanded.averages
     assert run.result.warnings == commanded.warnings
     for protocol in commanded.protocol_names:
@@ -58,23 +60,23 @@ def test_what_has_no_name_of_its_own_is_run_with_its_facts_and_parameters(
     def local(infocus: Any, defocus: Any, gain: float) -> Any:
         return grey(infocus, defocus, gain)
 
-    named = dfdbench.evaluate(grey, tiny_store, parameters={"gain": 0.5})
-    unnamed = dfdbench.evaluate(local, str(tiny_store.path), parameters={"gain": 0.5})
+    named = evaluate(grey, tiny_store, parameters={"gain": 0.5})
+    unnamed = evaluate(local, str(tiny_store.path), parameters={"gain": 0.5})
     assert unnamed.result.averages == named.result.averages
     assert unnamed.result.method.parameters == {"gain": 0.5}
     assert unnamed.result.method.entry.endswith("<locals>.local")
     assert unnamed.result.method.source_sha256 is None
     assert named.result.method.source_sha256 is not None
 
-    mean = dfdbench.evaluate("constant", tiny_store).result.averages
+    mean = evaluate("constant", tiny_store).result.averages
 
     class Here(Level):
         pass
 
-    kind = dfdbench.evaluate(Here, tiny_store)
+    kind = evaluate(Here, tiny_store)
     assert kind.result.method.uses == ["training_mean"]
     assert kind.result.averages == mean
-    thing = dfdbench.evaluate(Level(90.0), tiny_store, "One")
+    thing = evaluate(Level(90.0), tiny_store, "One")
     assert thing.result.averages != mean
     assert thing.result.method.uses == []
 
@@ -83,7 +85,7 @@ def test_a_changed_function_is_never_taken_for_the_one_before(
     tiny_store: Store, tmp_path: Path
 ) -> None:
     errors = [
-        dfdbench.evaluate(
+        evaluate(
             lambda infocus, defocus, level=level: np.full(infocus.shape[:2], level),
             tiny_store,
             out=tmp_path / "run",
@@ -97,7 +99,7 @@ def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
     tiny_store: Store, tmp_path: Path
 ) -> None:
     done: list[tuple[int, int]] = []
-    run = dfdbench.evaluate(grey, tiny_store, limit=2, on_pair=lambda *counts: done.append(counts))
+    run = evaluate(grey, tiny_store, limit=2, on_pair=lambda *counts: done.append(counts))
     assert done == [(1, 2), (2, 2)]
     found = run.images(run.result.pairs[0])
     assert found is not None
@@ -107,10 +109,10 @@ def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
     del run, found, images, prediction
     gc.collect()
     assert not folder.exists()
-    kept = dfdbench.evaluate(grey, tiny_store, limit=2, out=tmp_path / "kept")
+    kept = evaluate(grey, tiny_store, limit=2, out=tmp_path / "kept")
     del kept
     gc.collect()
-    again = dfdbench.open_run(str(tmp_path / "kept"))
+    again = open_run(str(tmp_path / "kept"))
     found = again.images(again.result.pairs[0].id)
     assert found is not None
     assert found[0].pair.id == again.result.pairs[0].id
@@ -120,14 +122,29 @@ def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
 
 def test_what_is_not_there_is_named(tiny_store: Store, tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="dfdbench build demo"):
-        dfdbench.evaluate("constant", "demo", cache=tmp_path)
+        evaluate("constant", "demo", cache=tmp_path)
     with pytest.raises(UnknownNameError, match="constnat"):
-        dfdbench.evaluate("constnat", tiny_store)
+        evaluate("constnat", tiny_store)
     with pytest.raises(UnknownNameError, match="tset"):
-        dfdbench.evaluate("constant", tiny_store, "tset")
+        evaluate("constant", tiny_store, "tset")
 
 
 @pytest.mark.parametrize("limit", [0, -1])
 def test_less_than_one_pair_is_no_limit(tiny_store: Store, limit: int) -> None:
     with pytest.raises(InputError, match="no number of pairs"):
-        dfdbench.evaluate(grey, tiny_store, limit=limit)
+        evaluate(grey, tiny_store, limit=limit)
+
+
+def test_pairs_are_no_data_set_but_their_store_is(tiny_store: Store) -> None:
+    pairs = open_pairs(str(tiny_store.path), "test")
+    with pytest.raises(InputError, match=r"pairs\.store"):
+        evaluate(grey, pairs)  # type: ignore[arg-type]
+    assert evaluate(grey, pairs.store, limit=1).result.dataset.evaluated == 1
+
+
+def test_a_run_is_not_kept_inside_its_store(tiny_store: Store) -> None:
+    place = Path(str(tiny_store.path))
+    for out in (place, place / "run"):
+        with pytest.raises(InputError, match="would write into"):
+            evaluate(grey, tiny_store, out=out)
+    assert not (place / "run").exists()

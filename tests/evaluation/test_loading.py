@@ -20,7 +20,7 @@ from tests.conftest import TINY_TOML
 
 
 def test_the_training_mean_counts_each_depth_map_once(tiny_store: Store) -> None:
-    scene = tiny_store.scene("One")
+    scene = tiny_store.to_xarray("One")
     depth, valid = scene["depth"].values, scene["valid"].values
     assert training_mean(tiny_store) == pytest.approx(depth[valid].mean())
     loaded = load_for(tiny_store, "constant", {})

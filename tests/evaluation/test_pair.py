@@ -3,9 +3,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.store import Store
+from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PRINTED, PairEvaluator, RemoteEvaluator
 from dfdbench.evaluation.plan import RunOptions
@@ -75,7 +77,8 @@ def test_another_process_gives_the_same_but_for_the_time(tiny_store: Store, tmp_
     pair = tiny_store.pairs("One")[0]
     here, depth = PairEvaluator(tiny_store, loaded, 0)(pair)
     remote = pickle.loads(pickle.dumps(RemoteEvaluator.of(tiny_store, loaded, 0)))
-    there, other = remote(pair)
+    there, other, used, _ = remote(pair)
+    assert used == loaded.used
     assert Path(remote.place).is_absolute()
     assert other is not None
     assert depth is not None
@@ -83,3 +86,14 @@ def test_another_process_gives_the_same_but_for_the_time(tiny_store: Store, tmp_
     assert (here.timed_alone, there.timed_alone) == (True, False)
     blank = {"seconds": None, "timed_alone": True}
     assert there.model_copy(update=blank) == here.model_copy(update=blank)
+
+
+def test_another_process_with_another_method_is_refused(tiny_store: Store, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 2\n")
+    loaded = load_for(tiny_store, f"{file}:half", {})
+    remote = RemoteEvaluator.of(tiny_store, loaded, 0)
+    file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 3\n")
+    with pytest.raises(MethodError, match="another version of the method") as told:
+        remote(tiny_store.pairs("One")[0])
+    assert "mine.py has changed" in str(told.value)

@@ -77,8 +77,8 @@ def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Store)
     assert first not in others
     # Each differs in what was changed, and in nothing else.
     assert [[name for name in first if first[name] != other[name]] for other in others] == [
-        ["source_sha256"],
-        ["entry"],
+        ["used"],
+        ["entry", "used"],
         ["parameters"],
         ["weights_sha256"],
         ["split"],

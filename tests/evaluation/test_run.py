@@ -1,4 +1,5 @@
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,9 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
-from dfdbench.evaluation.run import run_method
-from dfdbench.methods.isolated import DISK_OPEN
+from dfdbench.evaluation.run import Run, run_method
 from dfdbench.metrics.protocol import PROTOCOLS, score
+from dfdbench.results.environment import describe_environment
 from dfdbench.results.folder import PREDICTIONS, read_prediction, read_store_place
 from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.system.parallel import Cluster, Pool, Processes
@@ -29,7 +30,8 @@ def test_a_run_predicts_once_and_scores_under_every_protocol(
 ) -> None:
     predict = Counting()
     run = run_method(tiny_store, method(predict), "test", tmp_path / "out")
-    assert predict.calls == 7
+    # One more, to see whether the first answer comes again.
+    assert predict.calls == 8
     assert predict.warmed == 1
     assert run.result.complete
     assert load_result(tmp_path / "out" / RESULT) == run.result
@@ -51,18 +53,18 @@ def test_a_run_predicts_once_and_scores_under_every_protocol(
 def test_a_stopped_run_goes_on(tiny_store: Store, tmp_path: Path) -> None:
     whole = run_method(tiny_store, method(Counting()), "test", tmp_path / "whole").result
     with pytest.raises(KeyboardInterrupt):
-        run_method(tiny_store, method(Counting(stop_at=4)), "test", tmp_path / "out")
+        run_method(tiny_store, method(Counting(stop_at=5)), "test", tmp_path / "out")
     with (tmp_path / "out/pairs.jsonl").open("a") as journal:
         journal.write('{"id": "cut sh')
     again = Counting()
     run = run_method(tiny_store, method(again), "test", tmp_path / "out")
     assert run.reused == 3
-    assert again.calls == 4
+    assert again.calls == 5
     assert [pair.scores for pair in run.result.pairs] == [pair.scores for pair in whole.pairs]
 
 
 def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Store, tmp_path: Path) -> None:
-    run = run_method(tiny_store, method(Counting(fail_at=2)), "test", tmp_path / "out")
+    run = run_method(tiny_store, method(Counting(fail_at=3)), "test", tmp_path / "out")
     failed = [pair for pair in run.result.pairs if pair.status == "failed"]
     assert [(pair.error or "").split(" (")[0] for pair in failed] == [
         "raised RuntimeError: out of memory"
@@ -72,7 +74,7 @@ def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Store, tmp_path: 
     load_result(tmp_path / "out" / RESULT)
     again = Counting()
     second = run_method(tiny_store, method(again), "test", tmp_path / "out")
-    assert again.calls == 1
+    assert again.calls == 2
     assert second.result.complete
 
 
@@ -83,14 +85,110 @@ def test_a_changed_method_starts_over_and_the_old_run_is_kept(
     old = (tmp_path / "out" / RESULT).read_text()
     predict = Counting()
     run = run_method(tiny_store, method(predict, "1" * 64), "test", tmp_path / "out")
-    assert predict.calls == 7
+    assert predict.calls == 8
+    assert run.because == ("tests:Counting has changed",)
     assert run.set_aside == tmp_path / "out.previous"
     assert (tmp_path / "out.previous" / RESULT).read_text() == old
     fresh = Counting()
     run_method(
         tiny_store, method(fresh, "1" * 64), "test", tmp_path / "out", RunOptions(fresh=True)
     )
-    assert fresh.calls == 7
+    assert fresh.calls == 8
+
+
+MIXED = """
+import json
+from pathlib import Path
+import numpy as np
+import mixed_helper
+
+def predict(infocus, defocus):
+    level = json.loads((Path(__file__).parent / "coef.json").read_text())
+    return np.full(infocus.shape[:2], level)
+"""
+
+
+@pytest.mark.parametrize("limit", [3, None])
+@pytest.mark.parametrize("edited", ["mixed_helper.py", "coef.json"])
+def test_a_run_takes_nothing_over_from_another_method(
+    tiny_store: Store,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    limit: int | None,
+    edited: str,
+) -> None:
+    (tmp_path / "mixed.py").write_text(MIXED)
+    (tmp_path / "mixed_helper.py").write_text("")
+    (tmp_path / "coef.json").write_text("10")
+
+    def run(limit: int | None) -> Run:
+        # As another process would.
+        monkeypatch.delitem(sys.modules, "mixed_helper", raising=False)
+        loaded = load_for(tiny_store, f"{tmp_path / 'mixed.py'}:predict", {})
+        return run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(limit=limit))
+
+    first = run(limit)
+    again = run(limit)
+    assert (again.reused, again.because) == (first.result.dataset.evaluated, ())
+    (tmp_path / edited).write_text("20")
+    other = run(None)
+    assert (other.reused, other.because) == (0, (f"{edited} has changed",))
+    assert other.set_aside == tmp_path / "out.previous"
+    assert run(None).reused == 7
+
+
+def test_other_versions_start_over_and_are_named(
+    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
+    monkeypatch.setattr(np, "__version__", "1.0")
+    run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
+    assert run.reused == 0
+    assert run.because[0].startswith("numpy was ")
+    assert run.because[0].endswith(" and is 1.0")
+
+
+def test_a_file_edited_during_a_run_is_told(tiny_store: Store, tmp_path: Path) -> None:
+    (tmp_path / "mixed.py").write_text(MIXED.replace("import mixed_helper", ""))
+    (tmp_path / "coef.json").write_text("10")
+    loaded = load_for(tiny_store, f"{tmp_path / 'mixed.py'}:predict", {})
+
+    def edit(done: int, _: int) -> None:
+        (tmp_path / "coef.json").write_text(str(done))
+
+    run = run_method(tiny_store, loaded, "test", tmp_path / "out", on_pair=edit)
+    assert run.result.warnings[-1].startswith("coef.json has changed while it was run")
+
+
+def test_each_pair_keeps_the_machine_that_it_was_run_on(
+    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = describe_environment()
+    run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
+    there = here.model_copy(update={"cpu": "another"})
+    monkeypatch.setattr("dfdbench.evaluation.run.describe_environment", lambda: there)
+    run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=4))
+    monkeypatch.undo()
+    result = run_method(tiny_store, method(Counting()), "test", tmp_path / "out").result
+    assert [pair.machine for pair in result.pairs] == [0, 0, 1, 1, 0, 0, 0]
+    assert [each.cpu for each in result.environments] == [here.cpu, "another"]
+    assert "run on 2 machines: times are not comparable" in str(result.warnings)
+    assert load_result(tmp_path / "out") == result
+
+
+def test_answers_that_differ_from_call_to_call_are_told(tiny_store: Store, tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+
+    def drawing(infocus: Any, defocus: Any) -> Any:
+        return random.uniform(0, 255, infocus.shape[:2])
+
+    options = RunOptions(limit=2)
+    result = run_method(tiny_store, method(drawing), "test", tmp_path / "out", options).result
+    assert result.pairs[0].id in str(result.warnings)
+    assert "cannot be reproduced" in str(result.warnings)
+    # It is still known when the run has gone on.
+    result = run_method(tiny_store, method(drawing), "test", tmp_path / "out").result
+    assert result.pairs[0].id in str(result.warnings)
 
 
 def test_a_limited_run_is_incomplete_and_can_be_completed(
@@ -153,7 +251,7 @@ def test_two_runs_do_not_mix(tiny_store: Store, tmp_path: Path) -> None:
 
     run = run_method(tiny_store, method(starting_another), "test", tmp_path / "out")
     assert run.result.complete
-    assert len(seen) == 7
+    assert len(seen) == 8
     assert "another run is writing" in seen[0]
 
 
@@ -266,80 +364,3 @@ def test_what_a_method_does_to_the_process_ends_with_its_call(
     assert load_result(tmp_path / "out" / RESULT) == result
     after = np.random.get_state(legacy=False)
     assert np.array_equal(after["state"]["key"], state["state"]["key"])
-
-
-LOOKING = """
-import os
-import numpy as np
-
-class Looking:
-    ways = ""
-
-    def __init__(self, training_mean):
-        self.mean = training_mean
-        self.warnings = []
-
-    def fit(self, pairs):
-        return {"brightest": int(max(pair.depth.max() for pair in pairs))}
-
-    def restore(self, learned):
-        self.brightest = learned["brightest"]
-
-    def __call__(self, infocus, defocus):
-        np.random.seed(os.getpid())
-        self.warnings = [str([dict(os.environ), os.getcwd(), os.listdir("."), self.look()])]
-        return np.minimum(infocus[..., 0] / 2 + self.mean / 4, self.brightest)
-
-    def look(self):
-        found = []
-        for place in ("..", os.path.dirname(os.path.abspath(__file__))):
-            for folder, _, files in os.walk(place):
-                for name in files:
-                    try:
-                        found.append(open(os.path.join(folder, name), "rb").read() and name)
-                    except OSError:
-                        pass
-        return found
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("workers", [None, pytest.param(2, marks=pytest.mark.slow)])
-def test_an_isolated_method_gives_the_same_depth_maps_and_sees_no_data(
-    tiny_store: Store, tmp_path: Path, workers: int | None
-) -> None:
-    (tmp_path / "looking.py").write_text(LOOKING)
-    name = f"{tmp_path / 'looking.py'}:Looking"
-    # The first is run while there is no other run to be seen.
-    folders = [tmp_path / "apart", tmp_path / "here"]
-    pool = Processes(workers) if workers else None
-    runs = {
-        folder.name: run_method(
-            tiny_store,
-            load_for(tiny_store, name, {}, apart_from=None if number else [folder]),
-            "test",
-            folder,
-            pool=None if number else pool,
-        ).result
-        for number, folder in enumerate(folders)
-    }
-    here, apart = runs["here"], runs["apart"]
-    assert [pair.prediction_sha256 for pair in apart.pairs] == [
-        pair.prediction_sha256 for pair in here.pairs
-    ]
-    assert [pair.scores for pair in apart.pairs] == [pair.scores for pair in here.pairs]
-    assert (here.method.isolated, apart.method.isolated) == (False, True)
-    same = {"isolated": False, "fit_seconds": None}
-    assert apart.method.model_copy(update=same) == here.method.model_copy(update=same)
-    assert load_result(folders[0]) == apart
-    said = str(apart.warnings)
-    if workers is None:
-        assert str(tiny_store.path) not in said
-        assert "DFDBENCH_CACHE" not in said
-        if DISK_OPEN not in said:
-            assert "looking.py" in said
-            assert not any(name in said for name in ("zarr.json", "run.json", "result.json"))
-    # A run that was not isolated gives no pair to one that is.
-    again = load_for(tiny_store, name, {}, apart_from=[folders[1]])
-    limited = run_method(tiny_store, again, "test", folders[1], RunOptions(limit=1))
-    assert (limited.reused, limited.set_aside) == (0, tmp_path / "here.previous")

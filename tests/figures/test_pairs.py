@@ -1,15 +1,16 @@
 import numpy as np
 import pytest
 
-import dfdbench
+from dfdbench.datasets.pair_sequence import open_pairs
 from dfdbench.datasets.store import Store
+from dfdbench.figures.pairs import show
 
 
 def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Store) -> None:
-    pair = dfdbench.open(str(tiny_store.path), "test")[0]
-    titles = [axis.get_title() for axis in dfdbench.show(pair).axes]
+    pair = open_pairs(str(tiny_store.path), "test")[0]
+    titles = [axis.get_title() for axis in show(pair).axes]
     assert titles[:3] == ["in-focus", "defocus", "ground truth"]
-    figure = dfdbench.show(pair, pair.depth.astype(np.float32) + 3)
+    figure = show(pair, pair.depth.astype(np.float32) + 3)
     error = figure.axes[4].images[0].get_array()
     assert error is not None
     assert figure.axes[4].get_title() == "prediction − truth"
@@ -18,11 +19,11 @@ def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Store) 
 
 
 def test_what_is_no_pair_is_told(tiny_store: Store) -> None:
-    for wrong, kind in ((None, "NoneType"), (dfdbench.open(str(tiny_store.path)), "PairSequence")):
+    for wrong, kind in ((None, "NoneType"), (open_pairs(str(tiny_store.path)), "PairSequence")):
         with pytest.raises(TypeError, match=f"draws one pair.* got {kind}"):
-            dfdbench.show(wrong)  # type: ignore[arg-type]
+            show(wrong)  # type: ignore[arg-type]
 
 
 def test_a_notebook_shows_the_picture(tiny_store: Store) -> None:
-    figure = dfdbench.show(dfdbench.open(str(tiny_store.path), "test")[0])
+    figure = show(open_pairs(str(tiny_store.path), "test")[0])
     assert figure._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]

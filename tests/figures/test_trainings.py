@@ -17,7 +17,7 @@ from dfdbench.figures.trainings import (
     training_figure,
     widths_figure,
 )
-from dfdbench.methods.networks.widths import FILTERS, LAYERS
+from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.training.checkpoint import Log
 from dfdbench.training.search.course import Iteration
 from dfdbench.training.selections import Selections
@@ -29,13 +29,8 @@ def heights(line: Line2D) -> list[float]:
 
 
 def test_losses_rates_and_scores_are_drawn_by_step() -> None:
-    losses = [
-        {"step": str(step), "learning_rate": "0.1", "loss": str(5 / step)} for step in range(1, 900)
-    ]
-    scores = [
-        {"step": str(step), "train_nmae": "0.1", "test_nmae": "0.2", "test_ssim": ""}
-        for step in (300, 600)
-    ]
+    losses = [{"step": step, "learning_rate": 0.1, "loss": 5 / step} for step in range(1, 900)]
+    scores = [{"step": step, "train_nmae": 0.1, "test_nmae": 0.2} for step in (300, 600)]
     axes = training_figure(Log(losses, scores), "title").axes
     loss = heights(axes[0].lines[0])
     assert len(loss) == 449

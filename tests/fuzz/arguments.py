@@ -90,18 +90,18 @@ _ALONE = {"workers": ("1", "0", "-1", "x", ""), "scheduler": ("", "nonsense", "n
 # The last of an option that is given twice holds: work that takes long by design is kept short.
 _SHORT = {
     "train": "--config quick.toml --max-time 1s --device cpu --threads 1",
-    "experiment": "--config quick.toml --max-time 1s --repeats 1 --device cpu --threads 1",
-    "search": "--config quick.toml --max-time 1s --particles 1 --iterations 0 --device cpu "
-    "--threads 1",
+    "thesis experiment": "--config quick.toml --max-time 1s --repeats 1 --device cpu --threads 1",
+    "thesis search architecture": "--config quick.toml --max-time 1s --particles 1 "
+    "--iterations 0 --device cpu --threads 1",
     "run": "--limit 2",
     "tracks": "--track noise --dataset tiny.zarr",
-    "simulate": "--scenes nosuch",
+    "rig simulate realworld": "--scenes nosuch",
     "build": "--offline",
-    "split": "--test-scenes 1",
+    "audit split": "--test-scenes 1",
     "leaderboard verify": "--pairs 1",
 }
 # A verb that computes for long whatever it is asked.
-_LEFT_OUT = {"simulate lens", "reduce"}
+_LEFT_OUT = {"rig simulate lens", "thesis reduce"}
 
 
 @functools.cache
@@ -130,9 +130,7 @@ def command_line(random: Random) -> tuple[str, ...]:
                 words += _words(parameter, random)
     if random.random() < 0.1:
         words.insert(random.randrange(len(words) + 1), random.choice((*_STRANGE, "--nosuch", "-x")))
-    short = _SHORT.get(verb, _SHORT.get(verb.split()[0], "") if " " not in verb else "")
-    if verb.startswith(("search", "simulate r")):
-        short = _SHORT[verb.split()[0]]
+    short = _SHORT.get(verb, "")
     return (*verb.split(), *words, *short.split())
 
 

@@ -224,13 +224,7 @@ KINDS: dict[str, Kind] = {
     ),
     "weights": Kind(("weights.safetensors",), m.changed_safetensors, ("[weights] FILE",)),
     "training to go on with": Kind(
-        ("training/checkpoint.pt", "training/losses.csv", "training/scores.csv"),
-        lambda random, content: (
-            m.changed_checkpoint(random, content)
-            if content[:2] == b"PK"
-            else m.of_text(m.changed_cells)(random, content)
-        ),
-        (TRAIN + " --resume",),
+        ("training/checkpoint.pt",), m.changed_bytes, (TRAIN + " --resume",)
     ),
     "search to go on with": Kind(
         ("search/positions.csv", "search/search.json"),

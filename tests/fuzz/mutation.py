@@ -305,21 +305,6 @@ def changed_safetensors(random: Random, content: bytes) -> bytes:
     return struct.pack("<Q", stated) + text + content[8 + length :]
 
 
-def changed_checkpoint(random: Random, content: bytes) -> bytes:
-    """Change what a checkpoint of PyTorch holds, or its bytes."""
-    if random.random() < 0.3:
-        return changed_bytes(random, content)
-    import torch
-
-    state = changed_tree(random, torch.load(io.BytesIO(content), weights_only=True))
-    file = io.BytesIO()
-    try:
-        torch.save(state, file)
-    except (RecursionError, UnicodeError):
-        return changed_bytes(random, content)
-    return file.getvalue()
-
-
 def of_text(change: Callable[[Random, str], str]) -> Callable[[Random, bytes], bytes]:
     """Return a change of text as one of bytes."""
 

@@ -7,8 +7,12 @@ from pathlib import Path
 
 from dfdbench.building.fetching.archive import archive_members, read_member
 from dfdbench.building.fetching.checksums import known_checksums
-from dfdbench.building.png import decode_depth, decode_image
-from dfdbench.building.sources.image_files import read_depth_file, read_photograph
+from dfdbench.building.sources.image_files import (
+    decode_image,
+    decode_levels,
+    read_depth_file,
+    read_photograph,
+)
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.evaluation.prediction_files import find_predictions
@@ -29,7 +33,7 @@ def _archive(path: Path) -> None:
 
 
 def _configuration(path: Path) -> None:
-    from dfdbench.training.configuration_file import read_configuration
+    from dfdbench.training.configuration import read_configuration
 
     configuration = read_configuration(str(path))
     configuration.architecture("dfd-net")
@@ -56,7 +60,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "python": _python,
     "checksums": _checksums,
     "png-photograph": lambda path: decode_image(path.read_bytes(), str(path)),
-    "png-depth": lambda path: decode_depth(path.read_bytes(), str(path), 0),
+    "png-depth": lambda path: decode_levels(path.read_bytes(), str(path), 0),
     "photograph": lambda path: read_photograph(path.read_bytes(), str(path)),
     "depth": lambda path: read_depth_file(path.read_bytes(), str(path), "apply"),
     "recipe": lambda path: read_parameters({"recipe": str(path)}),

@@ -20,7 +20,7 @@ from tests.fuzz.guard import LIBRARIES, Guard
 from tests.fuzz.inputs import ARGUMENTS, OTHER_KINDS, Given, is_reader, make, read
 
 #: Verbs that answer with status 1: no, or a pair failed.
-_ANSWER_NO = {"coverage", "verify", "run", "tracks", "check-method", "score"}
+_ANSWER_NO = {"audit", "verify", "run", "tracks", "check-method", "score"}
 #: What `write_whole` writes before it has all, and what holds a place.
 _LEFTOVER = re.compile(r"\..+\.[a-z0-9_]{8}|\..+\.lock")
 _MOST_TEXT = 100_000

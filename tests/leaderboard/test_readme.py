@@ -66,18 +66,6 @@ def test_what_only_some_rows_need_is_explained_where_there_are_such_rows(tmp_pat
     assert check_readme(tmp_path) == 3
 
 
-def test_a_row_that_ran_apart_says_so_and_what_that_means(tmp_path: Path) -> None:
-    result = make_demo_result(lambda pair: 0.1)
-    submit(result, tmp_path)
-    before = write_readme(tmp_path).read_text("utf-8")
-    assert "isolated" not in before
-    method = result.method.model_copy(update={"isolated": True})
-    submit(result.model_copy(update={"method": method}), tmp_path)
-    text = write_readme(tmp_path).read_text("utf-8")
-    assert "| rerun, isolated |" in text
-    assert "| isolated | `--isolate`: the method ran in a process of its own" in text
-
-
 def test_somebody_elses_readme_is_left_as_it_is(tmp_path: Path) -> None:
     submit(make_demo_result(lambda pair: 0.1), tmp_path)
     readme = tmp_path / README

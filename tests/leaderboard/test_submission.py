@@ -245,7 +245,6 @@ def scores_as(change: Callable[[float], object]) -> Callable[[dict[str, Any]], N
         (scores_as(str), "valid number"),
         (scores_as(lambda _: True), "valid number"),
         (set_field("averages.thesis.nrmse", "0.1"), "valid number"),
-        (set_field("method.isolated", "yes"), "valid boolean"),
         (set_field("seed", True), "valid integer"),
         (set_field("schema_version", True), "another version"),
         (set_field("schema_version", 1.0), "another version"),

@@ -48,7 +48,8 @@ def test_why_a_row_has_no_rank_is_said(tmp_path: Path) -> None:
     submit_tracks(make_tracks("part", labels=ALL[:-1]), tmp_path)
     submit_tracks(make_tracks("little", labels=ALL[:3]), tmp_path)
     notes = "\n".join(table_of(tmp_path).notes)
-    assert "solver, told: told the blur of each track" in notes
+    assert "solver, given the blur: no rank." in notes
+    assert "bound" not in notes
     assert "part: no rank without camera-3" in notes
     assert "little: no rank without 18 of the runs" in notes
     assert [row[0] for row in table_of(tmp_path).rows] == ["–"] * 3

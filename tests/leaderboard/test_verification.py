@@ -319,28 +319,3 @@ def test_what_a_method_was_told_is_as_the_result_says(
     with pytest.raises(ResultError, match="other than the result says") as raised:
         verify_result(forged, run, tiny_store, count=1)
     assert f"method.{next(iter(claim))}" in str(raised.value)
-
-
-def test_what_ran_apart_is_run_apart_again(
-    run: Path, tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    code = (
-        "import os, sys\nfrom dfdbench.methods.baselines import Local\n"
-        "def predict(infocus, defocus, window=3):\n"
-        "    assert 'pytest' not in sys.modules, 'not in a process of its own'\n"
-        "    assert 'DFDBENCH_CACHE' not in os.environ\n"
-        "    return Local(window=window)(infocus, defocus)\n"
-    )
-    Path("apart.py").write_text(code)
-    claimed = claiming(load_result(run), "apart.py:predict", "apart.py:predict", window=3)
-    here, there = (
-        claimed.model_copy(
-            update={"method": claimed.method.model_copy(update={"uses": [], "isolated": isolated})}
-        )
-        for isolated in (False, True)
-    )
-    with pytest.raises(ResultError, match="in a process of its own"):
-        verify_result(here, run, tiny_store, count=1, trusted=["apart.py:predict"])
-    found = verify_result(there, run, tiny_store, count=2, trusted=["apart.py:predict"])
-    assert found.identical == 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -14,17 +13,10 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.methods.calibration import calibrate
+from dfdbench.methods.check import MadePair
 from dfdbench.methods.fit import Learned, check_learned
 
 Image = NDArray[np.uint8]
-
-
-@dataclass(frozen=True)
-class MadePair:
-    infocus: Image
-    defocus: Image
-    depth: Image
-    valid: NDArray[np.bool_]
 
 
 def texture(seed: int, height: int = 64, width: int = 80) -> Image:

@@ -1,3 +1,5 @@
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,7 +49,7 @@ def test_chance_writing_and_printing_are_found_out() -> None:
         return random.uniform(0, 255, infocus.shape[:2])
 
     found = problems(careless)
-    assert "differ" in found["the same pair twice"]
+    assert "of 76800 pixels, by up to" in found["the same pair again"]
     assert "changes the images" in found["leaves its input alone"]
     assert "printed" in found["a black pair"]
 
@@ -56,6 +58,53 @@ def test_depth_from_0_to_1_is_found_out() -> None:
     found = problems(lambda infocus, _: infocus.mean(2) / 255)
     assert "all levels between 0 and 1" in found["levels from 0 to 255"]
     assert "levels from 0 to 255" not in problems(lambda infocus, _: infocus.mean(2))
+
+
+MANY = """
+import os
+import numpy as np
+import torch
+
+calls = 0
+
+def counting(infocus, defocus):
+    global calls
+    calls += 1
+    return np.full(infocus.shape[:2], calls)
+
+def process(infocus, defocus):
+    return np.random.default_rng(os.getpid()).uniform(0, 255, infocus.shape[:2])
+
+def seeded(infocus, defocus):
+    return np.random.uniform(0, 255, infocus.shape[:2])
+
+def with_gradient(infocus, defocus):
+    return torch.full(infocus.shape[:2], 7.0, requires_grad=True)
+
+class Net(torch.nn.Module):
+    def forward(self, infocus, defocus):
+        return torch.from_numpy(infocus[..., 0])
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "trial", "failed", "told"),
+    [
+        ("counting", "the same pair again", True, "differs in"),
+        ("process", "the same pair in another process", True, "differs in"),
+        ("seeded", "the same pair in another process", False, ""),
+        ("with_gradient", "leaves its input alone", False, "no_grad() would save memory"),
+        ("Net", "a torch module: run with eval() and no_grad()", False, ""),
+    ],
+)
+def test_answers_that_differ_are_refused(
+    tmp_path: Path, name: str, trial: str, failed: bool, told: str
+) -> None:
+    (tmp_path / "mine.py").write_text(MANY)
+    load = partial(load_method, f"{tmp_path / 'mine.py'}:{name}", {}, {})
+    trials = {each.name: each for each in check_method(load(), load=load)}
+    assert told in trials[trial].error + trials[trial].warning
+    assert [each.name for each in trials.values() if each.error] == [trial] * failed
 
 
 @pytest.mark.parametrize("answer", [None, 3])

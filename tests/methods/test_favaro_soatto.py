@@ -6,8 +6,9 @@ import pytest
 
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
+from dfdbench.methods.check import MadePair
 from dfdbench.methods.favaro_soatto import FavaroSoatto
-from tests.methods.made_planes import MadePair, inside, pair_of, plane, slope
+from tests.methods.made_planes import inside, pair_of, plane, slope
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
@@ -10,13 +10,24 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import LEVELS, RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
+from dfdbench.methods.check import MadePair
 from dfdbench.methods.fit import restore, teach
-from dfdbench.methods.fitted import depth_table, evenly_spread, learned_array
+from dfdbench.methods.fitted import (
+    Calibrated,
+    depth_table,
+    evenly_spread,
+    learned_array,
+    least_label,
+)
+from dfdbench.methods.guided import Guided
 from dfdbench.methods.method import Predict
+from dfdbench.methods.rational_filters import RationalFilters
 from dfdbench.methods.registry import load, load_method
-from tests.methods.made_planes import MadePair, plane, slope, texture
+from dfdbench.methods.sgm import SemiGlobal
+from tests.methods.made_planes import inside, learned_law, plane, slope, texture
 
 NAMES = ["favaro-soatto", "guided", "rational-filters", "s-transform", "sgm"]
 
@@ -168,3 +179,71 @@ def test_that_holds_for_learned_operators_too() -> None:
     method.warm_up(pairs[0].infocus, pairs[0].defocus)
     with pytest.raises(MethodError, match="window is larger than the image"):
         method(pairs[0].infocus[:90], pairs[0].defocus[:90])
+
+
+@pytest.mark.parametrize("where", [0.6, 1.0, 2.3, 3.49])
+def test_the_minimum_of_a_parabola_is_found_exactly(where: float) -> None:
+    costs = (np.arange(6.0) - where)[:, np.newaxis, np.newaxis] ** 2
+    assert least_label(costs)[0, 0] == pytest.approx(where)
+
+
+def test_the_ends_stay_as_they_are() -> None:
+    costs = np.array([[0, 5], [1, 3], [9, 1]], np.uint16)[:, np.newaxis]
+    assert least_label(costs).tolist() == [[0, 2]]
+
+
+@pytest.mark.parametrize("labels", [1, 2])
+def test_fewer_labels_than_a_parabola_needs(labels: int) -> None:
+    assert least_label(np.arange(labels)[::-1].reshape(-1, 1, 1)).tolist() == [[labels - 1]]
+
+
+def test_equal_costs_give_the_first() -> None:
+    assert least_label(np.full((5, 1, 1), 7, np.uint16)).tolist() == [[0]]
+
+
+def test_who_is_told_the_blur_has_no_fit_and_solves_with_it() -> None:
+    few = BlurRecipe(0.3, 0.1, levels=16)
+    for told in (RECIPES["published"], few, BlurLaw(tuple(few.sigmas.tolist()))):
+        method = Calibrated(told)
+        assert method.fit is None
+        assert method.blur == told
+        assert method.levels == told.levels
+
+
+def test_who_is_neither_told_nor_fitted_says_so() -> None:
+    method = Calibrated(None)
+    assert method.fit is not None
+    assert method.levels == LEVELS
+    with pytest.raises(MethodError, match="not told the blur, and was not fitted"):
+        _ = method.blur
+
+
+@pytest.mark.slow
+def test_what_a_fit_returned_is_taken_back_by_another() -> None:
+    first, second = Calibrated(None), Calibrated(None)
+    first.restore(dict(learned_law()))
+    second.restore({name: np.asarray(value) for name, value in learned_law().items()})
+    assert first.blur == second.blur
+    assert isinstance(first.blur, BlurLaw)
+    # The made slopes are blurred as published.
+    middle = slice(40, 216)
+    found = np.asarray(first.blur.sigmas)[middle]
+    assert np.abs(found - RECIPES["published"].sigmas[::-1][middle]).max() < 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("made", "levels_more"), [(Guided, 1.5), (SemiGlobal, 1.5), (RationalFilters, 3)]
+)
+def test_fitted_a_method_does_about_as_well_as_told(
+    made: Callable[..., Any], levels_more: float
+) -> None:
+    told, fitted = made(RECIPES["published"]), made()
+    assert fitted.fit is not None
+    fitted.restore(learned_law())
+    pair = slope(9)
+    errors = [
+        np.abs(inside(method(pair.infocus, pair.defocus) - pair.depth)).mean()
+        for method in (told, fitted)
+    ]
+    assert errors[1] < errors[0] + levels_more

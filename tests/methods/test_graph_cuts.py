@@ -51,18 +51,6 @@ def test_every_smoothness_and_solver_lowers_the_error_of_local(
     assert nmae(depth, found) <= nmae(depth, Local()(infocus, defocus))
 
 
-def test_a_lower_bound_is_given_on_request(pair: tuple[Image, Image, Image]) -> None:
-    method = GraphCuts(lower_bound=True, labels=32)
-    method(*pair[:2])
-    numbers = method.numbers
-    assert numbers["lower_bound"] <= numbers["energy"]
-    assert 0 <= numbers["gap_percent"] < 5
-    other = GraphCuts(lower_bound=True, labels=32, solver="message-passing")
-    other(*pair[:2])
-    passing = other.numbers
-    assert passing["lower_bound"] <= passing["energy"]
-
-
 def test_depth_is_the_inverse_of_the_recipe(pair: tuple[Image, Image, Image]) -> None:
     infocus, _, depth = pair
     recipe = BlurRecipe(0.4, 0.008, levels=200, kernel_size=21, invert=False)

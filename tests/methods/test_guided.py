@@ -6,7 +6,7 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError
 from dfdbench.methods.baselines import Local
 from dfdbench.methods.guided import Guided
-from dfdbench.methods.level_costs import level_costs
+from dfdbench.methods.law_cost import level_costs
 from tests.methods.made_planes import inside, pair_of, plane, texture
 
 PUBLISHED = RECIPES["published"]

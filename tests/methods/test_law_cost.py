@@ -8,7 +8,20 @@ from scipy.ndimage import correlate, gaussian_filter
 
 from dfdbench.blur.formation import decode, encode
 from dfdbench.blur.law import BlurLaw, noise_at
-from dfdbench.methods.law_cost import MISFIT_STEPS, blurred_by, information, law_cost, law_misfits
+from dfdbench.blur.point_spread import point_spread_functions
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.methods.calibration import Calibration
+from dfdbench.methods.law_cost import (
+    MISFIT_STEPS,
+    UNIT,
+    blurred_by,
+    few_kernels,
+    information,
+    law_cost,
+    law_misfits,
+    level_costs,
+)
+from tests.methods.made_planes import learned_law, plane
 
 SIGMAS = (2.4, 1.1, 0.4, 0.7, 1.6)
 
@@ -91,3 +104,45 @@ def test_information_is_that_of_a_pixel_alone(noise: float, infocus_noise: float
     assert found == pytest.approx((per_pixel / spread).mean(), rel=1e-3)
     far = information(blurred_by(law, infocus, defocus), np.array([0, 10]))
     assert far == pytest.approx(found / 100)
+
+
+@pytest.mark.parametrize(("exponent", "most"), [(2.0, 20), (32.0, 40)])
+def test_few_kernels_stand_for_all(exponent: float, most: int) -> None:
+    planes = point_spread_functions(np.linspace(0.3, 3.2, 256), 27, exponent).reshape(256, -1)
+    chosen, factors = few_kernels(planes, 2e-4)
+    assert len(chosen) <= most
+    # Least squares leave no more than what was left when choosing ended, but for its norm.
+    assert np.abs(factors.T @ planes[chosen] - planes).sum(axis=1).max() < 4e-4
+
+
+PUBLISHED = RECIPES["published"]
+
+
+def test_a_nat_of_a_recipe_is_twice_the_variance_of_rounding() -> None:
+    pair = plane(120)
+    costs = level_costs(PUBLISHED, pair.infocus, pair.defocus, 50)
+    assert costs.shape == (64, 80, 256)
+    assert costs.max() == 50 * UNIT
+    assert costs.min(2).max() == 0
+    # Rounding leaves half a nat a channel, in the mean.
+    right = costs[14:-14, 14:-14, 255 - 120] / UNIT
+    assert 0 < right.mean() < 1.5
+
+
+def test_a_law_counts_by_depth_and_weighs_by_its_noise() -> None:
+    pair = plane(120)
+    sigmas = tuple(float(sigma) for sigma in PUBLISHED.sigmas[::-1])
+    quiet, noisy = (
+        level_costs(BlurLaw(sigmas, noise=(noise,)), pair.infocus, pair.defocus, 50)
+        for noise in (0.0, 5.0)
+    )
+    assert abs(int(quiet.sum((0, 1)).argmin()) - 120) <= 1
+    assert noisy.sum() < quiet.sum() / 4
+
+
+@pytest.mark.slow
+def test_a_fitted_law_finds_what_a_told_recipe_finds() -> None:
+    law = Calibration.of(learned_law()).law
+    pair = plane(120, seed=8)
+    costs = level_costs(law, pair.infocus, pair.defocus, 50)
+    assert abs(int(costs.sum((0, 1)).argmin()) - 120) <= 3

@@ -7,7 +7,7 @@ import pytest
 
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.parameters import read_parameters
+from dfdbench.methods.parameters import files_sha256, read_parameters
 from dfdbench.methods.registry import load, load_method
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
@@ -76,6 +76,24 @@ def test_what_no_result_can_keep_is_refused_before_a_run(module: Path) -> None:
         "parameter deep.1.a",
         "parameter text",
     ]
+
+
+@pytest.mark.parametrize("bound", ["_MOST_FILES", "_MOST_BYTES"])
+def test_a_folder_that_is_too_large_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bound: str
+) -> None:
+    (tmp_path / "deep").mkdir()
+    for name in ("a", "deep/b", "deep/c"):
+        (tmp_path / name).write_text("x")
+    assert set(files_sha256({"w": str(tmp_path)})) == {"w"}
+    monkeypatch.setattr(f"dfdbench.methods.parameters.{bound}", 2)
+    with pytest.raises(MethodError, match="too large to hash"):
+        files_sha256({"w": str(tmp_path)})
+
+
+def test_the_whole_disk_is_refused_at_once() -> None:
+    with pytest.raises(MethodError, match="too large to hash"):
+        files_sha256({"w": "/"})
 
 
 def test_a_recipe_nested_too_deep_is_told(tmp_path: Path) -> None:

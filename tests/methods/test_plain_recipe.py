@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from dfdbench.blur.noise import uniform_numbers
+from dfdbench.blur.formation import uniform_numbers
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.methods.registry import load

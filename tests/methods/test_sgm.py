@@ -1,9 +1,14 @@
+from __future__ import annotations
+
+import itertools
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.errors import MethodError
-from dfdbench.methods.sgm import SemiGlobal
+from dfdbench.methods.sgm import MOST, SemiGlobal, path_costs
 from tests.methods.made_planes import inside, pair_of, plane, texture
 
 PUBLISHED = RECIPES["published"]
@@ -34,3 +39,41 @@ def test_wrong_parameters_are_all_named() -> None:
         with pytest.raises(MethodError, match="small_step at most large_step") as both:
             SemiGlobal(small_step=small, large_step=large)
         assert both.value.problems[0].where == "small_step and large_step"
+
+
+def by_definition(
+    costs: NDArray[np.uint16], small: int, large: int, directions: int = 8
+) -> NDArray[np.int64]:
+    """Follow Eq. 13 of the paper, a pixel and a direction at a time."""
+    height, width, labels = costs.shape
+    total = np.zeros(costs.shape, np.int64)
+    away = np.abs(np.subtract.outer(np.arange(labels), np.arange(labels)))
+    steps = np.choose(np.minimum(away, 2), [0, small, large])
+    for down, right in itertools.product((-1, 0, 1), repeat=2):
+        if (down, right) == (0, 0) or (directions == 4 and down and right):
+            continue
+        paths: dict[tuple[int, int], NDArray[np.int64]] = {}
+        for y in range(height)[:: -1 if down < 0 else 1]:
+            for x in range(width)[:: -1 if right < 0 else 1]:
+                before = paths.get((y - down, x - right))
+                paths[y, x] = costs[y, x].astype(np.int64)
+                if before is not None:
+                    paths[y, x] += (before + steps).min(1) - before.min()
+                total[y, x] += paths[y, x]
+    return total
+
+
+@pytest.mark.parametrize("directions", [4, 8])
+@pytest.mark.parametrize("shape", [(1, 1, 2), (1, 7, 5), (6, 1, 4), (5, 8, 9)])
+def test_path_costs_are_those_of_the_definition(
+    shape: tuple[int, int, int], directions: int
+) -> None:
+    costs = np.random.default_rng(0).integers(0, 60, shape).astype(np.uint16)
+    expected = by_definition(costs, 5, 17, directions)
+    assert np.array_equal(path_costs(costs, 5, 17, directions), expected)
+
+
+@pytest.mark.parametrize("large", [1, MOST // 2, MOST])
+def test_the_largest_costs_do_not_overflow(large: int) -> None:
+    costs = np.random.default_rng(0).choice([0, MOST - large], (12, 12, 6)).astype(np.uint16)
+    assert np.array_equal(path_costs(costs, large, large), by_definition(costs, large, large))

@@ -20,8 +20,7 @@ from dfdbench.leaderboard.board_tables import lighting_table, standings_table
 from dfdbench.leaderboard.boards import Entry, boards
 from dfdbench.metrics import metric
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric
-from dfdbench.metrics.of_protocol import metrics_of
-from dfdbench.metrics.protocol import PROTOCOLS
+from dfdbench.metrics.protocol import PROTOCOLS, metrics_of
 from dfdbench.metrics.scores import nmae
 from dfdbench.report.html import write_html
 from dfdbench.results.difference_tables import change_tables

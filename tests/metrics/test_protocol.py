@@ -5,9 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from dfdbench.errors import UnknownNameError
-from dfdbench.metrics.of_protocol import protocols_of
-from dfdbench.metrics.protocol import PROTOCOLS, RELEASED, find_protocol, require_scored, score
+from dfdbench.datasets.depth_scale import DepthScale
+from dfdbench.errors import InputError, UnknownNameError
+from dfdbench.metrics.metres import abs_rel, aligned, rmse_metres, share_within
+from dfdbench.metrics.metric import METRICS
+from dfdbench.metrics.protocol import (
+    PROTOCOLS,
+    RELEASED,
+    Crop,
+    find_protocol,
+    metrics_of,
+    protocols_of,
+    ranked_by,
+    require_scored,
+    score,
+    window_of,
+)
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 
@@ -137,3 +150,78 @@ def test_an_unknown_protocol_shows_the_near_miss_and_the_versions() -> None:
         "valid"
     )
     assert caught.value.problems[0].expected == named
+
+
+@pytest.mark.parametrize(
+    ("crop", "rows", "columns"),
+    [
+        ("whole", (0, 370), (0, 463)),
+        ("network", (9, 361), (55, 407)),
+        # Cut to 368 x 448 first, so a pixel down and seven across from the one above.
+        ("network-of-16", (8, 360), (48, 400)),
+    ],
+)
+def test_each_crop_of_a_middlebury_image(
+    crop: Crop, rows: tuple[int, int], columns: tuple[int, int]
+) -> None:
+    assert window_of(crop, (370, 463), 352) == (slice(*rows), slice(*columns))
+
+
+def test_an_axis_shorter_than_the_square_is_taken_whole() -> None:
+    assert window_of("network", (100, 463), 352) == (slice(0, 100), slice(55, 407))
+
+
+SCALE = DepthScale(law="inverse", near=0.5, far=4.0)
+
+
+def test_levels_are_scored_as_distances_over_known_pixels() -> None:
+    random = np.random.default_rng(4)
+    depth = random.integers(0, 256, (20, 30)).astype(np.uint8)
+    test = random.uniform(0, 255, depth.shape).astype(np.float32)
+    valid = depth > 0
+    true, found = SCALE.to_metres(depth), SCALE.to_metres(test)
+    metric = score(RELEASED["metric"], depth, valid, test, 16, SCALE)
+    assert metric == {
+        "abs_rel": abs_rel(true, found, mask=valid),
+        "rmse_m": rmse_metres(true, found, mask=valid),
+        "delta_1": share_within(true, found, mask=valid, factor=1.25),
+        "delta_2": share_within(true, found, mask=valid, factor=1.5625),
+        "delta_3": share_within(true, found, mask=valid, factor=1.953125),
+    }
+    moved = aligned(true, found, 4.0, valid)
+    fitted = score(RELEASED["aligned"], depth, valid, test, 16, SCALE)
+    assert list(fitted) == ["abs_rel", "delta_1", "delta_2", "delta_3"]
+    assert fitted["abs_rel"] == abs_rel(true, moved, mask=valid)
+    assert fitted["delta_3"] == share_within(true, moved, mask=valid, factor=1.953125)
+    changed = np.where(valid, test, 255).astype(np.float32)
+    assert score(RELEASED["metric"], depth, valid, changed, 16, SCALE) == metric
+    assert score(RELEASED["aligned"], depth, valid, changed, 16, SCALE) == fitted
+
+
+def test_levels_linear_in_inverse_depth_are_aligned_whatever_their_scale() -> None:
+    depth = np.arange(1, 241, dtype=np.uint8).reshape(12, 20)
+    half = (depth / 2 + 100).astype(np.float32)
+    scores = score(RELEASED["aligned"], depth, depth > 0, half, 16, SCALE)
+    assert scores["abs_rel"] == pytest.approx(0, abs=1e-6)
+    assert scores["delta_1"] == 1
+    assert score(RELEASED["metric"], depth, depth > 0, half, 16, SCALE)["abs_rel"] > 0.1
+
+
+def test_without_a_scale_there_are_no_metres() -> None:
+    depth = np.full((4, 4), 9, np.uint8)
+    with pytest.raises(InputError, match="how levels become metres"):
+        score(RELEASED["metric"], depth, depth > 0, depth.astype(np.float32), 16)
+
+
+def test_the_trio_is_what_all_but_metres_are_scored_by() -> None:
+    for label, protocol in RELEASED.items():
+        if not protocol.metrics:
+            assert metrics_of(label) == METRICS
+            assert ranked_by(label) == ("nrmse", "nmae")
+    assert metrics_of("somebody's own") == METRICS
+
+
+def test_what_ranks_in_metres_is_scored_there_and_smaller_is_better() -> None:
+    for label in ("metric", "aligned"):
+        for name in ranked_by(label):
+            assert not metrics_of(label)[name].larger_is_better

@@ -1,5 +1,5 @@
-import dfdbench
 from dfdbench.datasets.store import Store
+from dfdbench.evaluation.evaluate import evaluate
 from tests.made_results import make_result
 
 
@@ -11,7 +11,7 @@ def test_a_result_shows_its_means_under_the_protocol_that_it_has() -> None:
 
 
 def test_a_run_shows_its_worst_pairs_worst_first(tiny_store: Store) -> None:
-    run = dfdbench.evaluate(lambda infocus, defocus: defocus.mean(axis=2), tiny_store)
+    run = evaluate(lambda infocus, defocus: defocus.mean(axis=2), tiny_store)
     text = run._repr_html_()
     worst = run.to_frame()["nrmse"].nlargest(3).index
     places = [text.index(f"{pair}, in-focus") for pair in worst]

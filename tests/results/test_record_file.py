@@ -16,7 +16,9 @@ VALUES = {("a", 1, 1, 0): 0.2, ("b", 1, 1, 0): 0.1, ("b", 5, 1, 0): None}
 def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
     result = make_result(VALUES)
     save_result(result, tmp_path / "r.json")
-    assert load_result(tmp_path / "r.json") == result
+    assert load_result(tmp_path / "r.json") == load_result(f"{tmp_path}/r.json") == result
+    with pytest.raises(ResultError, match="cannot read the result"):
+        load_result("no such file")
 
 
 def test_the_published_schema_is_that_of_the_code_and_holds(tmp_path: Path) -> None:
@@ -24,6 +26,14 @@ def test_the_published_schema_is_that_of_the_code_and_holds(tmp_path: Path) -> N
     assert published == json.dumps(Result.model_json_schema(), indent=1, sort_keys=True) + "\n"
     save_result(make_result(VALUES), tmp_path / "r.json")
     jsonschema.validate(json.loads((tmp_path / "r.json").read_text()), json.loads(published))
+
+
+def test_a_machine_that_is_not_listed_is_refused(tmp_path: Path) -> None:
+    result = make_result(VALUES)
+    pairs = [result.pairs[0].model_copy(update={"machine": 1}), *result.pairs[1:]]
+    save_result(result.model_copy(update={"pairs": pairs}), tmp_path / "r.json")
+    with pytest.raises(ResultError, match="on a machine that is not listed"):
+        load_result(tmp_path / "r.json")
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"a": 1}'])

@@ -48,7 +48,7 @@ def test_a_run_on_a_path_finds_its_store_again(
 
 
 def test_a_run_that_was_stopped_is_told_as_one(tmp_path: Path) -> None:
-    open_run_folder(tmp_path / "run", {"entry": "mine:predict"}, fresh=False)
+    open_run_folder(tmp_path / "run", {"entry": "mine:predict"}, goes_on=False)
     with pytest.raises(ResultError, match="stopped before its end") as told:
         open_run(tmp_path / "run")
     assert "the same command" in str(told.value)

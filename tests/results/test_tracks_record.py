@@ -28,6 +28,18 @@ def test_what_a_record_keeps_comes_back_as_the_results_that_it_was_made_of() -> 
     assert track.averages["valid"]["nrmse"] == pytest.approx(0.123457, abs=1e-12)
 
 
+def test_each_pair_keeps_its_machine() -> None:
+    results = make_tracks(labels=["gain-1"])
+    track = results["gain-1"]
+    other = track.environment.model_copy(update={"cpu": "another"})
+    pairs = [pair.model_copy(update={"machine": n % 2}) for n, pair in enumerate(track.pairs)]
+    results["gain-1"] = track.model_copy(update={"other_environments": [other], "pairs": pairs})
+    found = results_of(tracks_record(results, "valid"))
+    assert found["gain-1"].environments == results["gain-1"].environments
+    assert [pair.machine for pair in found["gain-1"].pairs] == [pair.machine for pair in pairs]
+    assert found["clean"] == results["clean"]
+
+
 def test_a_run_that_is_incomplete_has_no_average() -> None:
     results = make_tracks(labels=["gain-1"])
     results["gain-1"] = limited(results["gain-1"], 5)

@@ -48,6 +48,9 @@ def test_folders_are_copied_moved_and_removed(place: Callable[[str], UPath]) -> 
 def test_places_that_cannot_be_reached() -> None:
     with pytest.raises(InputError, match="nosuch"):
         as_location("nosuch://bucket/a.zarr")
+    for needs_more in ("reference://x", "dir://x", "github://x/a.zarr"):
+        with pytest.raises(InputError, match="cannot reach places of this kind"):
+            as_location(needs_more)
     with pytest.raises(InputError, match="names no folder"):
         as_location("memory://")
     with pytest.raises(InputError, match="cannot reach the host"):

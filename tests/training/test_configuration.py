@@ -1,16 +1,27 @@
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
+import torch
+
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.errors import InputError
+from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.weights import find_weights, load_weights
-from dfdbench.methods.networks.widths import FILTERS
-from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.configuration_file import read_configuration
+from dfdbench.training.configuration import (
+    TrainingConfiguration,
+    precision_for,
+    read_configuration,
+    settled,
+    shipped_configurations,
+)
+
+CPU = torch.device("cpu")
 
 
 def test_the_published_configuration_is_the_thesis_and_the_default() -> None:
@@ -143,3 +154,77 @@ def test_robust_goes_on_from_demo_fine_on_every_track() -> None:
     assert robust == fine.model_copy(update=changes)
     with pytest.raises(InputError, match=r"any of noise, psf.*got nois"):
         read_configuration("robust", {"tracks": ["nois"]})
+
+
+@pytest.mark.parametrize("name", shipped_configurations())
+def test_every_shipped_configuration_can_be_read(name: str) -> None:
+    found = read_configuration(name)
+    found.architecture("dfd-net")
+    if name in ("demo", "demo-fine", "demo-u-net"):
+        # They suit any processor.
+        assert found.precision == "auto"
+    elif found.precision != "auto":
+        assert settled(found, CPU) == found
+
+
+def test_a_file_and_changes_to_it(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('filters = "F-02-02"\nnoise = 1\n')
+    read = read_configuration(str(path), {"noise": 3, "betas": [0.9, 0.999]})
+    assert (read.noise, read.betas) == (3.0, (0.9, 0.999))
+    assert read.architecture("dfd-net")["filters"] == list(FILTERS["F-02-02"])
+
+
+def test_every_problem_of_a_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('crop = 3\nnoice = 1\nprecision = "int8"\nlearning_rate = -1\n')
+    with pytest.raises(InputError) as caught:
+        read_configuration(str(path))
+    text = str(caught.value)
+    assert len(caught.value.problems) == 4
+    for word in ("crop", "noice", "precision", "learning_rate", "mine.toml"):
+        assert word in text
+
+
+def test_what_is_no_configuration(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="demo, published"):
+        read_configuration("publisht")
+    path = tmp_path / "mine.toml"
+    path.write_text("crop = = 3")
+    with pytest.raises(InputError, match="not a TOML file"):
+        read_configuration(str(path))
+    with pytest.raises(InputError, match="needs steps"):
+        read_configuration("published", {"schedule": "cosine"})
+    with pytest.raises(InputError, match="F-02-02"):
+        read_configuration("published", {"filters": "F-99"})
+
+
+def test_a_file_nested_too_deep_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "deep.toml"
+    path.write_text("noise = " + "[" * 3000)
+    with pytest.raises(InputError, match="nested too deep"):
+        read_configuration(str(path))
+
+
+@pytest.mark.parametrize(
+    ("told", "precision", "said"),
+    [
+        ({"amx_bf16": True, "avx512_bf16": True}, "bf16", "amx_bf16"),
+        ({"avx512_bf16": True, "amx_bf16": False}, "bf16", "avx512_bf16"),
+        ({"avx512_f": True, "avx2": True}, "float32", "no fast bf16"),
+        ({}, "float32", "no fast bf16"),
+    ],
+)
+def test_a_processor_trains_in_what_it_does_fast(
+    told: Mapping[str, bool], precision: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: told)
+    found, reason = precision_for(CPU)
+    assert found == precision
+    assert said in reason
+    assert settled(TrainingConfiguration(precision="auto"), CPU).precision == precision
+
+
+def test_a_pytorch_that_cannot_be_asked_trains_in_float32(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(torch.cpu, "get_capabilities")
+    assert precision_for(CPU)[0] == "float32"

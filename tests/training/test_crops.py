@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -8,13 +9,21 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
-from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.blur.formation import form_pair
+from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
-from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels, oriented
-from dfdbench.training.random_tracks import RandomTracks
+from dfdbench.training.crops import (
+    IGNORED,
+    Cropper,
+    RandomTracks,
+    Redraw,
+    TrainingImages,
+    count_levels,
+    oriented,
+)
 
 SMALL_BLUR = BlurRecipe(0.3, 0.005, kernel_size=7)
 
@@ -114,10 +123,10 @@ def test_noise_has_its_deviation_and_stays_in_range(images: TrainingImages) -> N
 
 
 def test_patches_larger_than_an_image_are_refused(images: TrainingImages) -> None:
-    with pytest.raises(InputError, match="at most 24"):
+    with pytest.raises(InputError, match="at most 24 do"):
         Cropper(images, 28, 1, "eight", 0.0, 0)
     redraw = Redraw(SMALL_BLUR, 40, 200, 1.0, 0)
-    with pytest.raises(InputError, match="at most 18"):
+    with pytest.raises(InputError, match="at most 18 do"):
         Cropper(images, 20, 1, "eight", 0.0, 0, redraw)
 
 
@@ -197,3 +206,33 @@ def test_without_tracks_patches_are_drawn_as_before() -> None:
     pixels, levels = Cropper(images, 16, 4, "one", 0.0, 9, redraw).draw(5)
     digest = hashlib.sha256(pixels.numpy().tobytes() + levels.numpy().tobytes()).hexdigest()
     assert digest.startswith("72a110f0ed1abf12")
+
+
+def test_tracks_and_severities_are_drawn_alike() -> None:
+    tracks = RandomTracks(RECIPES["published"], list(TRACKS))
+    random = np.random.default_rng(0)
+    drawn = [tracks.choose(random) for _ in range(2800)]
+    counts = Counter((one.track.name, one.severity) for one in drawn)
+    assert counts.keys() == {(name, severity) for name in TRACKS for severity in range(4)}
+    assert 60 < min(counts.values()) < max(counts.values()) < 140
+
+
+@pytest.mark.parametrize("name", TRACKS)
+def test_a_patch_cut_with_its_margin_is_that_of_the_whole_image(name: str) -> None:
+    # Where noise is drawn for each pixel by its place in the image, patch and whole differ.
+    random = np.random.default_rng(2)
+    image = random.integers(60, 190, (120, 120, 3)).astype(np.uint8)
+    depth = np.tile(np.repeat(np.array([80, 140], np.uint8), 60), (120, 1))
+    tracks = RandomTracks(RECIPES["published"], [name])
+    one = next(d for d in iter(lambda: tracks.choose(random), None) if d.severity == 3)
+    margin = tracks.margin_of(one)
+    assert margin <= tracks.margin
+    _, whole = form_pair(image, depth, RECIPES["published"], one, "training/1/2/3")
+    inner = slice(60 - 8, 60 + 8)
+    around = slice(60 - 8 - margin, 60 + 8 + margin)
+    _, patch = tracks.form(image[around, around], depth[around, around], one, "1/2/3")
+    found = patch[margin:-margin, margin:-margin].astype(int)
+    noisy = name in ("noise", "camera")
+    difference = found - whole[inner, inner]
+    assert abs(difference.mean()) < (5 if noisy else 0.01)
+    assert noisy or np.abs(difference).max() <= 1

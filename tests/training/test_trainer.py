@@ -139,16 +139,6 @@ def test_another_configuration_in_the_same_folder_is_refused(
         train(task(tiny_store, noise=2.0), tmp_path / "t", None, "cpu")
 
 
-def test_a_checkpoint_of_another_networks_state_is_told(tiny_store: Store, tmp_path: Path) -> None:
-    train(task(tiny_store), tmp_path / "a", device="cpu")
-    path = tmp_path / "a/checkpoint.pt"
-    state = torch.load(path, weights_only=True)
-    state["network"].popitem()
-    torch.save(state, path)
-    with pytest.raises(InputError, match="the checkpoint cannot be read"):
-        train(task(tiny_store), tmp_path / "a", device="cpu")
-
-
 @pytest.mark.slow
 def test_training_goes_on_from_weights_and_says_so(tiny_store: Store, tmp_path: Path) -> None:
     first = train(task(tiny_store), tmp_path / "first", device="cpu")
@@ -212,7 +202,7 @@ def test_what_cannot_be_trained(tiny_store: Store, tmp_path: Path) -> None:
         ({"crop": 18}, "a multiple of 4"),
         ({"crop": 64}, "at most 24"),
         ({"kernels": [4] * 14}, "an odd number up to 9"),
-        ({"learning_rate": 1e30}, "the loss is no number"),
+        ({"learning_rate": 1e30}, "the loss became (nan|inf)"),
         ({"filters": [1, 2, 3]}, "18 positive numbers"),
     ):
         with pytest.raises(InputError, match=message):

@@ -78,7 +78,7 @@ def open_source(
                 expected="k33/left/exp_30/image_141_30.00.png and k33/lidar/..., or raw "
                 "captures: docs/realworld.md",
                 fix=f"dfdbench build {manifest.short} --source DIR; to see the layout: "
-                "dfdbench simulate realworld --out DIR --scenes k00-k07",
+                "dfdbench rig simulate realworld --out DIR --scenes k00-k07",
             )
         return RealworldFolder(manifest, folder, pair)
     if manifest.reader == FOLDER:

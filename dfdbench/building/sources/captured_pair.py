@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +101,9 @@ def _laid_out(
 ) -> CapturedPair:
     warnings = _swapped(infocus, defocus, where["infocus"])
     try:
-        infocus, defocus, covered, found = _matched(infocus, defocus, files)
+        infocus, defocus, covered, found = matched(
+            infocus, defocus, files.align, files.match_gain, files.moved
+        )
     except InputError as error:
         raise SourceError.of(
             Problem(p.what, where=where[files.moved], expected=p.expected, got=p.got, fix=p.fix)
@@ -114,19 +116,37 @@ def _laid_out(
     return CapturedPair(infocus[kept], defocus[kept], levels[kept], known, found, warnings)
 
 
-def _matched(
-    infocus: Image, defocus: Image, files: CapturedFiles
+def matched(
+    infocus: Image,
+    defocus: Image,
+    align: Literal["none", "translation", "euclidean"],
+    match_gain: bool,
+    moved: Literal["infocus", "defocus"] = "defocus",
 ) -> tuple[Image, Image, Mask, dict[str, float]]:
-    """Return both images on each other, which pixels both cover, and what was found."""
+    """Lay two photographs, uint8 of shape (y, x, 3), on each other and match their brightness.
+
+    Returns
+    -------
+    infocus, defocus : ndarray of uint8, shape (y, x, 3)
+    covered : ndarray of bool, shape (y, x)
+        Which pixels both cover.
+    found : dict of str to float
+        How the moved image was placed, and the gain.
+
+    Raises
+    ------
+    InputError
+        If no alignment is found, or the brightness differs too much.
+    """
     images = {"infocus": infocus.astype(np.float64), "defocus": defocus.astype(np.float64)}
     covered = np.ones(infocus.shape[:2], bool)
     found: dict[str, float] = {}
-    if files.align != "none":
-        fixed, moved = (infocus, defocus) if files.moved == "defocus" else (defocus, infocus)
-        at = find_placement(fixed, moved, files.align)
-        images[files.moved], covered = place(images[files.moved], at)
+    if align != "none":
+        pair = (infocus, defocus) if moved == "defocus" else (defocus, infocus)
+        at = find_placement(*pair, align)
+        images[moved], covered = place(images[moved], at)
         found |= asdict(at)
-    if files.match_gain:
+    if match_gain:
         found["gain"] = find_gain(images["infocus"], images["defocus"], covered)
         images["defocus"] = images["defocus"] * found["gain"]
     sharp, blurred = (np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in images.values())

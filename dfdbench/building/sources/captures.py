@@ -7,12 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.building.sources.frames import Image, average_frames, decode, png_problems
+from dfdbench.building.sources.image_files import Image, average_frames, image_problems, read_rgb
 from dfdbench.datasets.manifest import Capture
 from dfdbench.errors import Problem, SourceError
 from dfdbench.rig.geometry import CaptureRig
@@ -51,7 +50,7 @@ class PublishedScene:
 
     def image(self, exposure_ms: int, step: int) -> Image:
         """Return one image, RGB."""
-        return decode(self.images(exposure_ms, step)[0], cv2.IMREAD_COLOR_RGB)
+        return read_rgb(self.images(exposure_ms, step)[0])
 
     def frame(self, exposure_ms: int, step: int) -> Image:
         """Return all that is published of an image's frame: what was left of it by the crop."""
@@ -59,7 +58,7 @@ class PublishedScene:
 
     def depth(self) -> Depth:
         """Return depth levels in centimetres and where they are known."""
-        levels = decode(self.depth_files()[0], cv2.IMREAD_GRAYSCALE)
+        levels = np.ascontiguousarray(read_rgb(self.depth_files()[0])[..., 0])
         return levels, (levels > 0) & (levels < LAST_LEVEL)
 
     def depth_files(self) -> list[Path]:
@@ -69,7 +68,7 @@ class PublishedScene:
 
     def image_problems(self, exposure_ms: int, step: int) -> list[Problem]:
         """Return what is wrong with an image's file, found without decoding it."""
-        return png_problems(self.images(exposure_ms, step), (self._capture.crop_size,) * 2)
+        return image_problems(self.images(exposure_ms, step), (self._capture.crop_size,) * 2)
 
     def depth_problems(self) -> list[Problem]:
         """Return what is wrong with the depth map's file."""
@@ -79,7 +78,7 @@ class PublishedScene:
             return [
                 Problem("scene has no LIDAR depth map", where=str(self.folder), expected=expected)
             ]
-        return png_problems(files, (self._capture.crop_size,) * 2)
+        return image_problems(files, (self._capture.crop_size,) * 2)
 
 
 class RawScene:
@@ -117,7 +116,7 @@ class RawScene:
 
     def frame(self, exposure_ms: int, step: int) -> Image:
         """Return the average of an image's frames, not cropped."""
-        frames = [decode(p, cv2.IMREAD_COLOR_RGB) for p in self.images(exposure_ms, step)]
+        frames = [read_rgb(path) for path in self.images(exposure_ms, step)]
         return average_frames(frames)
 
     def image(self, exposure_ms: int, step: int) -> Image:
@@ -164,7 +163,7 @@ class RawScene:
     def image_problems(self, exposure_ms: int, step: int) -> list[Problem]:
         """Return what is wrong with an image's frames, found without decoding them."""
         files = self.images(exposure_ms, step)
-        problems = png_problems(files, tuple(self._capture.frame_size))
+        problems = image_problems(files, tuple(self._capture.frame_size))
         if len(files) != self._capture.frames:
             name = _image_name(exposure_ms, step)
             place = _exposure_folder(self.folder / "frames", exposure_ms) / f"{name}_*.png"
@@ -214,13 +213,15 @@ class RawScene:
                 Problem(
                     "scene is not registered",
                     where=str(self.registration),
-                    fix=f"dfdbench register {self.folder.name} --source {self.folder.parent}",
+                    fix=f"dfdbench rig register {self.folder.name} --source {self.folder.parent}",
                 )
             )
         else:
             _attempt(lambda: read_registration(self.registration), problems)
         if not problems and not self.depth()[1].any():
-            again = f"dfdbench register {self.folder.name} --source {self.folder.parent} --fresh"
+            again = (
+                f"dfdbench rig register {self.folder.name} --source {self.folder.parent} --fresh"
+            )
             problems.append(
                 Problem(
                     "no LIDAR return falls on the image", where=str(self.registration), fix=again

@@ -11,8 +11,9 @@ import numpy as np
 
 from dfdbench.building.fetching.checksums import check_checksum, sha256
 from dfdbench.building.sources.captured_pair import CapturedPair, captured_pair
+from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.building.sources.interface import SceneError, SceneImages
-from dfdbench.datasets.captured_files import ROLES, CapturedFiles, fill
+from dfdbench.datasets.captured_files import ANY_ENDING, ROLES, CapturedFiles, fill
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.files import LARGEST_ARRAY, read_whole
@@ -53,6 +54,7 @@ class FolderScenes:
         inside = folder / (manifest.files.inside or "")
         self._folder = inside if inside.is_dir() else folder
         self._checksums = checksums or {}
+        self._endings: dict[str, dict[str, list[str]]] = {}
         self._names = {scene.name: scene.names for scene in manifest.scenes}
         problems = tuple(self._patterns_that_match_nothing())
         if problems:
@@ -67,8 +69,9 @@ class FolderScenes:
         digest = hashlib.sha256()
         problems: list[Problem] = []
         pairs = self._manifest.pairs_of_scene(scene)
-        for path in dict.fromkeys(self._path(role, pair) for pair in pairs for role in ROLES):
+        for named in dict.fromkeys(self._named(role, pair) for pair in pairs for role in ROLES):
             try:
+                path = self._path(named)
                 content = self._content(path)
                 check_checksum(f"{scene}/{path}", content, self._checksums, self._where(path))
                 digest.update(f"{path}\n{sha256(content)}\n".encode())
@@ -83,8 +86,8 @@ class FolderScenes:
         captured: dict[Pair, CapturedPair] = {}
         problems: list[Problem] = []
         for pair in self._manifest.pairs_of_scene(scene):
-            paths = {role: self._path(role, pair) for role in ROLES}
             try:
+                paths = {role: self._path(self._named(role, pair)) for role in ROLES}
                 captured[pair] = captured_pair(
                     {role: self._content(path) for role, path in paths.items()},
                     {role: self._where(path) for role, path in paths.items()},
@@ -125,10 +128,32 @@ class FolderScenes:
         warnings = tuple(text for found in captured.values() for text in found.warnings)
         return SceneImages(infocus, levels, valid, available, defocus, told, warnings)
 
-    def _path(self, role: str, pair: Pair) -> str:
+    def _named(self, role: str, pair: Pair) -> str:
         values = {**self._names[pair.scene], "scene": pair.scene}
         values |= {axis: str(value) for axis, value in pair.coordinates}
         return fill(self._files.pattern_of(role), values)
+
+    def _path(self, named: str) -> str:
+        found = self._fitting(named)
+        if len(found) > 1:
+            raise SourceError(
+                "several files fit the pattern",
+                where=self._where(named),
+                got=listed(found, _NAMED),
+                fix="remove all but one, or write the ending into the manifest's pattern",
+            )
+        return found[0] if found else named
+
+    def _fitting(self, named: str) -> list[str]:
+        """Return the files that a filled pattern may mean."""
+        if not named.endswith(ANY_ENDING):
+            return [named] if (self._folder / named).is_file() else []
+        parent, _, stem = named.removesuffix(ANY_ENDING).rpartition("/")
+        # Listed once: a folder may hold every scene.
+        if parent not in self._endings:
+            self._endings[parent] = _endings_in(self._folder / parent)
+        endings = self._endings[parent].get(stem, ())
+        return [f"{parent}/{stem}{end}".lstrip("/") for end in endings]
 
     def _where(self, path: str) -> str:
         return str(self._folder / path)
@@ -153,8 +178,8 @@ class FolderScenes:
             )
             return
         for role in ROLES:
-            paths = [self._path(role, pair) for pair in self._manifest.pairs()]
-            if not any((self._folder / path).is_file() for path in paths):
+            paths = [self._named(role, pair) for pair in self._manifest.pairs()]
+            if not any(self._fitting(path) for path in paths):
                 yield Problem(
                     f"the pattern of files.{role} matches no file",
                     where=str(self._folder),
@@ -162,6 +187,15 @@ class FolderScenes:
                     got=_what_is_in(self._folder),
                     fix=f"mend files.{role} in the manifest, or name another folder",
                 )
+
+
+def _endings_in(folder: Path) -> dict[str, list[str]]:
+    """Return the endings of the files that can be read, by the rest of their names."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if path.suffix.lower() in SUFFIXES and path.is_file():
+            found.setdefault(path.stem, []).append(path.suffix)
+    return found
 
 
 def _what_is_in(folder: Path) -> str:

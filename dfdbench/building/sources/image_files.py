@@ -1,9 +1,10 @@
-"""Read photographs and depth files of a captured set: PNG, JPEG, TIFF; 8, 16 or 32 bit."""
+"""Read photographs (PNG, JPEG, TIFF) and depth files (those, and npy); reject damaged ones."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Literal
 
 import cv2
@@ -12,11 +13,16 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from PIL import UnidentifiedImageError
 
-from dfdbench.errors import SourceError
-from dfdbench.system.array_files import UNREADABLE_IMAGE
+from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.system.array_files import UNREADABLE, UNREADABLE_IMAGE
+from dfdbench.system.files import LARGEST_ARRAY, read_whole
 
 Image = NDArray[np.uint8]
 
+#: Endings of the image files that are read, in any case.
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+
+_ARRAY_HEAD = b"\x93NUMPY"
 _FORMATS = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
 _ORIENTATION = 0x0112
 _FULL = 16
@@ -88,7 +94,7 @@ def read_photograph(
 def read_depth_file(
     content: bytes, where: str, rotation: Literal["apply", "ignore"] | None = None
 ) -> NDArray[np.float64]:
-    """Return what a depth file holds, as it stands there, shape (y, x).
+    """Return what an image or npy file of depth holds, unchanged, shape (y, x).
 
     The parameters are those of `read_photograph`.
 
@@ -97,7 +103,7 @@ def read_depth_file(
     SourceError
         Where it is no such file, is damaged, or is in colour.
     """
-    values = _upright(decode_file(content, where), content, where, rotation)
+    values = _upright(decode_depth(content, where), content, where, rotation)
     if values.ndim == 3:
         if not (values[..., :3] == values[..., :1]).all():
             raise SourceError(
@@ -107,44 +113,186 @@ def read_depth_file(
     return np.asarray(values, np.float64)
 
 
+def decode_depth(content: bytes, where: str) -> NDArray[Any]:
+    """Return what an npy file holds, or what `decode_file` does.
+
+    Raises
+    ------
+    SourceError
+        If the file is damaged, or holds no array of numbers of shape (y, x) or (y, x, channel).
+    """
+    if not content.startswith(_ARRAY_HEAD):
+        return decode_file(content, where)
+    try:
+        values = np.load(io.BytesIO(content), allow_pickle=False)
+    except UNREADABLE as error:
+        raise SourceError(
+            "the npy file is damaged",
+            where=where,
+            got=str(error),
+            fix="copy it again from where it came from",
+        ) from error
+    if values.ndim not in (2, 3) or values.dtype.kind not in "iuf" or not values.size:
+        raise SourceError(
+            "the array is not a depth map",
+            where=where,
+            expected="numbers of shape (y, x)",
+            got=f"{values.dtype} of shape {values.shape}",
+        )
+    return np.asarray(values)
+
+
 def decode_file(content: bytes, where: str) -> NDArray[Any]:
     """Return what a PNG, JPEG or TIFF file holds, unchanged: channels as BGR, EXIF left alone.
 
     Raises
     ------
     SourceError
-        Where it is no such file or is damaged.
+        If it is no such file or is damaged.
     """
     kind = next((name for head, name in _FORMATS.items() if content.startswith(head)), None)
     if kind is None:
-        raise SourceError(
-            "not an image file that can be read",
-            where=where,
-            expected="PNG, JPEG or TIFF",
-            got=f"bytes {content[:8]!r}" if content else "an empty file",
-        )
-    # OpenCV gives an image for files cut short; Pillow says so.
+        got = f"bytes {content[:8]!r}" if content else "an empty file"
+        expected = "PNG, JPEG or TIFF"
+        raise SourceError("not an image file", where=where, expected=expected, got=got)
     damage = _damage(content)
     found = None if damage else cv2.imdecode(np.frombuffer(content, np.uint8), -1)
     if found is None:
-        raise SourceError(
-            f"the {kind} file is damaged",
-            where=where,
-            got=damage or f"{len(content)} bytes that do not decode",
-            fix="copy it again from where it came from",
-        )
+        got = damage or f"{len(content)} bytes that do not decode"
+        fix = "fetch or copy it again"
+        raise SourceError(f"the {kind} file is damaged", where=where, got=got, fix=fix)
     return np.asarray(found)
 
 
 def _damage(content: bytes) -> str:
+    # OpenCV returns an image even for files that are cut short or have flipped bits. Pillow checks
+    # a PNG's checksums, which is faster than decoding it.
     try:
         with Pillow.open(io.BytesIO(content)) as file:
-            file.load()
+            file.verify() if file.format == "PNG" else file.load()
     except UnidentifiedImageError:
-        return ""  # a kind of TIFF that Pillow does not know: OpenCV may
+        # A kind of TIFF that Pillow does not know: OpenCV may.
+        return "" if content.startswith((b"II", b"MM")) else f"{len(content)} bytes, no header"
     except UNREADABLE_IMAGE as error:
         return str(error) or type(error).__name__
     return ""
+
+
+def decode_rgb(content: bytes, where: str) -> Image:
+    """Return an 8-bit PNG without transparency as RGB, shape (y, x, 3); a grey one three times.
+
+    Raises
+    ------
+    SourceError
+        As `decode_file` does, for other files and other pixels.
+    """
+    if not content.startswith(b"\x89PNG"):
+        got = f"bytes {content[:8]!r}" if content else "an empty file"
+        raise SourceError("not a PNG file", where=where, got=got, fix="fetch it again")
+    image = decode_file(content, where)
+    if image.dtype != np.uint8 or (image.ndim == 3 and image.shape[2] != 3):
+        channels = 1 if image.ndim == 2 else image.shape[2]
+        got, expected = f"{image.dtype}, {channels} channels", "8-bit RGB or grey"
+        raise SourceError("wrong kind of pixels", where=where, expected=expected, got=got)
+    if image.ndim == 2:
+        return np.repeat(image[..., np.newaxis], 3, axis=2)
+    return np.ascontiguousarray(image[..., ::-1])
+
+
+def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None) -> Image:
+    """Return an image as `decode_rgb` does, provided that it has a size and is not all black.
+
+    Parameters
+    ----------
+    content : bytes
+        The file.
+    where : str
+        Its name, for messages.
+    size : tuple of int, optional
+        The rows and columns that it must have.
+
+    Raises
+    ------
+    SourceError
+        As `decode_rgb` does; for another size, or black all over.
+
+    Examples
+    --------
+    >>> content = cv2.imencode(".png", np.full((2, 3), 7, np.uint8))[1].tobytes()
+    >>> decode_image(content, "view1.png").shape
+    (2, 3, 3)
+    """
+    image = decode_rgb(content, where)
+    if size is not None and image.shape[:2] != size:
+        got, expected = _sides(image.shape), _sides(size)
+        raise SourceError("size differs", where=where, expected=expected, got=got)
+    if not image.any():
+        raise SourceError("the image is black all over", where=where, fix="fetch it again")
+    return image
+
+
+def decode_levels(content: bytes, where: str, unknown: int) -> Image:
+    """Return a grey image's depth levels, shape (y, x); `unknown` marks pixels without truth.
+
+    Raises
+    ------
+    SourceError
+        As `decode_rgb` does; if the file is in colour or no pixel's depth is known.
+    """
+    image = decode_rgb(content, where)
+    if not (image == image[..., :1]).all():
+        raise SourceError("a depth map in colour", where=where, fix="fetch it again")
+    if (image[..., 0] == unknown).all():
+        raise SourceError(f"no depth is known: level {unknown} all over", where=where)
+    return np.ascontiguousarray(image[..., 0])
+
+
+def read_rgb(path: Path) -> Image:
+    """Return a file's image as `decode_rgb` does."""
+    return decode_rgb(_read(path), str(path))
+
+
+def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
+    """Return a problem for each image file that is damaged or not of `size` (y, x)."""
+    problems: list[Problem] = []
+    for path in files:
+        try:
+            content = _read(path)
+            damage = _damage(content)
+            if damage:
+                raise SourceError("the image file is damaged", where=str(path), got=damage)
+            with Pillow.open(io.BytesIO(content)) as file:
+                found = file.size[::-1]
+            if found != size:
+                got, expected = _sides(found), _sides(size)
+                raise SourceError("size differs", where=str(path), expected=expected, got=got)
+        except SourceError as error:
+            problems += error.problems
+    return problems
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return read_whole(path, LARGEST_ARRAY)
+    except OSError as error:
+        raise SourceError("cannot read the file", where=str(path), got=reason_of(error)) from error
+
+
+def _sides(shape: tuple[int, ...]) -> str:
+    return f"{shape[0]} rows, {shape[1]} columns"
+
+
+def average_frames(frames: list[Image]) -> Image:
+    """Return the mean of several frames, pixel by pixel, rounded half up (thesis, 3.2.3).
+
+    Examples
+    --------
+    >>> average_frames([np.array([[7, 0]], np.uint8), np.array([[8, 0]], np.uint8)]).tolist()
+    [[8, 0]]
+    """
+    total = np.sum([frame.astype(np.uint32) for frame in frames], axis=0)
+    count = len(frames)
+    return np.asarray((2 * total + count) // (2 * count), np.uint8)
 
 
 def orientation_of(content: bytes) -> int:

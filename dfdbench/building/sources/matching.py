@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
 from typing import Literal
@@ -17,10 +18,16 @@ Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Motion = Literal["translation", "euclidean"]
 
-_MOTIONS = {"translation": cv2.MOTION_TRANSLATION, "euclidean": cv2.MOTION_EUCLIDEAN}
+_MOTIONS = {
+    "translation": cv2.MOTION_TRANSLATION,
+    "euclidean": cv2.MOTION_EUCLIDEAN,
+    "affine": cv2.MOTION_AFFINE,
+}
 # Both images are smoothed by a Gaussian of this sigma before they are compared: what differs in
 # blur then weighs less than what differs in place.
 _SMOOTHING = 2.0
+# What is around a pixel: a Gaussian of this sigma, wider than blur and narrower than fall-off.
+_AROUND = 20.0
 _RIM = 6
 # From coarse to fine: each size finds what the next one starts from.
 _SCALES = (8, 4, 2, 1)
@@ -82,6 +89,74 @@ def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
     >>> found.right, found.down
     (2.0, -1.0)
     """
+    matrix, way, correlation = _transform(fixed, moved, motion)
+    turned = math.atan2(float(matrix[1, 0]), float(matrix[0, 0]))
+    right, down = (round(-float(part), _PLACES) + 0.0 for part in way)
+    degrees = round(-math.degrees(turned), _ANGLE_PLACES) + 0.0
+    return Placement(right, down, degrees, round(correlation, 4))
+
+
+@dataclass(frozen=True)
+class Movement:
+    """How one image of a pair differs in place from the other: a similarity about the centre.
+
+    Parameters
+    ----------
+    right, down : float
+        Shift of the centre, in pixels.
+    degrees : float
+        Rotation, clockwise.
+    scale : float
+        Magnification, 1 for none.
+    """
+
+    right: float
+    down: float
+    degrees: float
+    scale: float
+
+    def at_corners(self, shape: tuple[int, ...]) -> float:
+        """Return how far the corner of an image of this shape that moves most is moved, in pixels.
+
+        Examples
+        --------
+        >>> round(Movement(0, 0, 0, 1.006).at_corners((370, 427)), 2)
+        1.69
+        """
+        half = complex(shape[1] - 1, shape[0] - 1) / 2
+        turn = self.scale * cmath.exp(1j * math.radians(self.degrees)) - 1
+        corners = (half, -half, half.conjugate(), -half.conjugate())
+        return max(abs(turn * corner + complex(self.right, self.down)) for corner in corners)
+
+
+def find_movement(fixed: Image, moved: Image) -> Movement:
+    """Measure how an image is shifted, turned and magnified against another.
+
+    Parameters
+    ----------
+    fixed, moved : ndarray of uint8, shape (y, x, 3)
+        Two images of one scene, of one size.
+
+    Raises
+    ------
+    InputError
+        As of `find_placement`.
+
+    Notes
+    -----
+    ECC finds an affine transform; the similarity nearest to it is returned. Its last step compares
+    grey levels divided by those around them: on bare walls, different fall-off of light towards
+    the corners otherwise passes for a movement of up to three pixels.
+    """
+    matrix, way, _ = _transform(fixed, moved, "affine", even=True)
+    turn = complex(matrix[0, 0] + matrix[1, 1], matrix[1, 0] - matrix[0, 1]) / 2
+    return Movement(float(way[0]), float(way[1]), math.degrees(cmath.phase(turn)), abs(turn))
+
+
+def _transform(
+    fixed: Image, moved: Image, motion: str, even: bool = False
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return the matrix from the fixed to the moved image, the centre's way, the correlation."""
     images = [_smooth_grey(image) for image in (fixed, moved)]
     matrix = np.eye(2, 3, dtype=np.float32)
     correlation = 0.0
@@ -90,17 +165,36 @@ def find_placement(fixed: Image, moved: Image, motion: Motion) -> Placement:
             continue
         small = [image[scale // 2 :: scale, scale // 2 :: scale].copy() for image in images]
         matrix[:, 2] /= scale
-        everywhere = np.ones(small[1].shape, np.uint8)
-        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _STEPS, _PRECISION)
-        try:
-            correlation, found = cv2.findTransformECC(
-                small[0], small[1], matrix, _MOTIONS[motion], criteria, everywhere, 1
-            )
-        except cv2.error:
-            raise _not_aligned("the search does not converge") from None
-        matrix = np.asarray(found, np.float32)
+        matrix, correlation = _refined(small, matrix, motion)
         matrix[:, 2] *= scale
-    return _checked(matrix, float(correlation), images[0].shape)
+    if even:
+        around = [cv2.GaussianBlur(image, (0, 0), _AROUND) for image in images]
+        ratios = [image / (wide + 1) for image, wide in zip(images, around, strict=True)]
+        matrix = _refined(ratios, matrix, motion)[0]
+    shape = images[0].shape
+    # OpenCV's matrix leads from places in the fixed image to those in the moved one.
+    centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
+    linear = matrix[:, :2].astype(np.float64)
+    way = linear @ centre + matrix[:, 2] - centre
+    if not np.isfinite(way).all() or correlation < _LEAST_CORRELATION:
+        raise _not_aligned(f"a correlation of {correlation:.2f} at best")
+    if np.abs(way).max() > _FARTHEST * max(shape):
+        raise _not_aligned(f"a move by {way[0]:.0f} and {way[1]:.0f} pixels")
+    return linear, way, correlation
+
+
+def _refined(
+    images: list[NDArray[np.float32]], matrix: NDArray[np.float32], motion: str
+) -> tuple[NDArray[np.float32], float]:
+    everywhere = np.ones(images[1].shape, np.uint8)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _STEPS, _PRECISION)
+    try:
+        correlation, found = cv2.findTransformECC(
+            images[0], images[1], matrix, _MOTIONS[motion], criteria, everywhere, 1
+        )
+    except cv2.error:
+        raise _not_aligned("the search does not converge") from None
+    return np.asarray(found, np.float32), float(correlation)
 
 
 def _smooth_grey(image: Image) -> NDArray[np.float32]:
@@ -109,20 +203,6 @@ def _smooth_grey(image: Image) -> NDArray[np.float32]:
     # At the border the filter has made up what it saw; both images lose the same rows.
     rim = min(_RIM, min(grey.shape) // 4)
     return np.asarray(smooth[rim : grey.shape[0] - rim, rim : grey.shape[1] - rim], np.float32)
-
-
-def _checked(matrix: NDArray[np.float32], correlation: float, shape: tuple[int, ...]) -> Placement:
-    # OpenCV's matrix leads from places in the fixed image to those in the moved one.
-    centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
-    turned = math.atan2(float(matrix[1, 0]), float(matrix[0, 0]))
-    way = matrix[:, :2].astype(np.float64) @ centre + matrix[:, 2] - centre
-    if not np.isfinite(way).all() or correlation < _LEAST_CORRELATION:
-        raise _not_aligned(f"a correlation of {correlation:.2f} at best")
-    if np.abs(way).max() > _FARTHEST * max(shape):
-        raise _not_aligned(f"a move by {way[0]:.0f} and {way[1]:.0f} pixels")
-    right, down = (round(-float(part), _PLACES) + 0.0 for part in way)
-    degrees = round(-math.degrees(turned), _ANGLE_PLACES) + 0.0
-    return Placement(right, down, degrees, round(correlation, 4))
 
 
 def _not_aligned(got: str) -> InputError:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.building.fetching.checksums import check_checksum, sha256
-from dfdbench.building.png import decode_depth, decode_image
+from dfdbench.building.sources.image_files import decode_image, decode_levels
 from dfdbench.building.sources.interface import SceneImages
 from dfdbench.building.sources.scene_files import find_scene
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -160,7 +160,7 @@ class MiddleburyScenes:
         unknown = self._manifest.depth.unknown
         try:
             where = self._scenes[scene].where(name)
-            return decode_depth(self._content(scene, name), where, unknown)
+            return decode_levels(self._content(scene, name), where, unknown)
         except SourceError as error:
             problems += error.problems
             return None

@@ -16,14 +16,20 @@ from dfdbench.building.fetching.checksums import (
     sha256,
     write_checksums,
 )
-from dfdbench.building.fetching.download import SET_ASIDE, Fate, Progress, WantedFile, fetch
-from dfdbench.building.fetching.transfer import Patience
-from dfdbench.building.png import decode_depth, decode_image, png_size
+from dfdbench.building.fetching.download import (
+    SET_ASIDE,
+    Fate,
+    Patience,
+    Progress,
+    WantedFile,
+    fetch,
+    mirrors_lacking,
+)
+from dfdbench.building.sources.image_files import decode_file, decode_image, decode_levels
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Scene
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
-from dfdbench.system.location import as_location
-from dfdbench.system.lock import hold
+from dfdbench.system.work_folder import hold
 from dfdbench.tables.wording import listed
 
 _NAMES_SHOWN = 10
@@ -45,6 +51,8 @@ class Download:
         Files that no address has, or that are not there where nobody may be asked.
     lock : Path or None
         The lock file, where this call was the first that was complete.
+    lacking : tuple of Problem
+        One for each mirror that was asked for files that it does not have.
     """
 
     folder: Path
@@ -52,6 +60,7 @@ class Download:
     kept: int
     missing: tuple[str, ...]
     lock: Path | None
+    lacking: tuple[Problem, ...] = ()
 
 
 def download_middlebury(
@@ -93,7 +102,7 @@ def download_middlebury(
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with hold(as_location(folder / f".{lock_name(manifest)}.lock"), taken):
+        with hold(folder / f".{lock_name(manifest)}.lock", taken):
             site = _Site(manifest, folder, tuple(mirrors), known_checksums(manifest, folder))
             stages = _Stages(folder, on_progress, patience, offline)
             # The site's archives hold the default lighting and no other.
@@ -107,13 +116,15 @@ def download_middlebury(
             got=reason_of(error),
             fix=room_or("choose another place with --cache DIR", error),
         ) from error
-    _refuse(fates, folder)
+    lacking = mirrors_lacking(fates, mirrors)
+    _refuse(fates, folder, lacking)
     return Download(
         folder,
         sum(fate.kind == "new" for fate in fates),
         sum(fate.kind == "kept" for fate in fates),
         tuple(fate.name for fate in fates if fate.kind == "missing"),
         lock,
+        lacking,
     )
 
 
@@ -155,7 +166,7 @@ class _Site:
     def _check_depth(self, name: str, path: Path, where: str) -> None:
         content = path.read_bytes()
         if not self._is_known(name, content, where):
-            decode_depth(content, where, self.manifest.depth.unknown)
+            decode_levels(content, where, self.manifest.depth.unknown)
 
     def _check_image(self, name: str, path: Path, where: str) -> None:
         content = path.read_bytes()
@@ -163,7 +174,7 @@ class _Site:
             return
         view = path.name.removeprefix("view").split(".")[0]
         depth = self.folder / name.split("/")[0] / depth_name({"view": int(view)})
-        size = png_size(depth.read_bytes(), str(depth)) if depth.exists() else None
+        size = decode_file(depth.read_bytes(), str(depth)).shape[:2] if depth.exists() else None
         decode_image(content, where, size)
 
     def _check_archive(self, name: str, path: Path, where: str) -> None:
@@ -241,7 +252,7 @@ def _write_lock(manifest: Manifest, folder: Path, fates: list[Fate]) -> Path | N
     return path
 
 
-def _refuse(fates: list[Fate], folder: Path) -> None:
+def _refuse(fates: list[Fate], folder: Path, lacking: tuple[Problem, ...]) -> None:
     problems = [
         problem
         for kind in ("damaged", "unreachable")
@@ -268,7 +279,7 @@ def _refuse(fates: list[Fate], folder: Path) -> None:
             )
         )
     if problems:
-        raise SourceError.of(problems)
+        raise SourceError.of([*problems, *lacking])
 
 
 def _told_once(fates: list[Fate], kind: str) -> list[Problem]:

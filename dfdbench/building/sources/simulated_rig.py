@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.sources.frames import average_frames
+from dfdbench.building.sources.image_files import average_frames
 from dfdbench.building.sources.interface import SceneImages
 from dfdbench.building.sources.realworld import as_told
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -40,7 +40,7 @@ _ANGLE_STEP, _CORNER_PLACES = 0.02, 1
 
 
 class SimulatedRig:
-    """Scenes as `dfdbench simulate realworld` writes them, registered and read as captures are.
+    """Scenes as `dfdbench rig simulate realworld` writes them, registered and read as captures are.
 
     Frames are averaged and cropped, scans averaged, and the LIDAR's depth map, laid on the image by
     `dfdbench.rig.registration.register` from all scenes of the manifest together, is the ground

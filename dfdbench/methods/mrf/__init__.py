@@ -1,18 +1,15 @@
 """Solvers for labelings of a grid with a cost per pixel and a cost per pair of neighbours."""
 
-from dfdbench.methods.mrf.blocks import coarse_to_fine
-from dfdbench.methods.mrf.energy import Energy, Solution
-from dfdbench.methods.mrf.expansion import expansion
-from dfdbench.methods.mrf.repair import repair
-from dfdbench.methods.mrf.smoothness import (
+from dfdbench.methods.mrf.energy import (
+    Energy,
+    Solution,
     adaptive_potts_weights,
     potts,
     published,
     truncated_absolute,
     truncated_quadratic,
 )
-from dfdbench.methods.mrf.split import Quality, split
-from dfdbench.methods.mrf.trws import lower_bound, message_passing
+from dfdbench.methods.mrf.solvers import Quality, coarse_to_fine, expansion, repair, split
 
 __all__ = [
     "Energy",
@@ -21,8 +18,6 @@ __all__ = [
     "adaptive_potts_weights",
     "coarse_to_fine",
     "expansion",
-    "lower_bound",
-    "message_passing",
     "potts",
     "published",
     "repair",

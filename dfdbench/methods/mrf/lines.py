@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from dfdbench.system.compiled import compiled
 
 __all__ = ["best_lines"]
 
@@ -76,7 +77,7 @@ def best_lines(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _sweep(
     unary: Array,
     labels: Array,
@@ -98,7 +99,7 @@ def _sweep(
         _take(unary, labels, costs, slope, cap, along, line * next_line, step, choices, sums)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _offer(
     unary: Array,
     labels: Array,
@@ -142,7 +143,7 @@ def _offer(
             _add_edge(total, chosen, labels[at + next_line], weight, cap)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _add_lines(
     slope: Any, cap: Any, along: Array, first: int, step: int, choices: Array, sums: Array
 ) -> None:
@@ -161,7 +162,7 @@ def _add_lines(
             total[candidate] -= least
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _take(
     unary: Array,
     labels: Array,
@@ -193,7 +194,7 @@ def _take(
 
 # Numba makes every sum of 32-bit numbers one of 64 bits, which holds half as many in a processor's
 # register: each is turned back at once.
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _add_edge(total: Array, chosen: Array, label: Any, weight: Any, cap: Any) -> None:
     other = np.int32(label)
     for candidate in range(CANDIDATES):
@@ -202,7 +203,7 @@ def _add_edge(total: Array, chosen: Array, label: Any, weight: Any, cap: Any) ->
         total[candidate] = np.int32(total[candidate] + np.int32(weight * apart))
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _reach(
     sums: Array, choices: Array, chosen: Array, weight: Any, cap: Any, before: Array
 ) -> None:
@@ -216,7 +217,7 @@ def _reach(
         before[candidate] = least
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _least(total: Array) -> Any:
     least = total[0]
     for candidate in range(CANDIDATES):

@@ -15,11 +15,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError
+from dfdbench.system.compiled import compiled
 
 __all__ = ["DOWN", "LEFT", "RIGHT", "SINK", "UP", "GridGraph"]
 
@@ -148,7 +148,7 @@ class GridGraph:
         return side
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _clear(active: Array, terminal: Array, capacity: Array, tree: Array) -> None:
     for node in active:
         terminal[node] = 0
@@ -156,7 +156,7 @@ def _clear(active: Array, terminal: Array, capacity: Array, tree: Array) -> None
         tree[node] = FREE
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _push_along(
     pitch: int,
     direction: int,
@@ -204,7 +204,7 @@ def _push_along(
     return flow
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _grow_and_augment(
     pitch: int,
     active: Array,
@@ -315,7 +315,7 @@ def _grow_and_augment(
     return flow
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _list(side: int, node: int, depth: int, fronts: Array, counts: Array, listed: Array) -> None:
     # A node may come to the same distance twice, but is to be grown from once.
     if listed[side - 1, node] != depth:
@@ -324,7 +324,7 @@ def _list(side: int, node: int, depth: int, fronts: Array, counts: Array, listed
         counts[side - 1, depth & 1] += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _narrowest(
     step: tuple[int, int, int, int],
     upper: int,
@@ -349,7 +349,7 @@ def _narrowest(
     return min(push, -terminal[at])
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _take(
     side: int,
     push: int,
@@ -403,7 +403,7 @@ def _take(
     )
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _adopt(
     side: int,
     step: tuple[int, int, int, int],

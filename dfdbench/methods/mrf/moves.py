@@ -15,13 +15,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.methods.mrf.energy import Energy
 from dfdbench.methods.mrf.lines import best_lines
 from dfdbench.methods.mrf.maxflow import DOWN, FREE, RIGHT, SINK, SOURCE, GridGraph
+from dfdbench.system.compiled import compiled
 
 __all__ = ["Mover", "expansion_offer", "jump_offer", "snap_offer"]
 
@@ -189,7 +189,7 @@ def _slope_and_cap(table: NDArray[np.int32]) -> tuple[int, int]:
     return slope, max(int(table.max()) // slope, 1)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _sum_costs(table: Array, right: Array, down: Array, labels: Array, costs: Array) -> int:
     height, width = labels.shape
     total = 0
@@ -203,7 +203,7 @@ def _sum_costs(table: Array, right: Array, down: Array, labels: Array, costs: Ar
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _largest_gains(table: Array) -> Array:
     # The most that an edge can save where one of its ends changes its label by 0, 1, ...
     gains = np.zeros_like(table)
@@ -214,7 +214,7 @@ def _largest_gains(table: Array) -> Array:
     return gains
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _costs_of(unary: Array, labels: Array, offer: Array, costs: Array) -> Array:
     height, width = labels.shape
     for y in range(height):
@@ -223,7 +223,7 @@ def _costs_of(unary: Array, labels: Array, offer: Array, costs: Array) -> Array:
     return costs
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _choose(
     labels: Array,
     costs: Array,
@@ -250,7 +250,7 @@ def _choose(
     return nodes[:count]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _drop(
     table: Array,
     gains: Array,
@@ -299,7 +299,7 @@ def _drop(
     return active[:count]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _apply(
     labels: Array, costs: Array, offer: Array, offered: Array, active: Array, tree: Array
 ) -> None:
@@ -313,7 +313,7 @@ def _apply(
 
 # Long, as one loop nest is: what it would hand on to shorter ones are arrays and counters by the
 # dozen, for every pixel.
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _propose(
     table: Array,
     right: Array,

@@ -10,10 +10,12 @@ from torch import Tensor, nn
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.choices import (
+    FILTERS,
     checked_activations,
     checked_filters,
     checked_kernels,
     checked_normalized,
+    reach_of,
 )
 from dfdbench.methods.networks.layers import (
     ACTIVATIONS,
@@ -27,8 +29,58 @@ from dfdbench.methods.networks.layers import (
     start_as_published,
     two_convolutions,
 )
-from dfdbench.methods.networks.reach import reach_of
-from dfdbench.methods.networks.widths import FILTERS
+
+
+@torch.no_grad()
+def start_from_differences(network: DfDNet | UNet, pixels: Tensor) -> None:
+    """Let a network, still random, look for blur rather than for brightness.
+
+    One half of the first filters takes the difference of the two images, the other the in-focus
+    image's own detail: they no longer see how bright it is. Both are small where brightness is
+    large; the filters are scaled so that each answers with a deviation of one (Mishkin and
+    Matas 2016), or a network without batch normalization would hardly notice them. Not of the
+    thesis.
+
+    Parameters
+    ----------
+    network : DfDNet or UNet
+        Its first convolution is changed in place.
+    pixels : Tensor
+        Images such as it will be trained on, shape (n, 6, y, x).
+    """
+    convolution = network.first
+    assert isinstance(convolution, nn.Conv2d)
+    weights = convolution.weight
+    half = weights.shape[0] // 2
+    weights[:half, 3:] = -weights[:half, :3]
+    weights[half:, :3] -= weights[half:, :3].mean((2, 3), keepdim=True)
+    weights[half:, 3:] = 0
+    answers = convolution(network.pixels(pixels.to(weights.device)))
+    weights /= answers.std((0, 2, 3)).clamp(min=1e-3).reshape(-1, 1, 1, 1)
+
+
+def fold_batch_norm(network: nn.Module) -> nn.Module:
+    """Put batch normalization into the convolutions before it, in place; for inference only.
+
+    Parameters
+    ----------
+    network : nn.Module
+        In evaluation mode.
+
+    Examples
+    --------
+    >>> from dfdbench.methods.networks.choices import FILTERS
+    >>> network = DfDNet(FILTERS["B-01-01"]).eval()
+    >>> image = torch.full((1, 6, 8, 8), 100.0)
+    >>> before = network(image)
+    >>> torch.allclose(fold_batch_norm(network)(image), before, atol=1e-4)
+    True
+    """
+    for module in network.modules():
+        if isinstance(module, Convolved):
+            module.fold()
+    return network
+
 
 #: One class a depth level.
 #: Means of the published training images: in-focus R, G, B, then defocus R, G, B.

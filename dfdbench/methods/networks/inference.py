@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from dfdbench.errors import MethodError
-from dfdbench.methods.networks.preparation import fold_batch_norm
+from dfdbench.methods.networks.architectures import fold_batch_norm
 
 Precision = Literal["float32", "bf16"]
 PRECISIONS: tuple[Precision, ...] = ("float32", "bf16")

@@ -1,4 +1,4 @@
-"""Reduced networks beside the one they come from: mean with mean, best with best."""
+"""Compare reduced networks with their original: mean with mean, best with best."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TURNS = 9
 
 
 def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str, str]:
-    """Return the configurations that ``dfdbench reduce`` wrote into a folder, by row.
+    """Return the configurations that ``dfdbench thesis reduce`` wrote into a folder, by row.
 
     Parameters
     ----------
@@ -34,17 +34,15 @@ def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str,
     Raises
     ------
     InputError
-        Where the folder holds none.
+        If the folder holds none.
     UnknownNameError
-        Where there is no such row; near misses are named.
+        If there is no such row; near misses are named.
     """
     there = {path.stem: str(path) for path in sorted(folder.glob("*.toml"))}
     if BASELINE not in there:
+        what = f"the folder lacks {BASELINE}.toml, which dfdbench thesis reduce writes"
         raise InputError(
-            "the folder holds no reduced networks",
-            where=str(folder),
-            expected=f"{BASELINE}.toml and the rows that dfdbench reduce wrote",
-            fix="name the folder that dfdbench reduce tells at its end",
+            what, where=str(folder), fix="name a folder that dfdbench thesis reduce wrote"
         )
     chosen = (
         list(map(str, names))
@@ -60,8 +58,8 @@ def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str,
 def seconds_an_image(weights: Mapping[str, Path], store: Store, device: str) -> dict[str, float]:
     """Return how long each network takes for the first pair of a store, warmed up.
 
-    The least of nine times each, taken by turns, so that what else the machine does in the meantime
-    falls on all of them.
+    The shortest of nine runs each, taken in turns, so that other load on the machine slows all of
+    them.
 
     Parameters
     ----------
@@ -93,7 +91,7 @@ def comparison_table(
     seconds: Mapping[str, float],
     protocol: str = PROTOCOL,
 ) -> Table:
-    """Return each network's parameters, seconds and scores, and how far it is from the baseline.
+    """Tabulate each network's parameters, seconds, scores and distance from the baseline.
 
     Parameters
     ----------

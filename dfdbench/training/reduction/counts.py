@@ -1,26 +1,52 @@
-"""How many different outputs each layer of a network has, counted by maps: Table D.1."""
+"""Count the different outputs of each layer of a network by self-organising maps: Table D.1."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
-from torch import nn
+from torch import Tensor, nn
 
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
-from dfdbench.errors import InputError, StoreError
+from dfdbench.errors import InputError, MethodError, Problem, StoreError
 from dfdbench.tables.table import Table
 from dfdbench.training.reduction.self_organising_map import Tuning, noise_gram, winners
-from dfdbench.training.reduction.taps import TAPS, tap
 
 Statistic = Literal["min", "mean", "max"]
 STATISTICS: tuple[Statistic, ...] = ("min", "mean", "max")
-#: Layers in their order, input to output, with the classifying layer's input, 2, last.
-TAPPED_LAYERS = tuple(TAPS)
+#: The module whose output is counted, by the thesis's layer, input to output (6.2): for 52, 48, 40,
+#: 32, 24, 20, 12 and 8 the activation that follows, for 45, 37, 29, 17 and 5 the residual block's
+#: addition, for 42, 34, 27 and 15 the convolution that halves or doubles the resolution; 2 is the
+#: activation before the last layer.
+TAPS: Mapping[int, str] = MappingProxyType(
+    {
+        52: "entry.activate",
+        48: "encode_1.first.activate",
+        45: "encode_1",
+        42: "down_1",
+        40: "encode_2.first.activate",
+        37: "encode_2",
+        34: "down_2",
+        32: "bottom.first.activate",
+        29: "bottom",
+        27: "up_2",
+        24: "merge_2.activate",
+        20: "decode_2.first.activate",
+        17: "decode_2",
+        15: "up_1",
+        12: "merge_1.activate",
+        8: "decode_1.first.activate",
+        5: "decode_1",
+        2: "activate",
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -61,20 +87,16 @@ def samples_of(store: Store, split: str) -> tuple[Pair, ...]:
     Raises
     ------
     StoreError
-        Where the store holds no pair of it.
+        If the store holds no pair of it.
     UnknownNameError
-        Where there is no such split.
+        If there is no such split.
     """
     first: dict[str, Pair] = {}
     for pair in store.pairs(split):
         first.setdefault(pair.scene, pair)
     if not first:
-        raise StoreError(
-            "the store holds no pair to count on",
-            where=str(store.path),
-            expected=f"split {split}",
-            fix="build the data set with the scenes of that split",
-        )
+        fix = "build the data set with the scenes of that split"
+        raise StoreError(f"no pair of split {split} to count on", where=str(store.path), fix=fix)
     return tuple(first.values())
 
 
@@ -86,7 +108,7 @@ def count_clusters(
     tuning: Tuning = "own",
     on_map: Callable[[int, int], None] | None = None,
 ) -> Counts:
-    """Count the different winners of a map for each sample and layer, and of noise beside it.
+    """Count the different winners of a map for each sample and layer, and for noise beside it.
 
     Parameters
     ----------
@@ -106,13 +128,13 @@ def count_clusters(
     Raises
     ------
     InputError
-        Where a sample cannot be counted on, with its name and the layers.
+        If a sample cannot be counted on, with its name and the layers.
     MethodError
-        Where the network lacks a layer.
+        If the network lacks a layer.
     """
     filters: dict[int, int] = {}
-    found: dict[int, list[int]] = {layer: [] for layer in TAPPED_LAYERS}
-    noise: dict[int, list[int]] = {layer: [] for layer in TAPPED_LAYERS}
+    found: dict[int, list[int]] = {layer: [] for layer in TAPS}
+    noise: dict[int, list[int]] = {layer: [] for layer in TAPS}
     done = 0
     for number, pair in enumerate(samples):
         images = store.read(pair)
@@ -128,7 +150,7 @@ def count_clusters(
             noise[layer].append(_different(winners(gram, own, tuning)))
             done += 1
             if on_map:
-                on_map(done, len(samples) * len(TAPPED_LAYERS))
+                on_map(done, len(samples) * len(TAPS))
     return Counts(
         filters,
         {layer: tuple(counts) for layer, counts in found.items()},
@@ -144,8 +166,8 @@ def counts_table(counts: Counts, title: str) -> Table:
         for statistic in STATISTICS:
             taken = {layer: _statistic(values[layer], statistic) for layer in values}
             lines.append((f"{name}{statistic}", taken))
-    columns = ("layer", *(str(layer) for layer in TAPPED_LAYERS))
-    rows = tuple((name, *(str(line[layer]) for layer in TAPPED_LAYERS)) for name, line in lines)
+    columns = ("layer", *(str(layer) for layer in TAPS))
+    rows = tuple((name, *(str(line[layer]) for layer in TAPS)) for name, line in lines)
     notes = (
         "Different winners of a self-organising map of as many neurons as filters, over "
         f"{len(counts.samples)} samples: {', '.join(counts.samples)}.",
@@ -153,7 +175,7 @@ def counts_table(counts: Counts, title: str) -> Table:
         "independent Gaussian vectors of the same length, where nothing is redundant: a count as "
         "high says nothing against any filter.",
     )
-    return Table(title, columns, rows, "l" + "r" * len(TAPPED_LAYERS), notes, frozenset({0, 3}))
+    return Table(title, columns, rows, "l" + "r" * len(TAPS), notes, frozenset({0, 3}))
 
 
 def _different(won: NDArray[np.intp]) -> int:
@@ -171,3 +193,100 @@ def _of_sample(error: InputError, pair: Pair) -> InputError:
     return InputError.of(
         replace(problem, where=f"{pair.id}, {problem.where}") for problem in error.problems
     )
+
+
+@dataclass(frozen=True)
+class Tapped:
+    """The outputs of a layer for one image.
+
+    Parameters
+    ----------
+    gram : ndarray of float64, shape (filter, filter)
+        Products of the feature maps with each other, neither centred nor normalised.
+    pixels : int
+        Rows times columns of a feature map.
+    """
+
+    gram: NDArray[np.float64]
+    pixels: int
+
+
+def tapped_modules(network: nn.Module) -> dict[int, nn.Module]:
+    """Return the modules to tap, by layer.
+
+    Raises
+    ------
+    MethodError
+        If the network lacks one; every such layer is named.
+    """
+    there = dict(network.named_modules())
+    problems = [
+        Problem(f"{type(network).__name__} has no module {path}", where=f"layer {layer}")
+        for layer, path in TAPS.items()
+        if path not in there
+    ]
+    if problems:
+        raise MethodError.of(problems)
+    return {layer: there[path] for layer, path in TAPS.items()}
+
+
+def tap(
+    network: nn.Module, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]
+) -> dict[int, Tapped]:
+    """Return the products of each layer's outputs for a pair, by layer.
+
+    Parameters
+    ----------
+    network : nn.Module
+        In evaluation mode, its batch normalization not folded; on any device.
+    infocus, defocus : ndarray of uint8, shape (y, x, 3)
+        RGB. Cut at the lower and right edge to the network's multiple, so that no padding counts.
+
+    Raises
+    ------
+    InputError
+        If a layer's outputs have fewer pixels than there are filters, or are not finite.
+    MethodError
+        If the network lacks a layer.
+    """
+    found: dict[int, Tapped] = {}
+    multiple = int(network.multiple)  # type: ignore[arg-type]
+    rows, columns = (extent // multiple * multiple for extent in infocus.shape[:2])
+    both = np.concatenate([infocus, defocus], axis=2)[:rows, :columns].transpose(2, 0, 1)
+    device = next(network.parameters()).device
+    pixels = torch.from_numpy(np.ascontiguousarray(both))[None].to(device).float()
+    if not pixels.numel():
+        size = f"{infocus.shape[0]} x {infocus.shape[1]}"
+        raise InputError(f"{size} pixels are too few to tap, take at least {multiple} x {multiple}")
+    with ExitStack() as hooks, torch.inference_mode():
+        for layer, module in tapped_modules(network).items():
+            hooks.callback(module.register_forward_hook(_keeping(found, layer)).remove)
+        network(pixels)
+    # Modules are called in their own order, which need not be that of the layers.
+    found = {layer: found[layer] for layer in TAPS}
+    _require_usable(found)
+    return found
+
+
+def _keeping(
+    found: dict[int, Tapped], layer: int
+) -> Callable[[nn.Module, tuple[Tensor, ...], Tensor], None]:
+    def keep(module: nn.Module, given: tuple[Tensor, ...], maps: Tensor) -> None:
+        vectors = maps[0].flatten(1).cpu().double()
+        found[layer] = Tapped((vectors @ vectors.T).numpy(), vectors.shape[1])
+
+    return keep
+
+
+def _require_usable(found: Mapping[int, Tapped]) -> None:
+    problems = []
+    for layer, taken in found.items():
+        filters, where = len(taken.gram), f"layer {layer}"
+        if taken.pixels < filters:
+            what = f"fewer pixels than filters in a feature map, {taken.pixels} of {filters}"
+            problems.append(Problem(what, where=where, fix="take larger images"))
+        elif not np.isfinite(taken.gram).all():
+            fix = "train the network again, with a lower learning_rate"
+            problems.append(Problem("outputs that are not finite", where=where, fix=fix))
+    if problems:
+        raise InputError.of(problems)

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dfdbench.methods.networks.choices import SITES, SIZED
-from dfdbench.methods.networks.widths import FILTERS, LAYERS
+from dfdbench.methods.networks.choices import FILTERS, LAYERS, SITES, SIZED
 from dfdbench.tables.table import Table
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search.log import Row

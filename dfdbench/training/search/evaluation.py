@@ -14,8 +14,7 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, MethodError
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import load_weights
-from dfdbench.system.location import as_location
-from dfdbench.system.lock import hold
+from dfdbench.system.work_folder import hold
 from dfdbench.training.checkpoint import WEIGHTS
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.learner import DivergedError
@@ -152,7 +151,7 @@ def evaluate(job: Job) -> Outcome | None:
         where=str(job.folder),
         fix="wait for it to end: workers of an earlier call may still be at work",
     )
-    with hold(as_location(job.folder.with_name(f".{job.folder.name}.lock")), taken):
+    with hold(job.folder.with_name(f".{job.folder.name}.lock"), taken):
         try:
             return _trained_and_scored(job)
         except _TimeUpError:

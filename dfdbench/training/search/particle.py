@@ -12,6 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.choices import (
+    LAYERS,
     SITES,
     SIZED,
     checked_activations,
@@ -20,7 +21,6 @@ from dfdbench.methods.networks.choices import (
     checked_normalized,
 )
 from dfdbench.methods.networks.layers import ACTIVATIONS
-from dfdbench.methods.networks.widths import LAYERS
 from dfdbench.system.record import Record, problems_of
 from dfdbench.training.search.swarm import Box, Numbers
 from dfdbench.training.search.variants import Variant
@@ -144,7 +144,8 @@ def box_of(bounds: Bounds, variant: Variant) -> Box:
     columns = np.array([limits[kind] for kind in kinds], np.float64).T
     going_round = {"activation", *(["crop"] if variant.crop_wraps else [])}
     wraps = np.array([kind in going_round for kind in kinds])
-    return Box(columns[0], columns[1], columns[2], columns[3], wraps, variant.whole)
+    late = (kinds.index("crop"),) if variant.crop_late else ()
+    return Box(columns[0], columns[1], columns[2], columns[3], wraps, variant.whole, late)
 
 
 def whole_numbers(positions: Numbers) -> NDArray[np.int64]:

@@ -12,12 +12,11 @@ import numpy as np
 
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, Problem, StoreError, unknown_name
+from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import find_device
-from dfdbench.methods.networks.widths import FILTERS
 from dfdbench.system.location import is_local
 from dfdbench.system.version import PACKAGE_VERSION
-from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.precision import settled
+from dfdbench.training.configuration import TrainingConfiguration, settled
 from dfdbench.training.search.evaluation import Job, Work, training_seed
 from dfdbench.training.search.particle import (
     PATCHES,

@@ -99,7 +99,8 @@ def run_search(
         finished = True
         try:
             particles, seed = plan.choices.particles, plan.choices.seed
-            for swarm in search(judge, plan.box, particles, iterations, seed, plan.known):
+            against = plan.variant.against_previous
+            for swarm in search(judge, plan.box, particles, iterations, seed, plan.known, against):
                 judge.close(swarm)
         except _TimeUpError:
             finished = False

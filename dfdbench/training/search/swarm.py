@@ -46,7 +46,10 @@ class Box:
         Components that go round: after `high` comes `low` again, a step of one further. Others
         stop at their limits.
     whole : bool
-        Positions are rounded after every move.
+        Positions start at whole numbers, each equally likely, and are rounded after every move.
+    late : tuple of int
+        Components that start at `fastest_first` and then move by the velocity of the iteration
+        before.
     """
 
     low: Numbers
@@ -55,6 +58,7 @@ class Box:
     fastest_first: Numbers
     wraps: NDArray[np.bool_]
     whole: bool = False
+    late: tuple[int, ...] = ()
 
     @property
     def above(self) -> Numbers:
@@ -86,9 +90,9 @@ class Swarm:
     positions, velocities : ndarray of float64, shape (particles, components)
         x and v.
     own : ndarray of float64, shape (particles, components)
-        p, each particle's best position so far.
+        p, the position that each particle remembers as its own best.
     own_values : ndarray of float64, shape (particles,)
-        Their values, infinite while nothing was found.
+        What a particle's next value has to be below to replace p; infinite at first.
     best : ndarray of float64, shape (components,)
         g, the best position of all.
     best_value : float
@@ -129,8 +133,16 @@ def begun(box: Box, particles: int, seed: int, known: Numbers | None = None) -> 
     positions, velocities = [], []
     for particle in range(particles):
         random = random_of(seed, 0, particle)
-        positions.append(box.limited(random.uniform(box.low, box.above)))
-        velocities.append(random.uniform(-box.fastest_first, box.fastest_first))
+        if box.whole:
+            position = random.integers(
+                box.low.astype(int), box.high.astype(int), endpoint=True
+            ).astype(np.float64)
+        else:
+            position = box.limited(random.uniform(box.low, box.above))
+        velocity = random.uniform(-box.fastest_first, box.fastest_first)
+        velocity[list(box.late)] = box.fastest_first[list(box.late)]
+        positions.append(position)
+        velocities.append(velocity)
     if known is not None:
         positions[0] = box.limited(known)
     places = np.array(positions)
@@ -138,10 +150,10 @@ def begun(box: Box, particles: int, seed: int, known: Numbers | None = None) -> 
     return Swarm(0, places, np.array(velocities), places, unknown, places[0], math.inf, (0, 0))
 
 
-def judged(swarm: Swarm, values: Numbers) -> Swarm:
+def judged(swarm: Swarm, values: Numbers, against_previous: bool = False) -> Swarm:
     """Return a swarm that knows the values of its positions (Algorithm C.1).
 
-    A best position gives way only to one that is strictly better; what is no number is not.
+    A best position is replaced only by a strictly better one; NaN is never better.
 
     Parameters
     ----------
@@ -149,13 +161,16 @@ def judged(swarm: Swarm, values: Numbers) -> Swarm:
         As it moved.
     values : ndarray of float64, shape (particles,)
         What is to be made small, at `swarm.positions`.
+    against_previous : bool
+        Replace a particle's own best if its value is below that of the iteration before, even if
+        the own best has a lower one; the thesis's prose and its author's program do this.
     """
     found = np.where(np.isnan(values), np.inf, values)
     better = found < swarm.own_values
     swarm = replace(
         swarm,
         own=np.where(better[:, None], swarm.positions, swarm.own),
-        own_values=np.where(better, found, swarm.own_values),
+        own_values=found if against_previous else np.where(better, found, swarm.own_values),
     )
     first = int(np.argmin(found))
     if not found[first] < swarm.best_value:
@@ -175,7 +190,9 @@ def moved(swarm: Swarm, box: Box, seed: int) -> Swarm:
     to_own, to_best = swarm.own - swarm.positions, swarm.best - swarm.positions
     pulled = COGNITIVE * drawn[:, 0] * to_own + SOCIAL * drawn[:, 1] * to_best
     velocities = np.clip(KAPPA * (swarm.velocities + pulled), -box.fastest, box.fastest)
-    positions = box.limited(swarm.positions + velocities)
+    steps, late = velocities.copy(), list(box.late)
+    steps[:, late] = swarm.velocities[:, late]
+    positions = box.limited(swarm.positions + steps)
     return replace(swarm, iteration=number, positions=positions, velocities=velocities)
 
 
@@ -186,6 +203,7 @@ def search(
     iterations: int,
     seed: int,
     known: Numbers | None = None,
+    against_previous: bool = False,
 ) -> Iterator[Swarm]:
     """Yield the swarm after its start and after each iteration, judged.
 
@@ -199,6 +217,8 @@ def search(
         As of `begun`.
     iterations : int
         Moves after the start.
+    against_previous
+        As of `judged`.
 
     Examples
     --------
@@ -208,9 +228,9 @@ def search(
     (40, True)
     """
     swarm = begun(box, particles, seed, known)
-    swarm = judged(swarm, judge(swarm))
+    swarm = judged(swarm, judge(swarm), against_previous)
     yield swarm
     for _ in range(iterations):
         swarm = moved(swarm, box, seed)
-        swarm = judged(swarm, judge(swarm))
+        swarm = judged(swarm, judge(swarm), against_previous)
         yield swarm

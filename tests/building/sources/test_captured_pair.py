@@ -76,7 +76,7 @@ def test_all_that_is_wrong_is_told_at_once(scene: Path) -> None:
         made(scene)
     told = [(problem.what, problem.where) for problem in caught.value.problems]
     assert told == [
-        ("not an image file that can be read", "blurred.png"),
+        ("not an image file", "blurred.png"),
         ("depth in another unit, or other bounds", "depth.png"),
         ("size differs", "depth.png"),
     ]

@@ -117,4 +117,4 @@ def test_what_depth_lacks_is_told_with_what_to_do(
     if damage == "lidar":
         assert (problem.what, problem.where) == ("scene has no LIDAR", str(tmp_path / "k03"))
     else:
-        assert problem.fix == f"dfdbench register k03 --source {tmp_path}"
+        assert problem.fix == f"dfdbench rig register k03 --source {tmp_path}"

@@ -25,7 +25,7 @@ def test_every_test_depth_is_covered_by_the_training_depths(demo_store: Store) -
 
 def test_some_depth_is_unknown_as_in_middlebury(demo_store: Store) -> None:
     for scene in demo_store.scenes:
-        unknown = 1 - demo_store.scene(scene)["valid"].values.mean()
+        unknown = 1 - demo_store.to_xarray(scene)["valid"].values.mean()
         assert 0.01 < unknown < 0.12, scene
 
 
@@ -50,7 +50,7 @@ def test_low_exposure_is_darker_and_harder(demo_store: Store) -> None:
 
 
 def test_the_views_see_the_same_scene_shifted_by_the_disparity(demo_store: Store) -> None:
-    scene = demo_store.scene("Kitchen")
+    scene = demo_store.to_xarray("Kitchen")
     left, right = (
         scene["infocus"].sel(view=view, illumination=2, exposure=2).values.astype(float)
         for view in (1, 5)
@@ -106,7 +106,7 @@ def test_other_axes_are_told() -> None:
 
 def test_one_view_and_one_light_make_the_same_images_as_all(demo_store: Store) -> None:
     few = DemoScenes(with_axes(view=[5], illumination=[3], exposure=[1])).read("Attic")
-    scene = demo_store.scene("Attic")
+    scene = demo_store.to_xarray("Attic")
     at = {"view": 5, "illumination": 3, "exposure": 1}
     assert np.array_equal(few.infocus[0, 0, 0], scene["infocus"].sel(at).values)
     assert np.array_equal(few.depth[0], scene["depth"].sel(view=5).values)

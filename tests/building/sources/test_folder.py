@@ -54,7 +54,7 @@ def test_the_same_store_for_any_number_of_workers(
     report = build_store(manifest, open_source(manifest, folder), place, pool=Threads(workers))
     once = build_store(manifest, open_source(manifest, folder), tmp_path / "again.zarr")
     assert report.fingerprint == once.fingerprint
-    found = Store(place).scene("desk").attrs["found"]
+    found = Store(place).to_xarray("desk").attrs["found"]
     assert found["desk/capture1"]["right"] == pytest.approx(-2, abs=0.1)
     assert manifest.depth.scale is not None
     images = Store(place).read(manifest.pairs("desk")[0])
@@ -131,6 +131,25 @@ def test_patterns_that_match_nothing_say_what_is_there(folder: Path) -> None:
     assert "desk/blurred.png" in problem.got
     with pytest.raises(SourceError, match="no such folder"):
         open_source(manifest_of(), folder / "nowhere")
+
+
+def test_a_pattern_may_leave_the_ending_open(folder: Path) -> None:
+    text = FOLDER_TOML.replace("sharp.png", "sharp.*")
+    known = open_source(manifest_of(text), folder).read("desk")
+    (folder / "door/sharp.png").rename(folder / "door/sharp.PNG")
+    source = open_source(manifest_of(text), folder)
+    assert source.signature("desk") == open_source(manifest_of(), folder).signature("desk")
+    assert source.read("door").infocus.shape == known.infocus.shape
+    (folder / "lamp/sharp.png").unlink()
+    (folder / "lamp/sharp.txt").touch()
+    shutil.copy(folder / "shelf/sharp.png", folder / "shelf/sharp.jpg")
+    source = open_source(manifest_of(text), folder)
+    with pytest.raises(SceneError, match="a file is missing"):
+        source.signature("lamp")
+    for step in (source.signature, source.read):
+        with pytest.raises(SceneError, match="several files fit the pattern") as caught:
+            step("shelf")
+        assert caught.value.problems[0].got == "shelf/sharp.jpg, shelf/sharp.png"
 
 
 def test_a_clone_may_be_named_or_the_set_in_it(tmp_path: Path) -> None:

@@ -1,14 +1,28 @@
+import contextlib
 import io
+import os
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image as Pillow
 from PIL import ImageOps
 
-from dfdbench.building.sources.image_files import decode_file, read_depth_file, read_photograph
+from dfdbench.building.sources.image_files import (
+    average_frames,
+    decode_file,
+    decode_image,
+    decode_levels,
+    image_problems,
+    read_depth_file,
+    read_photograph,
+    read_rgb,
+)
 from dfdbench.errors import SourceError
 
 RGB = np.random.default_rng(0).integers(0, 256, (5, 7, 3)).astype(np.uint8)
@@ -24,6 +38,27 @@ def test_eight_and_sixteen_bit_are_one_image(kind: str) -> None:
     np.testing.assert_array_equal(read_photograph(encoded(RGB, kind), "a"), RGB)
     deep = RGB.astype(np.uint16) * 257
     np.testing.assert_array_equal(read_photograph(encoded(deep, kind), "a"), RGB)
+
+
+def array_file(values: NDArray[Any]) -> bytes:
+    file = io.BytesIO()
+    np.save(file, values)
+    return file.getvalue()
+
+
+def test_depth_is_read_from_npy_and_photographs_are_not() -> None:
+    depth = np.linspace(0.5, 3, 35, dtype=np.float32).reshape(5, 7)
+    content = array_file(depth)
+    np.testing.assert_array_equal(read_depth_file(content, "a.npy"), depth)
+    with pytest.raises(SourceError, match="the npy file is damaged"):
+        read_depth_file(content[:-3], "a.npy")
+    for values in (np.ones(4), np.ones((2, 2), bool), np.ones((2, 2), complex), np.ones((0, 2))):
+        with pytest.raises(SourceError, match="not a depth map"):
+            read_depth_file(array_file(values), "a.npy")
+    with pytest.raises(SourceError, match="the npy file is damaged"):
+        read_depth_file(array_file(np.array([[None]])), "a.npy")
+    with pytest.raises(SourceError, match="not an image file"):
+        read_photograph(array_file(RGB), "a.npy")
 
 
 def test_a_grey_jpeg_has_three_channels() -> None:
@@ -82,3 +117,76 @@ def test_depth_is_read_as_it_stands() -> None:
     assert read_depth_file(encoded(millimetres), "d.png").tolist() == [[500, 65535]]
     with pytest.raises(SourceError, match="in colour"):
         read_depth_file(encoded(RGB), "d.png")
+
+
+def test_an_image_and_a_depth_map_keep_their_values() -> None:
+    assert np.array_equal(decode_image(encoded(RGB), "x", (5, 7)), RGB)
+    assert np.array_equal(decode_levels(encoded(RGB[..., 0]), "x", 0), RGB[..., 0])
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "an empty file"),
+        (b"<html>404</html>" * 9, "not a PNG file"),
+        (encoded(RGB)[:20], "damaged"),
+        (encoded(RGB)[:-30], "damaged"),
+        (encoded(RGB.astype(np.uint16)), "uint16, 3 channels"),
+        (encoded(np.ones((5, 7, 4), np.uint8)), "uint8, 4 channels"),
+        (encoded(np.zeros((5, 7, 3), np.uint8)), "black all over"),
+        (encoded(RGB[:, :-1]), "size differs"),
+    ],
+)
+def test_an_image_of_another_kind_or_size_is_refused(content: bytes, told: str) -> None:
+    with pytest.raises(SourceError, match=told) as caught:
+        decode_image(content, "Art/view1.png", (5, 7))
+    assert "Art/view1.png" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("image", "told"), [(RGB, "in colour"), (np.zeros((5, 5), np.uint8), "no depth is known")]
+)
+def test_a_depth_map_in_colour_or_without_depth_is_refused(
+    image: NDArray[np.uint8], told: str
+) -> None:
+    with pytest.raises(SourceError, match=told):
+        decode_levels(encoded(image), "Art/disp1.png", 0)
+
+
+@settings(max_examples=200)
+@given(st.data())
+def test_no_damage_changes_an_image(data: st.DataObject) -> None:
+    content = bytearray(encoded(RGB))
+    place = data.draw(st.integers(0, len(content) - 1))
+    if data.draw(st.booleans()):
+        content[place] ^= data.draw(st.integers(1, 255))
+    else:
+        del content[place:]
+    with contextlib.suppress(SourceError):
+        assert np.array_equal(decode_image(bytes(content), "x"), RGB)
+
+
+def test_frames_are_averaged_half_up() -> None:
+    frames = [np.full((2, 2, 3), value, np.uint8) for value in (10, 10, 11, 11)]
+    assert (average_frames(frames) == 11).all()
+    frames[3][:] = 10
+    assert (average_frames(frames) == 10).all()
+
+
+def test_all_problems_of_all_files_are_reported(tmp_path: Path) -> None:
+    whole, cut, other = (tmp_path / name for name in ("whole.png", "cut.png", "other.png"))
+    whole.write_bytes(encoded(RGB))
+    cut.write_bytes(encoded(RGB)[:-20])
+    other.write_bytes(b"GIF89a and a good deal more than twenty-four bytes")
+    os.mkfifo(tmp_path / "pipe.png")
+    assert image_problems([whole], (5, 7)) == []
+    assert np.array_equal(read_rgb(whole), RGB)
+    files = [tmp_path / "absent.png", tmp_path / "pipe.png", other, cut, whole]
+    told = [(Path(problem.where).name, problem.what) for problem in image_problems(files, (7, 5))]
+    assert told == [
+        ("absent.png", "cannot read the file"),
+        ("pipe.png", "cannot read the file"),
+        ("other.png", "the image file is damaged"),
+        ("cut.png", "the image file is damaged"),
+        ("whole.png", "size differs"),
+    ]

@@ -3,7 +3,14 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from dfdbench.building.sources.matching import Placement, find_gain, find_placement, place
+from dfdbench.building.sources.matching import (
+    Movement,
+    Placement,
+    find_gain,
+    find_movement,
+    find_placement,
+    place,
+)
 from dfdbench.errors import InputError
 from tests.made_folder import photograph
 
@@ -29,6 +36,39 @@ def test_a_turned_and_moved_image_is_brought_back() -> None:
     inner = ndimage.binary_erosion(covered, iterations=8)
     assert np.abs(back - aim)[inner].mean() < 2
     assert np.abs(defocused - aim)[inner].mean() > 10
+
+
+def magnified(image: np.ndarray, scale: float, degrees: float = 0.0) -> np.ndarray:
+    centre = ((image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2)
+    matrix = cv2.getRotationMatrix2D(centre, -degrees, scale)
+    return cv2.warpAffine(
+        image, matrix, image.shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
+
+
+@pytest.mark.parametrize(("scale", "degrees"), [(1.0, 0.0), (1.006, 0.0), (0.99, 0.4)])
+def test_magnification_and_rotation_are_measured(scale: float, degrees: float) -> None:
+    fixed = photograph(0, (370, 427))
+    moved = magnified(cv2.GaussianBlur(fixed, (0, 0), 1.5), scale, degrees)
+    found = find_movement(fixed, moved)
+    aim = Movement(0, 0, degrees, scale)
+    assert found.scale == pytest.approx(scale, abs=3e-4)
+    assert found.degrees == pytest.approx(degrees, abs=0.02)
+    assert found.at_corners(fixed.shape) == pytest.approx(aim.at_corners(fixed.shape), abs=0.1)
+
+
+def test_fall_off_of_light_is_no_movement() -> None:
+    # A bare wall with three pictures; grey levels as they are make 1.9 pixels of it.
+    wall = np.full((240, 320, 3), 150, np.uint8)
+    for seed, (y, x) in enumerate([(30, 40), (150, 60), (140, 220)]):
+        wall[y : y + 60, x : x + 60] = photograph(seed, (44, 44))
+    rows, columns = np.indices(wall.shape[:2])
+    off = ((rows - 120) ** 2 + (columns - 160) ** 2) / (120**2 + 160**2)
+    images = []
+    for share, sigma in ((0.08, 0.5), (0.4, 1.5)):
+        dimmed = cv2.GaussianBlur(wall, (0, 0), sigma) * (1 - share * off)[..., np.newaxis]
+        images.append(np.rint(dimmed).astype(np.uint8))
+    assert find_movement(*images).at_corners(wall.shape) < 0.4
 
 
 def test_a_whole_pixel_moves_no_value() -> None:

@@ -88,7 +88,7 @@ def test_sixteen_bit_images_are_refused(tiny_manifest: Manifest, tiny_folder: Pa
     done, content = cv2.imencode(".png", np.zeros((24, 30), np.uint16))
     assert done
     (tiny_folder / "One/disp1.png").write_bytes(content.tobytes())
-    with pytest.raises(SourceError, match="16 bit"):
+    with pytest.raises(SourceError, match="uint16"):
         MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
 
 

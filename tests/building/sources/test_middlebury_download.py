@@ -12,7 +12,7 @@ import pytest
 
 from dfdbench.building.build import build_store
 from dfdbench.building.fetching.checksums import known_checksums
-from dfdbench.building.fetching.transfer import Patience
+from dfdbench.building.fetching.download import Patience
 from dfdbench.building.sources import open_source
 from dfdbench.building.sources.middlebury_download import Download, download_middlebury
 from dfdbench.datasets.manifest import Manifest
@@ -155,6 +155,24 @@ def test_a_mirror_stands_for_the_site(
         assert len(mirror.requests) == FILES
     assert site.requests == []
     assert fingerprint(manifest, done, tmp_path) == reference
+
+
+def test_a_mirror_without_the_files_is_named(
+    manifest: Manifest, site: Site, tmp_path: Path
+) -> None:
+    wrong = f"{site.address}/nothing"
+    done = download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
+    assert done.new == FILES
+    (told,) = done.lacking
+    assert (told.what, told.where) == (f"the mirror lacks {FILES} files", wrong)
+    assert told.got.startswith(f"404 {wrong}/")
+    # Kept files are not asked for, and say nothing of the mirror.
+    again = download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
+    assert again.lacking == ()
+    site.faults[f"/{BELOW}/One/disp1.png"] = ["500"] * 99
+    with pytest.raises(SourceError) as caught:
+        download_middlebury(manifest, tmp_path / "other", [wrong], patience=QUICK)
+    assert caught.value.problems[-1].where == wrong
 
 
 @pytest.fixture

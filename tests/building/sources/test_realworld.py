@@ -217,7 +217,7 @@ def test_all_that_is_wrong_is_told_and_the_other_scenes_build(
         ("calibration does not fit", "k44/beams.csv"),
         ("63 beams", ""),
         ("size differs", "k45/frames/exp_40/image_141_40.00_1.png"),
-        ("cut short", "k45/frames/exp_40/image_129_40.00_0.png"),
+        ("damaged", "k45/frames/exp_40/image_129_40.00_0.png"),
         ("scene is not registered", "k46/registration.toml"),
         ("frames are missing", "image_141_40.00_*.png"),
     ):

@@ -12,7 +12,7 @@ import pytest
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.methods.graph_cuts import GraphCuts
-from dfdbench.methods.mrf import Energy, expansion, lower_bound, split
+from dfdbench.methods.mrf import Energy, expansion, split
 
 # The least energies known for Aloe, Illum1, view 1, step 0.01: the author's program at Exp1, a
 # long run of several solvers at Exp2 (the author's program: 1,239,153).
@@ -28,15 +28,13 @@ def test_split_reaches_the_published_energy(aloe: Callable[[int], Energy], expos
 
 @pytest.mark.slow
 @pytest.mark.parametrize("exposure", [1, 2])
-def test_every_quality_and_the_bound_keep_to_the_published_energy(
+def test_every_quality_keeps_to_the_published_energy(
     aloe: Callable[[int], Energy], exposure: int
 ) -> None:
     energy = aloe(exposure)
     solution = split(energy)
     assert solution.energy < split(energy, "fast").energy < KNOWN[exposure] * 1.006
     assert split(energy, "high").energy < KNOWN[exposure] * 1.0002
-    # Message passing on 256 labels is slow; a few iterations give a bound that is not tight.
-    assert KNOWN[exposure] * 0.95 < lower_bound(energy, 3) < solution.energy
 
 
 def test_solvers_agree_on_a_part_of_the_published_pair(aloe: Callable[[int], Energy]) -> None:
@@ -44,7 +42,6 @@ def test_solvers_agree_on_a_part_of_the_published_pair(aloe: Callable[[int], Ene
     energy = Energy(whole.unary[150:230, 150:250], whole.smoothness)
     swept = expansion(energy, max_sweeps=1).energy
     assert split(energy, "high").energy < 1.0005 * swept
-    assert 0.95 * swept < lower_bound(energy, 3) <= split(energy, "high").energy
 
 
 @pytest.mark.slow

@@ -1,25 +1,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from dfdbench.errors import InputError
 from dfdbench.methods.mrf import (
     Energy,
+    Quality,
     Solution,
     expansion,
-    lower_bound,
-    message_passing,
+    repair,
     split,
     truncated_absolute,
 )
+from dfdbench.methods.mrf.moves import Mover, expansion_offer
+from dfdbench.methods.mrf.solvers import coarse_to_fine, coarser, finer
 from tests.methods.mrf.conftest import KINDS, brute_force, random_energy
 
 SOLVERS: dict[str, Callable[[Energy], Solution]] = {
     "expansion": expansion,
-    "message_passing": lambda energy: message_passing(energy, 8),
     "fast": lambda energy: split(energy, "fast"),
     "default": split,
     "high": lambda energy: split(energy, "high"),
@@ -57,7 +63,7 @@ def test_two_labels_are_solved_exactly(rng: np.random.Generator, solver: str) ->
 def test_cost_types_agree(rng: np.random.Generator, dtype: type[Any]) -> None:
     energy = random_energy(rng, 5, 6, 8, "absolute", dtype=dtype)
     twin = Energy(energy.unary.astype(np.uint16), energy.smoothness, offset=energy.offset)
-    for solve in (expansion, split, message_passing):
+    for solve in (expansion, split):
         assert solve(energy).history == solve(twin).history
 
 
@@ -73,5 +79,197 @@ def test_bad_arguments_are_refused(rng: np.random.Generator) -> None:
     energy = random_energy(rng, 2, 2, 4, "absolute")
     with pytest.raises(ValueError, match="quality: expected one of"):
         split(energy, "superb")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="iterations: expected at least 1, got 0"):
-        lower_bound(energy, 0)
+
+
+@pytest.mark.parametrize("kind", ["absolute", "quadratic"])
+@pytest.mark.parametrize("labels", [5, 16, 23])
+def test_split_is_near_expansion_for_convex_tables(
+    rng: np.random.Generator, kind: str, labels: int
+) -> None:
+    # Costs as in a photograph: each pixel has a valley somewhere near a smooth surface.
+    y, x = np.mgrid[:20, :30]
+    surface = (labels - 1) * (0.5 + 0.4 * np.sin(y / 7) * np.cos(x / 9))
+    valley = surface + rng.normal(0, 1.5, surface.shape)
+    unary = np.minimum(3 * (valley[..., None] - np.arange(labels)) ** 2, 400).astype(np.uint16)
+    table = random_energy(rng, 1, 1, labels, kind).smoothness
+    energy = Energy(unary, table)
+    swept = expansion(energy).energy
+    assert split(energy, "default").energy <= 1.03 * swept
+    assert split(energy, "high").energy <= 1.01 * swept
+
+
+@pytest.mark.parametrize("quality", ["fast", "default"])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (2, 3), (7, 5)])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_blocks_need_no_even_size(
+    rng: np.random.Generator, quality: Quality, shape: tuple[int, int], weighted: bool
+) -> None:
+    energy = random_energy(rng, *shape, 40, "absolute", weighted)
+    solution = split(energy, quality)
+    assert solution.labels.shape == shape
+    assert solution.energy == energy.evaluate(solution.labels) == solution.history[-1]
+    assert list(solution.history) == sorted(solution.history, reverse=True)
+
+
+def test_costs_too_large_for_blocks_are_solved_on_pixels(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 4, 5, 20, "absolute")
+    large = replace(energy, unary=energy.unary.astype(np.int32))
+    large.unary[0, 0, 3] = 2**26
+    solution = split(large)
+    assert solution.labels[0, 0] != 3
+    assert solution.energy == large.evaluate(solution.labels)
+
+
+def test_without_smoothness_every_pixel_has_its_least_cost(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 9, 7, 33, "absolute")
+    alone = replace(energy, smoothness=np.zeros(33, np.int32))
+    assert split(alone).energy == int(alone.unary.min(axis=2).sum()) + alone.offset
+
+
+def test_split_hands_potts_to_expansion(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 8, 9, 6, "potts", weighted=True)
+    assert split(energy).energy == expansion(energy).energy
+
+
+def test_results_do_not_depend_on_threads(rng: np.random.Generator) -> None:
+    energies = [random_energy(rng, 20, 25, 16, "absolute") for _ in range(8)]
+    alone = [split(energy) for energy in energies]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(split, energies))
+    for first, second in zip(alone, together, strict=True):
+        assert first.history == second.history
+        assert np.array_equal(first.labels, second.labels)
+
+
+@pytest.mark.parametrize("kind", ["absolute", "truncated-absolute", "potts", "published"])
+def test_expansion_ends_where_no_label_lowers_the_energy(
+    rng: np.random.Generator, kind: str
+) -> None:
+    energy = random_energy(rng, 10, 12, 8, kind, weighted=True)
+    labels = expansion(energy).labels.astype(np.int32)
+    for label in range(8):
+        assert Mover(energy, labels).move(expansion_offer(8, label)) == 0
+
+
+def test_expansion_is_within_twice_the_least_energy_for_potts(rng: np.random.Generator) -> None:
+    for _ in range(10):
+        energy = random_energy(rng, 2, 3, 4, "potts")
+        assert expansion(energy).energy <= 2 * brute_force(energy)
+
+
+def test_expansion_starts_and_stops_as_told(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 6, 7, 5, "absolute")
+    start = rng.integers(0, 5, (6, 7))
+    solution = expansion(energy, start=start, max_sweeps=1)
+    assert solution.history[0] == energy.evaluate(start)
+    assert len(solution.history) == 2
+    with pytest.raises(ValueError, match="labels: expected"):
+        expansion(energy, start=start[:3])
+
+
+@pytest.mark.parametrize("kind", ["absolute", "quadratic", "potts"])
+def test_no_round_raises_the_energy(rng: np.random.Generator, kind: str) -> None:
+    energy = random_energy(rng, 14, 17, 20, kind, weighted=True)
+    start = rng.integers(0, 20, energy.shape)
+    solution = repair(energy, start, [(8, 4), (-8,), (2, 1), (0,), (-3, 16, 0)])
+    assert len(solution.history) == 6
+    assert list(solution.history) == sorted(solution.history, reverse=True)
+    assert solution.history[-1] < solution.history[0] == energy.evaluate(start)
+    assert solution.energy == energy.evaluate(solution.labels)
+
+
+def test_a_jump_is_as_long_as_it_says_and_goes_both_ways(rng: np.random.Generator) -> None:
+    for target, start, reached in ((9, 5, 9), (1, 5, 1), (7, 5, 5)):
+        unary = np.full((4, 5, 10), 9, np.uint16)
+        unary[..., target] = 0
+        energy = Energy(unary, truncated_absolute(10, cap=3))
+        found = repair(energy, np.full((4, 5), start), [(4,)]).labels
+        assert (found == reached).all()
+
+
+@pytest.mark.parametrize("target", range(10))
+def test_snaps_reach_every_label_within_half_a_period(target: int) -> None:
+    unary = np.full((4, 5, 10), 9, np.uint16)
+    unary[..., target] = 0
+    energy = Energy(unary, truncated_absolute(10, cap=3))
+    for start in range(max(0, target - 2), min(10, target + 3)):
+        found = repair(energy, np.full((4, 5), start), [(-5,)]).labels
+        assert (found == target).all()
+
+
+def test_lines_go_where_no_jump_does(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 1, 6, 9, "absolute", weighted=True)
+    start = energy.unary.argmin(2)
+    # All labels of a row at once: as good as any labeling of a grid that is one row.
+    assert repair(energy, start, [(0,)]).energy <= expansion(energy, start).energy
+
+
+def test_lengths_beyond_the_labels_change_nothing(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 6, 7, 3, "absolute")
+    start = energy.unary.argmin(2)
+    kept = repair(energy, start, [(3, 128)])
+    assert np.array_equal(kept.labels, start)
+    # A period longer than the range offers each label to all: one sweep of expansions.
+    swept = repair(energy, start, [(-16,)]).energy
+    assert swept <= expansion(energy, start, max_sweeps=1).history[0]
+
+
+def test_nothing_to_do_gives_back_the_start(rng: np.random.Generator) -> None:
+    energy = random_energy(rng, 6, 7, 3, "absolute")
+    start = rng.integers(0, 3, energy.shape)
+    solution = repair(energy, start, [])
+    assert np.array_equal(solution.labels, start)
+    assert solution.history == (energy.evaluate(start),)
+
+
+def test_a_start_of_another_size_is_an_error(rng: np.random.Generator) -> None:
+    with pytest.raises(InputError):
+        repair(random_energy(rng, 6, 7, 3, "absolute"), np.zeros((6, 8), int), [(1,)])
+
+
+@settings(max_examples=60)
+@given(
+    st.integers(1, 9), st.integers(1, 9), st.sampled_from(KINDS), st.booleans(), st.integers(0, 99)
+)
+def test_a_labeling_of_blocks_costs_what_it_costs_at_full_size(
+    height: int, width: int, kind: str, weighted: bool, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    energy = random_energy(rng, height, width, 6, kind, weighted)
+    blocks = coarser(energy)
+    assert blocks.shape == ((height + 1) // 2, (width + 1) // 2)
+    labels = rng.integers(0, 6, blocks.shape)
+    assert blocks.evaluate(labels) == energy.evaluate(finer(labels, energy.shape))
+
+
+def test_sums_beyond_16_bits_are_kept_in_32() -> None:
+    unary = np.full((2, 2, 3), 65535, np.uint16)
+    blocks = coarser(Energy(unary, truncated_absolute(3, cap=2)))
+    assert blocks.unary.dtype == np.int32
+    assert blocks.unary.tolist() == [[[4 * 65535] * 3]]
+    assert coarser(Energy(unary // 4, truncated_absolute(3, cap=2))).unary.dtype == np.uint16
+
+
+def test_sums_beyond_32_bits_are_an_error() -> None:
+    unary = np.full((2, 2, 3), 2**26, np.int32)
+    with pytest.raises(InputError, match="unary costs"):
+        coarser(Energy(unary, truncated_absolute(3, cap=2)))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (6, 7), (13, 8)])
+def test_every_size_of_blocks_lowers_the_energy(
+    rng: np.random.Generator, shape: tuple[int, int]
+) -> None:
+    energy = random_energy(rng, *shape, 20, "absolute", weighted=True)
+    asked = []
+
+    def begin(blocks: Energy) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+        asked.append(blocks.shape)
+        return np.zeros(blocks.shape, np.int64)
+
+    solution = coarse_to_fine(energy, begin, [(8, 4), (), (0, 2, 1)])
+    assert asked == [((shape[0] + 3) // 4, (shape[1] + 3) // 4)]
+    assert solution.history[0] == energy.evaluate(np.zeros(shape, int))
+    assert solution.history[1] == solution.history[2]
+    assert list(solution.history) == sorted(solution.history, reverse=True)
+    assert solution.energy == energy.evaluate(solution.labels)

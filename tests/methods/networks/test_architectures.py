@@ -5,11 +5,15 @@ from typing import Any
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
+import pytest
 import torch
 
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.architectures import DfDNet, UNet
-from dfdbench.methods.networks.widths import FILTERS, LAYERS
+from dfdbench.methods.networks.choices import FILTERS, LAYERS
+
+pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.methods.networks.architectures import fold_batch_norm, start_from_differences
 
 # Fig. 5.5, input to output: the thesis's layer number, channels in and out, filter size.
 PUBLISHED = [
@@ -151,3 +155,33 @@ def test_u_net_keeps_its_signals_size() -> None:
     with torch.no_grad():
         logits = UNet((16, 32, 64, 128, 256))(torch.rand(2, 6, 64, 64) * 255)
     assert 0.05 < float(logits.std()) < 5
+
+
+def test_folding_changes_no_answer_and_leaves_one_normalization() -> None:
+    torch.manual_seed(0)
+    network = DfDNet(SMALL)
+    pixels = torch.rand(4, 6, 16, 16) * 255
+    for _ in range(5):  # running means that are not 0 and 1
+        network(pixels)
+    network.eval()
+    with torch.no_grad():
+        before = network(pixels)
+        fold_batch_norm(network)
+        assert torch.allclose(network(pixels), before, atol=1e-4)
+    kinds = [type(module).__name__ for module in network.modules()]
+    assert kinds.count("BatchNorm2d") == 1  # after a sum, before no convolution
+
+
+@pytest.mark.parametrize("kind", ["dfd-net", "u-net"])
+def test_filters_from_differences_do_not_see_brightness(kind: str) -> None:
+    torch.manual_seed(0)
+    network = DfDNet(SMALL) if kind == "dfd-net" else UNet((4, 8, 16, 32, 64))
+    sharp = torch.randint(0, 256, (2, 3, 32, 32)).float()
+    pixels = torch.cat([sharp, sharp + torch.randn(2, 3, 32, 32)], 1)
+    start_from_differences(network, pixels)
+    flat = torch.rand(1, 3, 1, 1).expand(1, 3, 9, 9)
+    answer = network.first(torch.cat([flat, flat], 1))[:, :, 1:-1, 1:-1]
+    assert answer.abs().max() < 1e-4
+    # What is small in the images is as large in the answers as all else.
+    deviations = network.first(network.pixels(pixels)).std((0, 2, 3))
+    assert torch.allclose(deviations, torch.ones_like(deviations), atol=1e-3)

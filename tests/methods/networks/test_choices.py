@@ -5,11 +5,23 @@ from typing import Any
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
+import pytest
 
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.architectures import DfDNet
 from dfdbench.methods.networks.choices import SITES, SIZED, checked_kernels
 from tests.methods.networks.test_architectures import SMALL
+
+pytest.importorskip("torch", reason="needs the extra nets")
+import pytest
+
+from dfdbench.methods.networks.choices import FILTERS, LAYERS, narrowed
+
+pytest.importorskip("torch", reason="needs the extra nets")
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dfdbench.methods.networks.choices import reach_of
 
 
 def test_sizes_are_those_of_the_thesis_s_layers() -> None:
@@ -34,3 +46,33 @@ def test_sizes_are_those_of_the_thesis_s_layers() -> None:
 def test_what_is_no_choice_is_told(choice: dict[str, Any], told: str) -> None:
     with pytest.raises(InputError, match=told):
         DfDNet(SMALL, **choice)
+
+
+def test_there_are_17_reductions_and_f_02_02_is_as_the_code_has_it() -> None:
+    # The thesis's network, its reductions, the swarm's.
+    assert len(FILTERS) == 1 + 17 + 1
+    expected = [96, 44, 96, 104, 150, 104, 190, 253, 190, 145, 112, 109, 112, 93, 71, 18, 71, 256]
+    assert list(FILTERS["F-02-02"]) == expected
+    high = [-(-number // 8) * 8 for number in expected[:-1]]
+    assert list(FILTERS["F-02-02H"][:-1]) == high
+    # It is called rounded down, and is printed so in four of the layers that are no multiple of 8.
+    low = dict(zip(LAYERS, FILTERS["F-02-02L"], strict=True))
+    wide = dict(zip(LAYERS, expected, strict=True))
+    assert {layer for layer in LAYERS if low[layer] < wide[layer]} == {48, 40, 27, 8}
+    assert {layer for layer in LAYERS if low[layer] > wide[layer]} == {34, 32, 29, 20, 15, 12, 5}
+
+
+def test_widths_are_divided_but_for_the_levels() -> None:
+    assert narrowed((8, 20, 256), 8) == (1, 2, 256)
+    assert narrowed((3, 20, 256), 8)[0] == 1
+
+
+# That it is what a pixel sees is tested on networks, in test_inference.py.
+
+
+@given(st.sampled_from(SIZED), st.integers(1, 8))
+def test_a_larger_filter_sees_farther_by_its_level_s_step(layer: int, sampling: int) -> None:
+    sizes = dict.fromkeys(SIZED, (3, 3))
+    step = {32: 4, 29: 4, 40: 2, 37: 2, 24: 2, 20: 2, 17: 2}.get(layer, 1)
+    more = reach_of(sizes | {layer: (1, 5)}, sampling) - reach_of(sizes, sampling)
+    assert 0 < more <= 2 * step if step > 1 else more == 1

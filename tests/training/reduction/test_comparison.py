@@ -60,7 +60,7 @@ def test_rows_are_those_of_the_folder_and_others_are_named(tmp_path: Path) -> No
     assert list(configurations_in(tmp_path, ["B-01-02"])) == ["B-01-02"]
     with pytest.raises(UnknownNameError, match="B-01-02"):
         configurations_in(tmp_path, ["B-01-03"])
-    with pytest.raises(InputError, match="no reduced networks"):
+    with pytest.raises(InputError, match="lacks original"):
         configurations_in(tmp_path / "nowhere", None)
 
 

@@ -1,19 +1,24 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 import torch
+from torch import Tensor
 
 from dfdbench.datasets.store import Store
-from dfdbench.errors import InputError, UnknownNameError
-from dfdbench.methods.networks.architectures import DfDNet
+from dfdbench.errors import InputError, MethodError, UnknownNameError
+from dfdbench.methods.networks.architectures import DfDNet, UNet
+from dfdbench.methods.networks.choices import LAYERS
 from dfdbench.training.reduction.counts import (
-    TAPPED_LAYERS,
+    TAPS,
     Counts,
     count_clusters,
     counts_table,
     samples_of,
+    tap,
+    tapped_modules,
 )
 from tests.methods.networks.test_architectures import SMALL
 
@@ -37,7 +42,7 @@ def test_layers_are_counted_and_equal_filters_once(tiny_store: Store) -> None:
     seen: list[tuple[int, int]] = []
     counts = count_clusters(network, tiny_store, samples, on_map=lambda *done: seen.append(done))
     assert counts.found[34] == (1, 1)
-    assert dict(counts.filters) == dict(zip(TAPPED_LAYERS, (*SMALL[:-1], SMALL[-2]), strict=True))
+    assert dict(counts.filters) == dict(zip(TAPS, (*SMALL[:-1], SMALL[-2]), strict=True))
     for layer, filters in counts.filters.items():
         assert all(1 <= count <= filters for count in counts.found[layer] + counts.noise[layer])
     assert counts.noise[34][0] > 1
@@ -53,11 +58,11 @@ def test_a_sample_too_small_is_named(tiny_store: Store) -> None:
 
 
 def test_the_table_has_the_form_of_d_1_with_noise_below_and_says_what_it_is_not() -> None:
-    found = dict.fromkeys(TAPPED_LAYERS, (33, 44, 47))
-    noise = dict.fromkeys(TAPPED_LAYERS, (46, 56, 51))
-    counts = Counts(dict.fromkeys(TAPPED_LAYERS, 128), found, noise, ("a", "b", "c"))
+    found = dict.fromkeys(TAPS, (33, 44, 47))
+    noise = dict.fromkeys(TAPS, (46, 56, 51))
+    counts = Counts(dict.fromkeys(TAPS, 128), found, noise, ("a", "b", "c"))
     table = counts_table(counts, "T")
-    assert table.columns == ("layer", *map(str, TAPPED_LAYERS))
+    assert table.columns == ("layer", *map(str, TAPS))
     rows = {row[0]: set(row[1:]) for row in table.rows}
     assert rows == {
         "filters": {"128"},
@@ -70,3 +75,76 @@ def test_the_table_has_the_form_of_d_1_with_noise_below_and_says_what_it_is_not(
     }
     assert "no zero point" in table.notes[1]
     assert "a, b, c" in table.notes[0]
+
+
+RANDOM = np.random.default_rng(0)
+INFOCUS, DEFOCUS = (RANDOM.integers(0, 256, (26, 33, 3)).astype(np.uint8) for _ in range(2))
+
+
+def network() -> DfDNet:
+    torch.manual_seed(4)
+    return DfDNet(SMALL).eval()
+
+
+@torch.inference_mode()
+def by_hand(made: DfDNet) -> dict[int, Tensor]:
+    """Fig. 5.5 and 6.2, step by step, on the image cut to multiples of 4."""
+    both = np.concatenate([INFOCUS, DEFOCUS], 2)[:24, :32].transpose(2, 0, 1)
+    at = {52: made.entry(made.pixels(torch.from_numpy(both.copy())[None].float()))}
+    at[48] = made.encode_1.first(at[52])
+    at[45] = at[52] + made.encode_1.second(at[48])
+    at[42] = made.down_1(at[45])
+    at[40] = made.encode_2.first(at[42])
+    at[37] = at[42] + made.encode_2.second(at[40])
+    at[34] = made.down_2(at[37])
+    at[32] = made.bottom.first(at[34])
+    at[29] = at[34] + made.bottom.second(at[32])
+    at[27] = made.up_2(at[29])
+    at[24] = made.merge_2(torch.cat((at[27], at[37]), 1))
+    at[20] = made.decode_2.first(at[24])
+    at[17] = at[24] + made.decode_2.second(at[20])
+    at[15] = made.up_1(at[17])
+    at[12] = made.merge_1(torch.cat((at[15], at[45]), 1))
+    at[8] = made.decode_1.first(at[12])
+    at[5] = at[12] + made.decode_1.second(at[8])
+    at[2] = made.activate(made.normalize(at[5]))
+    return at
+
+
+def test_each_layer_is_tapped_where_the_thesis_says() -> None:
+    made = network()
+    expected, found = by_hand(made), tap(made, INFOCUS, DEFOCUS)
+    assert list(found) == list(TAPS) == [*LAYERS[:-1], 2]
+    for layer, maps in expected.items():
+        vectors = maps[0].flatten(1).double()
+        assert found[layer].pixels == vectors.shape[1]
+        assert found[layer].gram == pytest.approx((vectors @ vectors.T).numpy(), rel=1e-6)
+    # Nothing is left hanging on the network.
+    assert not any(module._forward_hooks for module in made.modules())
+
+
+def test_a_network_without_the_layers_is_named() -> None:
+    with pytest.raises(MethodError, match=r"(?s)UNet.*layer 52") as caught:
+        tapped_modules(UNet((2, 4, 8, 16, 32)))
+    assert len(caught.value.problems) == len(TAPS)
+    cut = network()
+    del cut.activate
+    with pytest.raises(MethodError, match="layer 2"):
+        tap(cut, INFOCUS, DEFOCUS)
+
+
+def test_a_sample_of_fewer_pixels_than_filters_is_named_by_layer() -> None:
+    wide = DfDNet((*[8] * 6, 9, 4, 9, *[8] * 8, 256)).eval()
+    with pytest.raises(InputError, match=r"(?s)fewer pixels.* of 9 \(layer 34") as caught:
+        tap(wide, INFOCUS[:8, :16], DEFOCUS[:8, :16])
+    assert [problem.where for problem in caught.value.problems] == ["layer 34", "layer 29"]
+    with pytest.raises(InputError, match="at least 4 x 4"):
+        tap(wide, INFOCUS[:3], DEFOCUS[:3])
+
+
+def test_outputs_that_are_no_numbers_are_named() -> None:
+    broken = network()
+    with torch.no_grad():
+        broken.up_1.weight.fill_(float("inf"))  # type: ignore[operator]
+    with pytest.raises(InputError, match="layer 15"):
+        tap(broken, INFOCUS, DEFOCUS)

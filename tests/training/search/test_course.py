@@ -9,8 +9,8 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 
 from dfdbench.datasets.store import Store
-from dfdbench.methods.networks.widths import FILTERS
-from dfdbench.training.configuration_file import read_configuration
+from dfdbench.methods.networks.choices import FILTERS
+from dfdbench.training.configuration import read_configuration
 from dfdbench.training.search.course import best_as_toml, course_table, iteration_of, network_table
 from dfdbench.training.search.evaluation import Outcome
 from dfdbench.training.search.log import Row

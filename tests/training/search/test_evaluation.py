@@ -11,10 +11,9 @@ pytest.importorskip("torch", reason="needs the extra nets")
 
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, ResultError
+from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.weights import load_weights
-from dfdbench.methods.networks.widths import FILTERS
-from dfdbench.system.location import as_location
-from dfdbench.system.lock import hold
+from dfdbench.system.work_folder import hold
 from dfdbench.training.search import evaluation as module
 from dfdbench.training.search.evaluation import Job, evaluate
 from dfdbench.training.search.objective import objective
@@ -89,7 +88,7 @@ def test_time_is_up_before_and_within_a_training(tiny_store: Store, tmp_path: Pa
 def test_no_two_processes_train_the_same_particle(tiny_store: Store, tmp_path: Path) -> None:
     taken = InputError("taken")
     with (
-        hold(as_location(tmp_path / ".000-001.lock"), taken),
+        hold(tmp_path / ".000-001.lock", taken),
         pytest.raises(InputError, match="another process is training this particle"),
     ):
         evaluate(job(tiny_store, tmp_path))

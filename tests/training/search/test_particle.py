@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dfdbench.errors import InputError
-from dfdbench.methods.networks.choices import SIZED
-from dfdbench.methods.networks.widths import FILTERS, LAYERS
+from dfdbench.methods.networks.choices import FILTERS, LAYERS, SIZED
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search.particle import (
     COMPONENTS,

@@ -9,7 +9,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
-from dfdbench.methods.networks.widths import FILTERS
+from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search.evaluation import training_seed
 from dfdbench.training.search.particle import PATCHES, Bounds, particle_at, position_of

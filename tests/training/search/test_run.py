@@ -15,9 +15,8 @@ import torch
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, ResultError
 from dfdbench.methods.networks.weights import load_weights
-from dfdbench.system.location import as_location
-from dfdbench.system.lock import hold
 from dfdbench.system.parallel import Cluster, Processes
+from dfdbench.system.work_folder import hold
 from dfdbench.training.search import run as module
 from dfdbench.training.search.evaluation import Job, Outcome, evaluate
 from dfdbench.training.search.run import SearchOutcome, run_search
@@ -70,7 +69,7 @@ def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Store, tmp_path
 
 
 def search_here(place: str, folder: Path) -> None:
-    """What `dfdbench search architecture` does; run in a process that is killed."""
+    """What `dfdbench thesis search architecture` does; run in a process that is killed."""
     torch.set_num_threads(1)
     searched(Store(place), folder)
 
@@ -181,7 +180,7 @@ def test_time_is_up_and_more_time_goes_on(
 
 def test_one_search_a_folder(tiny_store: Store, tmp_path: Path) -> None:
     with (
-        hold(as_location(tmp_path / ".s.lock"), ResultError("taken")),
+        hold(tmp_path / ".s.lock", ResultError("taken")),
         pytest.raises(ResultError, match="another search is writing"),
     ):
         searched(tiny_store, tmp_path / "s")

@@ -1,0 +1,128 @@
+"""The verb that estimates depth from photographs: predict."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dfdbench.cli.completion import methods
+from dfdbench.cli.methods import Params
+from dfdbench.cli.options import values_of
+from dfdbench.cli.screen import progress, say
+from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
+from dfdbench.tables.wording import counted
+
+if TYPE_CHECKING:
+    from dfdbench.evaluation.predict import Predictor
+
+
+def predict(
+    images: Annotated[
+        list[Path],
+        typer.Argument(
+            help="The in-focus and the defocus photograph, or a folder of pairs: PAIR/infocus.png "
+            "and PAIR/defocus.png."
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="The depth map: .npy, or .png of 16 bit, level times 256. Of a folder: a folder."
+        ),
+    ],
+    method: Annotated[
+        str | None,
+        typer.Option(
+            help="As for `run`; default with --fitted: the method of that run.",
+            autocompletion=methods,
+        ),
+    ] = None,
+    param: Params = None,
+    fitted: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN", help="A run's folder: use what its fit learned of the camera's blur."
+        ),
+    ] = None,
+    lens: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="TOML file of the lens, or of a blur recipe or law."),
+    ] = None,
+    weights: Annotated[
+        str | None, typer.Option(metavar="NAME", help="A network's weights, by name or file.")
+    ] = None,
+    no_align: Annotated[
+        bool, typer.Option("--no-align", help="The photographs lie on each other as they are.")
+    ] = False,
+    figure: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Draw photographs and depth in colour, too."),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**32 - 1, help="Seed for methods that use random numbers.")
+    ] = 0,
+) -> None:
+    """Estimate depth from two photographs, or from a folder of pairs; no data set is needed."""
+    from dfdbench.evaluation.predict import Predictor, pairs_in
+
+    if fitted and lens:
+        raise InputError(
+            "both a fit and a lens are named", where="--fitted, --lens", fix="name one"
+        )
+    folder = len(images) == 1 and images[0].is_dir()
+    if not folder and len(images) != 2:
+        raise InputError(
+            f"two photographs are needed, or a folder of pairs; got {counted(len(images), 'path')}",
+            fix="dfdbench predict sharp.png blurred.png --out depth.png",
+        )
+    if folder and figure:
+        raise InputError("a figure is drawn of one pair", where="--figure", fix="leave it out")
+    pairs = list(pairs_in(images[0])) if folder else []
+    if folder and not pairs:
+        raise InputError(
+            "no pair in this folder",
+            where=str(images[0]),
+            fix="name photographs PAIR/infocus.png and PAIR/defocus.png, as `dfdbench export "
+            "--images-only` does",
+        )
+    output_place(out, *images, fitted)
+    if figure:
+        output_place(figure, *images, fitted, option="--figure")
+    parameters = values_of(param, "--param") | ({"weights": weights} if weights else {})
+    predictor = Predictor(method, fitted or lens, parameters, not no_align, seed)
+    if folder:
+        _predict_folder(predictor, pairs, out)
+    else:
+        _predict_pair(predictor, images, out, figure)
+
+
+def _predict_pair(predictor: Predictor, images: list[Path], out: Path, figure: Path | None) -> None:
+    from dfdbench.evaluation.predict import read_image, write_depth
+
+    sharp, blurred = map(read_image, images)
+    with progress("estimating depth", "nothing was written"):
+        estimate = predictor(sharp, blurred)
+    write_depth(out, estimate.depth)
+    if estimate.found:
+        say(f"matched      {estimate.found}")
+    say(f"time         {estimate.seconds:.1f} s")
+    print(f"depth        {out}: {predictor.meaning}")
+    if figure:
+        from dfdbench.cli.screen import save_figure
+        from dfdbench.figures.pairs import depth_figure
+
+        save_figure(depth_figure(sharp, blurred, estimate.depth), figure)
+
+
+def _predict_folder(predictor: Predictor, pairs: list[tuple[str, Path, Path]], out: Path) -> None:
+    from dfdbench.evaluation.predict import read_image, write_depth
+
+    with progress("estimating depth", "the same command begins anew") as step:
+        for number, (name, infocus, defocus) in enumerate(pairs, 1):
+            depth = predictor(read_image(infocus), read_image(defocus)).depth
+            write_depth(out / f"{name}.npy", depth)
+            step(number, len(pairs))
+    print(f"depth        {out}: {counted(len(pairs), 'map')} of {predictor.meaning}")

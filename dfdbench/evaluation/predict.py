@@ -1,0 +1,320 @@
+"""Estimate depth from photographs of one's own; no data set is needed."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+
+from dfdbench.blur.law import BlurLaw
+from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.building.folder_matching import matching_of
+from dfdbench.building.sources.captured_pair import matched
+from dfdbench.building.sources.image_files import read_photograph
+from dfdbench.datasets.captured_files import ROLES
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.depth_scale import DepthScale, Rig
+from dfdbench.errors import DfdbenchError, InputError, MethodError, reason_of
+from dfdbench.evaluation.fitting import FIT, read_fit
+from dfdbench.evaluation.lens import is_lens, lens_law
+from dfdbench.methods.calling import call
+from dfdbench.methods.fit import restore
+from dfdbench.methods.method import Method
+from dfdbench.methods.parameters import read_fields
+from dfdbench.methods.process_state import seeded
+from dfdbench.methods.registry import entry_of, load_method, make_method
+from dfdbench.results.record import Result
+from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.system.files import write_whole
+
+Image = NDArray[np.uint8]
+#: A run whose fit is used, or the blur: a lens, a recipe or a law, as fields or a TOML file.
+Camera = str | Path | Mapping[str, Any] | BlurRecipe | BlurLaw
+IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A depth map estimated from two photographs.
+
+    Parameters
+    ----------
+    depth : ndarray of float32, shape (y, x)
+        Depth levels, 0 (far) to 255 (near), on the in-focus image's pixels.
+    seconds : float
+        How long the method took.
+    found : str
+        How the photographs were laid on each other, in words; empty if they were in register.
+    """
+
+    depth: NDArray[np.float32]
+    seconds: float
+    found: str
+
+
+class Predictor:
+    """A method that is ready to estimate depth from photographs.
+
+    Parameters
+    ----------
+    method : str or callable, optional
+        A registered name, ``module:attribute``, ``file.py:attribute``, or the function or class
+        itself; by default the method of the run that `camera` names.
+    camera : Path, str, mapping, BlurRecipe or BlurLaw, optional
+        What is known of the blur: a run's folder, whose fit is used; a lens, a blur recipe or a
+        law, as fields or as a TOML file (`run` writes ``law.toml``).
+    parameters : mapping
+        The method's.
+    align : bool
+        Lay the photographs on each other and match their brightness if they need it.
+    seed : int
+        For methods that draw random numbers.
+
+    Raises
+    ------
+    MethodError
+        If the method cannot be loaded, or nothing says what the blur is.
+    ResultError
+        If the run's files are damaged.
+    """
+
+    def __init__(
+        self,
+        method: str | Callable[..., Any] | None = None,
+        camera: Camera | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        align: bool = True,
+        seed: int = 0,
+    ) -> None:
+        self._align, self._seed = align, seed
+        given = dict(parameters or {})
+        fitted: Path | None = None
+        self._scale: DepthScale | None = None
+        if isinstance(camera, str | Path) and (Path(camera) / RESULT).is_file():
+            fitted = Path(camera)
+            result = load_result(fitted / RESULT)
+            method = method or result.method.name
+            given = {**result.method.parameters, **given}
+            self._scale = _scale_of(result)
+            if "recipe" in result.method.uses:
+                given["recipe"] = result.dataset.recipe["parameters"]
+        elif camera is not None:
+            given["recipe"], self._scale = _blur(camera)
+        if method is None:
+            raise MethodError("no method is named", fix="name a method, or a run of one")
+        self.method = _load(method, given, seed)
+        self._restore(fitted)
+
+    def _restore(self, fitted: Path | None) -> None:
+        if self.method.fit is None:
+            return
+        if fitted is None or not (fitted / FIT).is_file():
+            raise MethodError(
+                "the method learns the blur of a camera, and nothing says what it is"
+                if fitted is None
+                else "the run kept nothing that the method learned",
+                where=str(fitted or self.method.entry),
+                fix="name a run of this method on captures of the same camera (--fitted RUN), or "
+                "say what the lens is (--lens FILE)",
+            )
+        learned = read_fit(fitted).learned
+        assert learned is not None  # `keep_fit` writes nothing else
+        restore(self.method, learned)
+
+    @property
+    def meaning(self) -> str:
+        """What the depth levels mean, in words."""
+        levels = "depth levels from 0 (far) to 255 (near)"
+        if (scale := self._scale) is None:
+            return f"{levels}; how far that is in metres is not known"
+        law = "1 / distance" if scale.law == "inverse" else "distance"
+        return (
+            f"{levels}, evenly spaced in {law}: level {scale.far_level} is {scale.far:g} m, "
+            f"level {scale.near_level} is {scale.near:g} m"
+        )
+
+    def __call__(self, infocus: Image, defocus: Image) -> Estimate:
+        """Estimate depth from an in-focus and a defocus image, RGB, uint8 of shape (y, x, 3).
+
+        Raises
+        ------
+        InputError
+            If the images differ in size or cannot be laid on each other.
+        MethodError
+            If the method raises or returns no depth map.
+        """
+        found = ""
+        if infocus.shape != defocus.shape or infocus.ndim != 3:
+            raise InputError(
+                f"the photographs differ in size: {_size(infocus)} and {_size(defocus)}",
+                fix="crop or resample them to the same size",
+            )
+        if self._align:
+            needed = matching_of([("the photographs", infocus, defocus)])
+            if not needed.measured:
+                raise InputError(
+                    "the photographs cannot be laid on each other",
+                    fix="align them yourself and say --no-align",
+                )
+            infocus, defocus, _, _ = matched(infocus, defocus, needed.align, needed.match_gain)
+            if needed.align != "none" or needed.match_gain:
+                found = "; ".join((*needed.found, *needed.open))
+        with seeded(self._seed):
+            answer = call(self.method.predict, infocus, defocus)
+        if answer.depth is None:
+            raise MethodError(
+                "the method gave no depth map", where=self.method.entry, got=answer.error
+            )
+        return Estimate(answer.depth, answer.seconds, found)
+
+
+def predict(
+    method: str | Callable[..., Any] | None,
+    images: tuple[Image | Path | str, Image | Path | str],
+    camera: Camera | None = None,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    align: bool = True,
+    seed: int = 0,
+) -> NDArray[np.float32]:
+    """Estimate a depth map from two photographs of one scene.
+
+    Parameters
+    ----------
+    method, camera, parameters, align, seed
+        As for `Predictor`.
+    images : tuple
+        The in-focus and the defocus image: files, or uint8 arrays of shape (y, x, 3), RGB.
+
+    Returns
+    -------
+    ndarray of float32, shape (y, x)
+        Depth levels, 0 (far) to 255 (near), on the in-focus image's pixels.
+
+    Raises
+    ------
+    InputError, SourceError
+        If an image cannot be read, or the two do not fit each other.
+    MethodError
+        If the method cannot be loaded, is not told the blur, or returns no depth map.
+
+    Examples
+    --------
+    >>> image = np.random.default_rng(0).integers(0, 256, (40, 50, 3)).astype(np.uint8)
+    >>> depth = predict("local", (image, image), "published", align=False)
+    >>> depth.shape, float(depth.min())
+    ((40, 50), 255.0)
+    """
+    sharp, blurred = (
+        read_image(Path(image)) if isinstance(image, str | Path) else image for image in images
+    )
+    return Predictor(method, camera, parameters, align, seed)(sharp, blurred).depth
+
+
+def read_image(path: Path) -> Image:
+    """Read a photograph, turned upright by its EXIF data: RGB, uint8 of shape (y, x, 3).
+
+    Raises
+    ------
+    InputError
+        If there is no such file.
+    SourceError
+        If it is damaged or no photograph.
+    """
+    try:
+        return read_photograph(path.read_bytes(), str(path), rotation="apply")
+    except OSError as error:
+        raise InputError(
+            f"cannot read the photograph: {reason_of(error)}", where=str(path)
+        ) from error
+
+
+def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
+    """Write a depth map: ``.npy`` as it is, ``.png`` as 16 bit, each level times 256.
+
+    Raises
+    ------
+    InputError
+        If the file's name ends otherwise, or it cannot be written.
+    """
+    file = io.BytesIO()
+    if path.suffix == ".npy":
+        np.save(file, depth)
+    elif path.suffix == ".png":
+        PIL.Image.fromarray(np.rint(depth * 256).astype(np.uint16)).save(file, "png")
+    else:
+        raise InputError("a depth map is written as .npy or .png", where=str(path))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, file.getvalue())
+    except OSError as error:
+        raise InputError(
+            f"cannot write the depth map: {reason_of(error)}", where=str(path)
+        ) from error
+
+
+def pairs_in(folder: Path) -> Iterator[tuple[str, Path, Path]]:
+    """Yield the pairs in a folder: ``PAIR/infocus.png`` beside ``PAIR/defocus.png``, at any depth.
+
+    Yields
+    ------
+    name : str
+        The pair's folder, below the one that is searched.
+    infocus, defocus : Path
+    """
+    there: dict[Path, dict[str, Path]] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.suffix.lower() in IMAGE_ENDINGS and path.stem in ROLES[:2]:
+            there.setdefault(path.parent, {})[path.stem] = path
+    for place, images in there.items():
+        if len(images) == 2:
+            yield place.relative_to(folder).as_posix(), images["infocus"], images["defocus"]
+
+
+def _load(method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int) -> Method:
+    def recipe() -> None:
+        raise MethodError(
+            "the method needs to be given the blur",
+            where=str(method),
+            fix="say what the lens is (--lens FILE), or give a recipe (--param recipe=published)",
+        )
+
+    offers: dict[str, Callable[[], Any]] = {"recipe": recipe, "seed": lambda: seed, "rig": Rig}
+    unknown: dict[str, Callable[[], Any]] = {"recipe": lambda: None}
+    if not isinstance(method, str):
+        try:
+            method = entry_of(method)
+        except MethodError:
+            kind = method if hasattr(method, "__qualname__") else type(method)
+            name = kind.__qualname__
+            return make_method(
+                name, f"{kind.__module__}:{name}", method, None, parameters, offers, unknown
+            )
+    return load_method(method, parameters, offers, unknown)
+
+
+def _blur(camera: Camera) -> tuple[Any, DepthScale | None]:
+    """Return what a method takes as `recipe`, and what levels are in metres if that is known."""
+    fields, where = camera, "camera"
+    if isinstance(camera, str | Path) and Path(camera).suffix == ".toml":
+        fields, where = read_fields(camera), str(camera)
+    if isinstance(fields, Mapping) and is_lens(fields):
+        return lens_law(fields, where), DepthScale.model_validate(fields["scale"])
+    return fields, None
+
+
+def _scale_of(result: Result) -> DepthScale | None:
+    try:
+        return find_manifest(result.dataset.name).depth.scale
+    except DfdbenchError:
+        return None
+
+
+def _size(image: Image) -> str:
+    return " x ".join(map(str, image.shape))

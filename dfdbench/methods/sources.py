@@ -1,0 +1,300 @@
+"""List the modules and files that a method's answers come from, so that a run knows its own.
+
+Modules are found by reading `import` statements, from the method's own module on. That finds the
+same ones in every process; `sys.modules` would depend on what else was loaded before. Files are
+heard of through Python's audit hook, while the method is loaded, fitted and called. What a library
+written in C opens by itself, or another process, is not heard of.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import functools
+import hashlib
+import importlib.util
+import os
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from dfdbench.errors import MethodError
+from dfdbench.system.cache import cache_folder
+
+#: Hashes by label; None for a file that the method wrote itself, which is not compared.
+Hashes = dict[str, str | None]
+#: What stands for the hash of a file that the method tried to open and did not find.
+ABSENT = "absent"
+
+_PACKAGE = Path(os.path.realpath(__file__)).parents[1]
+# Of dfdbench, only these rooms compute depth. The others read data, print and draw: a change in
+# one of them must not throw away the hours of a run. Releases differ by their version.
+_ROOMS = ("dfdbench.methods.", "dfdbench.blur.")
+# The methods take types from this one, which calls them.
+_CALLER = "dfdbench.methods.fit"
+_NOT_OWN = {"site-packages", "dist-packages", "__pycache__"}
+
+
+class Sources:
+    """The modules and files that one method's answers come from."""
+
+    def __init__(self) -> None:
+        #: Files and folders that do not count, such as the data set's.
+        self.apart: tuple[Path, ...] = ()
+        self._module: tuple[str, Path] | None = None
+        self._own: Path | None = None
+        self._base = Path(os.sep)
+        self._read: set[str] = set()
+        self._written: set[str] = set()
+        # What was heard of and counts; None if it does not.
+        self._counted: dict[str, Path | None] = {}
+        self._hashes: dict[Path, str] = {}
+
+    def begin_at(self, module: ModuleType) -> None:
+        """Say in which module the method is defined; its folder or package is the method's own."""
+        file = getattr(module, "__file__", None)
+        if not isinstance(file, str):
+            return
+        path = _settled(file)
+        self._module = module.__name__, path
+        self._base = self._own = path.parent
+        levels = module.__name__.count(".") + hasattr(module, "__path__")
+        if levels:
+            self._own = path.parents[levels - 1]
+            self._base = self._own.parent
+        elif _NOT_OWN & set(path.parts):
+            # A single module among the installed packages.
+            self._own = path
+
+    @property
+    def module_sha256(self) -> str | None:
+        """The SHA-256 of the file that the method is defined in; None if it is in no file."""
+        return self._hash(self._module[1]) if self._module else None
+
+    @contextlib.contextmanager
+    def watch(self) -> Iterator[None]:
+        """Note the files that are opened in the block."""
+        _begin_to_hear()
+        _listening.append(self)
+        try:
+            yield
+        finally:
+            _listening.remove(self)
+
+    def hear(self, path: str, writes: bool) -> None:
+        """Note a file that is opened."""
+        (self._written if writes else self._read).add(path)
+
+    def hashes(self) -> Hashes:
+        """Return the SHA-256 of all that was used until now, by label.
+
+        A label is a path within the method's own folder, a whole path elsewhere, or the dotted name
+        of a module of dfdbench.
+
+        Raises
+        ------
+        MethodError
+            If a module was edited after this process imported it.
+        """
+        found: Hashes = {self._label(path): self._hash(path) for path in self._modules}
+        for heard in self._read | self._written:
+            if heard not in self._counted:
+                path = _source_of(heard)
+                self._counted[heard] = path if self._counts(path) else None
+            if counted := self._counted[heard]:
+                own_work = heard in self._written
+                found[self._label(counted)] = None if own_work else self._hash(counted)
+        return dict(sorted(found.items()))
+
+    def hashes_again(self, labels: Iterable[str]) -> Hashes:
+        """Return the SHA-256 that the files have now which an earlier call used."""
+        return {label: _sha256(self._path(label)) for label in labels}
+
+    @functools.cached_property
+    def _modules(self) -> set[Path]:
+        if self._module is None:
+            return set()
+        found: set[Path] = set()
+        left = [self._module]
+        while left:
+            name, path = left.pop()
+            if path in found:
+                continue
+            found.add(path)
+            self._require_as_imported(name, path)
+            # Of a module elsewhere, a library for example, what it imports is its own affair.
+            if name.startswith(_ROOMS) or self._is_own(path):
+                for other in _imported(path, _dotted(path, self._base)):
+                    if file := self._file_of_module(other):
+                        left.append((other, file))
+        return found
+
+    def _file_of_module(self, name: str) -> Path | None:
+        if name.startswith(_ROOMS):
+            return _file_of(_PACKAGE.parent, name) if name != _CALLER else None
+        loaded = getattr(sys.modules.get(name), "__file__", None)
+        file = _settled(loaded) if isinstance(loaded, str) else _file_of(self._base, name)
+        return file if file and self._counts(file) else None
+
+    def _is_own(self, path: Path) -> bool:
+        if self._own is None or not path.is_relative_to(self._own):
+            return False
+        return not _NOT_OWN & set(path.relative_to(self._own).parts)
+
+    def _counts(self, path: Path) -> bool:
+        apart = (_real(place) for place in (*self.apart, cache_folder()))
+        if any(path.is_relative_to(place) for place in (*apart, _PACKAGE)) or path.is_dir():
+            return False
+        if self._own and path.is_relative_to(self._own):
+            return self._is_own(path)
+        if _NOT_OWN & set(path.parts):
+            return False
+        return not any(path.is_relative_to(place) for place in _of_the_machine())
+
+    def _label(self, path: Path) -> str:
+        if path.is_relative_to(_PACKAGE):
+            return _dotted(path, _PACKAGE.parent)
+        own = self._own and path.is_relative_to(self._own)
+        return (path.relative_to(self._base) if own else path).as_posix()
+
+    def _path(self, label: str) -> Path:
+        if label.startswith(_ROOMS):
+            return _file_of(_PACKAGE.parent, label) or _PACKAGE / label
+        return self._base / label
+
+    def _hash(self, path: Path) -> str:
+        if path not in self._hashes:
+            self._hashes[path] = _sha256(path)
+        return self._hashes[path]
+
+    def _require_as_imported(self, name: str, path: Path) -> None:
+        spec = getattr(sys.modules.get(name), "__spec__", None)
+        now = self._hash(path)
+        if spec and _as_imported.setdefault(id(spec), (spec, now))[1] != now:
+            raise MethodError(
+                "a module was edited after this process had imported it",
+                where=str(path),
+                fix="start Python again, or call importlib.reload on it: the old code would run",
+            )
+
+
+def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Say which of the files used earlier have other contents now.
+
+    Parameters
+    ----------
+    before, now : mapping of str to str or None
+        From `Sources.hashes`. Labels that only one of them has are left out.
+
+    Examples
+    --------
+    >>> changes({"helper.py": "0a", "coef.json": "1b"}, {"helper.py": "0c", "coef.json": ABSENT})
+    ['helper.py has changed', 'coef.json is gone']
+    """
+    said = []
+    for label, one in before.items():
+        other = now.get(label)
+        if one is not None and other is not None and one != other:
+            how = "is new" if one == ABSENT else "has changed"
+            said.append(f"{label} {'is gone' if other == ABSENT else how}")
+    return said
+
+
+# Audit hooks cannot be taken away again: there is one, and it mostly has nobody to tell.
+_listening: list[Sources] = []
+# By the specification, which reloading a module makes anew. It is kept so that its id stays its.
+_as_imported: dict[int, tuple[Any, str]] = {}
+
+
+@functools.cache
+def _begin_to_hear() -> None:
+    sys.addaudithook(_hear)
+
+
+def _hear(event: str, arguments: tuple[Any, ...]) -> None:
+    if event != "open" or not _listening:
+        return
+    # An exception here would be one of the method's.
+    with contextlib.suppress(Exception):
+        name, mode, flags = arguments
+        if isinstance(name, int):
+            return
+        path = os.path.abspath(os.fsdecode(name))
+        writes = flags & (os.O_WRONLY | os.O_RDWR) if mode is None else set(mode) & set("wax+")
+        for sources in _listening:
+            sources.hear(path, bool(writes))
+
+
+@functools.cache
+def _of_the_machine() -> tuple[Path, ...]:
+    """Return the folders of Python itself, and of what a machine changes by itself."""
+    prefixes = (sys.prefix, sys.base_prefix, sysconfig.get_path("stdlib"), tempfile.gettempdir())
+    return tuple(map(_real, (*prefixes, "/dev", "/etc", "/proc", "/sys", "/usr")))
+
+
+def _real(folder: str | Path) -> Path:
+    return Path(os.path.realpath(folder))
+
+
+def _source_of(heard: str) -> Path:
+    # Python opens a module's bytecode in place of the module if that is up to date.
+    with contextlib.suppress(ValueError, NotImplementedError):
+        if heard.endswith(".pyc"):
+            return _settled(importlib.util.source_from_cache(heard))
+    return _settled(heard)
+
+
+def _settled(path: str | Path) -> Path:
+    # A link to a file stays: it may lead to another file tomorrow.
+    folder, name = os.path.split(os.path.abspath(path))
+    return _real(folder) / name
+
+
+def _dotted(path: Path, base: Path) -> str:
+    if not path.is_relative_to(base):
+        return path.stem
+    parts = path.relative_to(base).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _file_of(base: Path, name: str) -> Path | None:
+    stem = base.joinpath(*name.split("."))
+    for path in (stem.with_name(stem.name + ".py"), stem / "__init__.py"):
+        if path.is_file():
+            return path
+    return None
+
+
+def _sha256(path: Path) -> str:
+    if not path.is_file():
+        return ABSENT
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _imported(path: Path, name: str) -> Iterator[str]:
+    """Yield what a module may import: names of modules, and of what may be one."""
+    try:
+        tree = ast.parse(path.read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return
+    package = name if path.stem == "__init__" else name.rpartition(".")[0]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield from _with_parents(alias.name)
+        elif isinstance(node, ast.ImportFrom):
+            start = ".".join(package.split(".")[: len(package.split(".")) + 1 - node.level])
+            above = f"{start}." if node.level and start else ""
+            whole = f"{above}{node.module or ''}".rstrip(".")
+            yield from _with_parents(whole)
+            yield from (f"{whole}.{alias.name}".lstrip(".") for alias in node.names)
+
+
+def _with_parents(name: str) -> Iterator[str]:
+    parts = name.split(".")
+    yield from (".".join(parts[:number]) for number in range(1, len(parts) + 1) if parts[0])

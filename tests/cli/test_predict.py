@@ -1,0 +1,51 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tests.cli.command import Command
+from tests.conftest import write_png
+
+
+def photographs(folder: Path) -> tuple[str, str]:
+    noise = np.random.default_rng(0).uniform(0, 255, (64, 80, 3))
+    sharp = np.asarray(cv2.GaussianBlur(noise, (0, 0), 1.5), np.uint8)
+    write_png(folder / "infocus.png", sharp)
+    write_png(folder / "defocus.png", np.asarray(cv2.GaussianBlur(sharp, (0, 0), 1), np.uint8))
+    return str(folder / "infocus.png"), str(folder / "defocus.png")
+
+
+def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_path: Path) -> None:
+    images = photographs(tmp_path)
+    told = dfdbench(
+        *("predict", *images, "--method", "mymodule:predict", "--out", "depth.png"),
+        *("--figure", "picture.png"),
+    )
+    assert told.status == 0, told.err
+    assert "depth.png: depth levels from 0 (far) to 255 (near)" in told.out
+    depth = np.asarray(cv2.imread("depth.png", cv2.IMREAD_UNCHANGED))
+    assert (depth.shape, str(depth.dtype), int(depth[0, 0])) == ((64, 80), "uint16", 90 * 256)
+    assert np.asarray(cv2.imread("picture.png")).ndim == 3
+
+
+def test_a_folder_of_pairs_gives_a_folder_of_maps(dfdbench: Command, tmp_path: Path) -> None:
+    (tmp_path / "in/scene").mkdir(parents=True)
+    photographs(tmp_path / "in/scene")
+    told = dfdbench("predict", str(tmp_path / "in"), "--method", "mymodule:predict", "--out", "out")
+    assert (told.status, np.load("out/scene.npy").max()) == (0, 90), told.err
+
+
+def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_path: Path) -> None:
+    images = photographs(tmp_path)
+    (tmp_path / "empty").mkdir()
+    for words, says in (
+        ((images[0], "--method", "local"), "two photographs are needed"),
+        ((str(tmp_path / "empty"), "--method", "local"), "no pair in this folder"),
+        ((*images, "--fitted", "run", "--lens", "lens.toml"), "both a fit and a lens"),
+        ((images[0], "nothing.png", "--method", "mymodule:predict"), "nothing.png"),
+        ((*images, "--method", "graph-cuts"), "--fitted RUN"),
+    ):
+        told = dfdbench("predict", *words, "--out", "depth.npy")
+        assert told.status == 2, told.out
+        assert says in told.err
+        assert not Path("depth.npy").exists()

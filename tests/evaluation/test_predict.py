@@ -1,0 +1,125 @@
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.synthesis import synthesize
+from dfdbench.datasets.store import Store
+from dfdbench.errors import InputError, MethodError
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.predict import Predictor, pairs_in, predict, write_depth
+from dfdbench.evaluation.run import run_method
+from dfdbench.methods.registry import load
+from tests.conftest import write_png
+
+Image = NDArray[np.uint8]
+LENS = """
+focal_length = 0.025
+defocus_f_number = 2.8
+focus_distance = 1.6
+pixel_pitch = 3e-5
+[scale]
+near = 0.5
+far = 5.0
+"""
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[Image, Image, Image]:
+    """A random texture, fine and coarse, on two planes, its defocus image, and the depth."""
+    noise = np.random.default_rng(1).uniform(0, 255, (160, 200, 3))
+    fine, coarse = (np.asarray(cv2.GaussianBlur(noise, (0, 0), sigma)) for sigma in (1.5, 8))
+    image = np.clip(128 + (fine - fine.mean()) * 1.5 + (coarse - coarse.mean()) * 8, 10, 245)
+    depth = np.where(np.arange(200) < 100, 60, 190) * np.ones((160, 1), int)
+    sharp, levels = image.astype(np.uint8), depth.astype(np.uint8)
+    return sharp, synthesize(sharp, levels, RECIPES["published"]), levels
+
+
+def test_depth_is_what_the_method_gives(pair: tuple[Image, Image, Image], tmp_path: Path) -> None:
+    sharp, blurred, depth = pair
+    write_png(tmp_path / "sharp.png", sharp)
+    write_png(tmp_path / "blurred.png", blurred)
+    files = tmp_path / "sharp.png", tmp_path / "blurred.png"
+    found = predict("local", files, "published", align=False)
+    assert np.array_equal(found, load("local", recipe="published")(sharp, blurred))
+    assert np.abs(found - depth)[:, 20:-20].mean() < 20
+
+
+def test_photographs_are_laid_on_each_other(pair: tuple[Image, Image, Image]) -> None:
+    sharp, blurred, depth = pair
+    moved = np.clip(np.roll(blurred, (3, -4), axis=(0, 1)) * 0.9, 0, 255).astype(np.uint8)
+    inner = np.s_[20:-20, 20:-20]
+
+    def error(answer: NDArray[Any]) -> float:
+        return float(np.abs(answer - depth)[inner].mean())
+
+    straight = error(predict("local", (sharp, blurred), "published"))
+    aligned = Predictor("local", "published")(sharp, moved)
+    as_is = error(predict("local", (sharp, moved), "published", align=False))
+    assert error(aligned.depth) < straight + 10 < as_is
+    assert "brightness" in aligned.found
+    assert Predictor("local", "published")(sharp, blurred).found == ""
+
+
+def test_a_run_lends_what_its_fit_learned(demo_store: Store, tmp_path: Path) -> None:
+    method = load_for(demo_store, "local", {"window": 5})
+    run_method(demo_store, method, "test", tmp_path / "run")
+    images = demo_store.read(demo_store.pairs("test")[0])
+    depth = predict(None, (images.infocus, images.defocus), tmp_path / "run", align=False)
+    assert np.array_equal(depth, method.predict(images.infocus, images.defocus))
+
+
+def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path: Path) -> None:
+    (tmp_path / "lens.toml").write_text(LENS)
+    predictor = Predictor("local", tmp_path / "lens.toml")
+    assert predictor.meaning.endswith("level 1 is 5 m, level 255 is 0.5 m")
+    assert predictor(*pair[:2]).depth.shape == pair[2].shape
+
+
+@pytest.mark.parametrize(
+    ("method", "camera", "says"),
+    [
+        ("graph-cuts", None, "nothing says what it is"),
+        (None, None, "no method is named"),
+        (lambda infocus, defocus: 1 / 0, None, "ZeroDivisionError"),
+        ("local", {"focal_length": 0.025}, "not known well enough"),
+    ],
+)
+def test_what_is_lacking_is_said(
+    pair: tuple[Image, Image, Image], method: Any, camera: Any, says: str
+) -> None:
+    with pytest.raises(MethodError, match=says):
+        predict(method, pair[:2], camera)
+
+
+def test_photographs_of_two_sizes_are_refused(pair: tuple[Image, Image, Image]) -> None:
+    with pytest.raises(InputError, match="differ in size"):
+        predict("local", (pair[0], pair[1][1:]), "published")
+
+
+def test_depth_files_hold_the_depth(tmp_path: Path) -> None:
+    depth = np.array([[0, 100.25], [255, 1.5]], np.float32)
+    write_depth(tmp_path / "a.npy", depth)
+    write_depth(tmp_path / "deep/a.png", depth)
+    assert np.array_equal(np.load(tmp_path / "a.npy"), depth)
+    read = np.asarray(cv2.imread(str(tmp_path / "deep/a.png"), cv2.IMREAD_UNCHANGED))
+    assert (str(read.dtype), (read / 256).tolist()) == ("uint16", depth.tolist())
+    with pytest.raises(InputError, match=r"\.npy or \.png"):
+        write_depth(tmp_path / "a.gif", depth)
+
+
+def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
+    for name in (
+        "a/infocus.png",
+        "a/defocus.JPG",
+        "b/c/infocus.png",
+        "b/c/defocus.png",
+        "infocus.png",
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    assert [name for name, _, _ in pairs_in(tmp_path)] == ["a", "b/c"]

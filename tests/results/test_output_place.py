@@ -1,0 +1,55 @@
+from pathlib import Path
+
+import pytest
+
+from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
+
+
+@pytest.fixture
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for file in ("set.zarr/zarr.json", "run/run.json", "photos/one.png", "alone.json"):
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_text("{}")
+    (tmp_path / "link").symlink_to("set.zarr")
+    (tmp_path / "loop").symlink_to("loop")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("place", "why"),
+    [
+        ("set.zarr", "a built data set"),
+        ("set.zarr/scene/report", "a built data set"),
+        ("link/report", "a built data set"),
+        ("run", "a run"),
+        ("run/result.json", "a run"),
+        ("photos/../run/figures", "a run"),
+        ("photos", "one of its inputs"),
+        ("photos/report", "one of its inputs"),
+        ("alone.json", "one of its inputs"),
+        ("s3://bucket/report", "on this machine only"),
+        (Path("s3://bucket/report"), "on this machine only"),
+        (" ", "no place is named"),
+    ],
+)
+def test_places_that_hold_something_are_refused(work: Path, place: str | Path, why: str) -> None:
+    before = sorted(work.rglob("*"))
+    with pytest.raises(InputError, match=why):
+        output_place(place, "photos", None, Path("alone.json"))
+    assert sorted(work.rglob("*")) == before
+
+
+@pytest.mark.parametrize("place", ["new", "photos-2/report.html", ".", "loop"])
+def test_other_places_are_free(work: Path, place: str) -> None:
+    assert output_place(place, "photos", "alone.json") == Path(place)
+
+
+def test_a_command_that_replaces_its_folder_may_name_it_but_not_one_inside(work: Path) -> None:
+    assert output_place("run", replaces=True) == Path("run")
+    assert output_place("set.zarr", replaces=True) == Path("set.zarr")
+    with pytest.raises(InputError, match="a run"):
+        output_place("run/new", replaces=True)
+    with pytest.raises(InputError, match="one of its inputs"):
+        output_place("photos", "photos/one.png", replaces=True)

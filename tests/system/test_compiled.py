@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[2] / "dfdbench"
+SUM = """
+from dfdbench.system.compiled import compiled
+
+@compiled()
+def total(numbers):
+    return numbers.sum()
+
+@compiled(inline="always")
+def twice(number):
+    return 2 * number
+"""
+CALL = """
+import numpy as np
+from kernels import total, twice
+print(total(np.arange(4)), twice(3), total.stats.cache_path)
+"""
+
+
+def call(folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    (folder / "kernels.py").write_text(SUM)
+    # No folder can be made below a file, not even by root.
+    (folder / "__pycache__").write_text("in the way")
+    kept = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    nowhere = {"HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/null"}
+    path = f"{folder}{os.pathsep}{PACKAGE.parent}"
+    return subprocess.run(
+        (sys.executable, "-c", CALL),
+        env={**kept, **nowhere, "PYTHONPATH": path, **variables},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_without_a_place_for_a_cache_it_compiles_and_warns_once(tmp_path: Path) -> None:
+    done = call(tmp_path)
+    assert done.stdout == "6 6 None\n"
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("warning: compiled code cannot be cached")
+    assert "NUMBA_CACHE_DIR" in done.stderr
+
+
+def test_the_variable_names_the_place(tmp_path: Path) -> None:
+    done = call(tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert done.stderr == ""
+    assert done.stdout.startswith(f"6 6 {tmp_path / 'cache'}")
+    assert list((tmp_path / "cache").rglob("*.nbi"))
+
+
+def test_all_that_is_compiled_is_compiled_by_it() -> None:
+    others = [path for path in PACKAGE.rglob("*.py") if path.name != "compiled.py"]
+    found = [path for path in others if re.search(r"\bn?jit\(", path.read_text("utf-8"))]
+    assert not found

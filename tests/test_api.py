@@ -1,0 +1,116 @@
+"""The public functions on a tiny data set: what each returns, shows and refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import dfdbench
+from dfdbench.datasets.store import Store
+from dfdbench.errors import DfdbenchError, InputError, ResultError
+
+
+def grey(infocus: NDArray[Any], defocus: NDArray[Any]) -> NDArray[Any]:
+    return np.asarray(defocus.mean(axis=2))
+
+
+@pytest.fixture
+def done(tiny_store: Store, tmp_path: Path) -> dfdbench.Run:
+    return dfdbench.run(grey, tiny_store, out=tmp_path / "grey")
+
+
+def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run) -> None:
+    scores = done.scores
+    result = done.results["clean"]
+    row = scores.query("protocol == 'thesis' and metric == 'nrmse'").set_index("capture")["value"]
+    for pair in result.pairs:
+        assert row[pair.id] == pair.scores["thesis"]["nrmse"]
+    assert set(scores["protocol"]) == set(result.protocol_names)
+    means = row.mean(), done.to_frame("thesis")["nrmse"].mean()
+    assert means == pytest.approx([result.averages["thesis"]["nrmse"]] * 2)  # type: ignore[index]
+    assert "grey" in repr(done)
+    assert "<table" in done._repr_html_()
+    assert len(done.table()) > 0
+
+
+def test_a_run_keeps_depth_maps_and_reports_them(done: dfdbench.Run, tmp_path: Path) -> None:
+    predictions = dict(done.predictions)
+    assert len(predictions) == 7
+    name, depth = next(iter(predictions.items()))
+    images, again = done.images(name)
+    assert np.array_equal(depth, again)
+    assert np.allclose(depth, grey(images.infocus, images.defocus))
+    assert done.report(tmp_path / "page").read_text().startswith("<!doctype html>")
+
+
+def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> None:
+    folder = done.save(tmp_path / "kept")
+    assert dfdbench.open_run(folder).scores.equals(done.scores)
+    with pytest.raises(InputError, match="write into a run"):
+        done.save(folder)
+    with pytest.raises(ResultError):
+        dfdbench.open_run(tmp_path)
+
+
+def test_runs_are_compared_with_the_first(
+    done: dfdbench.Run, tiny_store: Store, tmp_path: Path
+) -> None:
+    constant = dfdbench.run("constant", tiny_store)
+    found = dfdbench.compare(done, constant, protocol="thesis")
+    assert "constant" in repr(found)
+    assert len(found.table()) > 0
+    assert set(found.scores["run"]) == {0, 1}
+    with pytest.raises(InputError, match="two runs"):
+        dfdbench.compare(done)
+
+
+def test_depth_maps_made_elsewhere_are_scored(
+    done: dfdbench.Run, tiny_store: Store, tmp_path: Path
+) -> None:
+    for name, depth in done.predictions:
+        place = tmp_path / "maps" / f"{name}.npy"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        np.save(place, depth)
+    scored = dfdbench.score(tmp_path / "maps", tiny_store)
+    assert scored.to_frame("thesis")["nrmse"].equals(done.to_frame("thesis")["nrmse"])
+
+
+def test_a_data_set_shows_what_it_has(tiny_store: Store) -> None:
+    data = dfdbench.open_dataset(str(tiny_store.path))
+    assert repr(data) == "<tiny-1: 11 pairs of 3 scenes>"
+    assert (len(data.captures()), len(data.captures("One"))) == (11, 4)
+    assert data.to_xarray("One").sizes["view"] == 2
+    assert data.verify().sound
+    with pytest.raises(DfdbenchError, match="tets"):
+        data.captures("tets")
+
+
+def test_a_build_warns_of_what_is_missing(tiny_folder: Path, tmp_path: Path) -> None:
+    from tests.conftest import TINY_TOML
+
+    (tmp_path / "tiny-1.toml").write_text(TINY_TOML)
+    (tiny_folder / "Two/Illum1/Exp1/view1.png").unlink()
+    with pytest.warns(UserWarning, match="missing"):
+        data = dfdbench.build(str(tmp_path / "tiny-1.toml"), tiny_folder, store=tmp_path / "t.zarr")
+    assert len(data.captures()) < 11
+
+
+def test_methods_are_called_as_they_are(tiny_store: Store) -> None:
+    image = np.zeros((4, 5, 3), np.uint8)
+    assert dfdbench.load_method("constant", training_mean=7)(image, image).max() == 7
+
+
+@pytest.mark.slow
+def test_a_run_over_tracks_is_one_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
+    dfdbench.build("demo")
+    found = dfdbench.run_tracks(
+        "constant", "demo", "Kitchen", tracks=["gain"], out=tmp_path / "runs"
+    )
+    assert list(found.table("valid").index) == ["clean", "gain-1", "gain-2", "gain-3"]
+    assert set(found.scores["severity"]) == {0, 1, 2, 3}
+    assert dfdbench.open_run(tmp_path / "runs").scores.equals(found.scores)
