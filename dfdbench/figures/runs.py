@@ -133,13 +133,10 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
             chosen = [pair for pair in pairs if rows is None or pair.coordinates[rows] == value]
             for number, level in enumerate(levels):
                 offset = (number - (len(levels) - 1) / 2) * 0.5 / len(levels)
-                found = [
-                    (scenes.index(pair.scene) + offset, score)
-                    for pair in chosen
-                    if pair.coordinates[blocks] == level
-                    and (score := pair.score(protocol, metric.name)) is not None
-                ]
-                at, scores = [at for at, _ in found], [score for _, score in found]
+                of_level = [pair for pair in chosen if pair.coordinates[blocks] == level]
+                found = [(p.scene, p.score(protocol, metric.name)) for p in of_level]
+                at = [scenes.index(name) + offset for name, score in found if score is not None]
+                scores = [score for _, score in found if score is not None]
                 axis.plot(at, scores, label=f"{blocks} {level}", **marks(number))
             axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
             axis.grid(alpha=0.3)
@@ -147,10 +144,8 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
         axis.set_title(f"{rows} {value}" if rows else "")
     for axis in grid[-1]:
         axis.set_xlabel("scene; one mark a view" if "view" in result.dataset.axes else "scene")
-    handles, labels = grid[0][0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=min(len(levels), int(whole / 2))
-    )
+    named = grid[0][0].get_legend_handles_labels()
+    figure.legend(*named, loc="outside lower center", ncols=min(len(levels), int(whole / 2)))
     return figure
 
 

@@ -110,33 +110,31 @@ def _cards(
             "defocus": photo(brightened(images.defocus, times)),
             "truth": depth_map(known, low, high),
         }
-    addresses = {
-        **of_data[place],
+    own = {
         "prediction": depth_map(prediction.astype(np.float64), low, high),
         "error": error_map(prediction - known),
     }
-    scores = {
-        metric.title: score_text(pair.score(protocol, name), "undefined")
-        for name, metric in metrics_of(protocol).items()
+    shown = {
+        kind: pictures.setdefault(address, f"p{len(pictures)}")
+        for kind, address in (of_data[place] | own).items()
     }
+    height, width = images.depth.shape
+    size = {"width": width, "height": height, "low": f"{low:.0f}", "high": f"{high:.0f}"}
+    return [_texts(run, pair, protocol) | size | {"pictures": shown, "brighter": times}]
+
+
+def _texts(run: SavedRun, pair: PairResult, protocol: str) -> dict[str, Any]:
     coordinates = {axis: str(value) for axis, value in pair.coordinates.items()}
-    card = {
+    return {
         "name": pair.id,
         "method": run.label,
         "places": {"method": run.label, "scene": pair.scene, **coordinates},
-        "pictures": {
-            kind: pictures.setdefault(address, f"p{len(pictures)}")
-            for kind, address in addresses.items()
-        },
-        "width": images.depth.shape[1],
-        "height": images.depth.shape[0],
-        "brighter": times,
-        "low": f"{low:.0f}",
-        "high": f"{high:.0f}",
-        "scores": list(scores.items()),
+        "scores": [
+            (metric.title, score_text(pair.score(protocol, name), "undefined"))
+            for name, metric in metrics_of(protocol).items()
+        ],
         "seconds": SCORED if pair.seconds is None else f"{seconds_text(pair.seconds)} s",
     }
-    return [card]
 
 
 def _filters(cards: Sequence[dict[str, Any]], methods: Sequence[str]) -> dict[str, list[str]]:
