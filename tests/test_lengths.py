@@ -10,8 +10,6 @@ MOST_LINES, MOST_STATEMENT_LINES = 500, 40
 
 _KERNEL = "compiled by numba: what it calls would be handed a dozen arrays and counters"
 REASONS = {
-    "dfdbench/figures/runs.py:score_figure": "one figure, drawn from top to bottom",
-    "dfdbench/report/html.py:_cards": "one record, field by field",
     "dfdbench/api.py": "every public function, each with its docstring",
     "dfdbench/methods/data_cost.py:_fill": _KERNEL,
     "dfdbench/methods/mrf/maxflow.py:_grow_and_augment": _KERNEL,
