@@ -58,7 +58,7 @@ class Fitted:
 _REPOSITORY = Path(__file__).parents[2]
 #: A search that ends at once, asked for again to be gone on with.
 SEARCH = (
-    "search architecture --dataset tiny.zarr --split test --particles 1 --iterations 0 "
+    "thesis search architecture --dataset tiny.zarr --split test --particles 1 --iterations 0 "
     "--device cpu --threads 1 --score-pairs 1 --config quick.toml --bounds crop=12:16 "
     "--bounds kernel=1:3 --bounds width=8:128 --out search"
 )

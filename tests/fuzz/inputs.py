@@ -149,8 +149,8 @@ _REPORTS = (
     "report ITEM other --format latex",
     "compare ITEM other",
     "compare other ITEM --format json",
-    "depths tiny.zarr --result ITEM",
-    "coverage tiny.zarr --result ITEM",
+    "audit depths tiny.zarr --result ITEM",
+    "audit coverage tiny.zarr --result ITEM",
 )
 _STORES = (
     "info ITEM",
@@ -158,9 +158,9 @@ _STORES = (
     "verify ITEM --workers 1",
     "export ITEM --png png --split test",
     "run --method constant --dataset ITEM --out out --limit 2 --no-predictions",
-    "depths ITEM",
-    "coverage ITEM --train train --test test",
-    "difficulty ITEM --split Two",
+    "audit depths ITEM",
+    "audit coverage ITEM --train train --test test",
+    "audit difficulty ITEM --split Two",
     "build tiny-1.toml --source site --store ITEM --workers 1",
 )
 _MAPS = ("[maps] FILE tiny.zarr",)
@@ -168,7 +168,7 @@ _BOARD = ("leaderboard --folder ITEM", "leaderboard --folder ITEM --format json"
 # Without figures, which would take all of the time.
 _AGAIN = "run --method constant --dataset tiny.zarr --out ITEM --no-predictions"
 _SHOWN = (
-    "depths tiny.zarr --result ITEM",
+    "audit depths tiny.zarr --result ITEM",
     "report ITEM --out page",
     "compare ITEM other --out panels.png",
 )
@@ -209,7 +209,7 @@ KINDS: dict[str, Kind] = {
         ("quick.toml",),
         m.changed_toml,
         (
-            "experiment noise --dataset tiny.zarr --config FILE --values 1 --repeats 1 "
+            "thesis experiment noise --dataset tiny.zarr --config FILE --values 1 --repeats 1 "
             "--max-time 1s --device cpu --threads 1 --out out",
         ),
     ),
@@ -229,7 +229,7 @@ KINDS: dict[str, Kind] = {
     "lens table": Kind(
         ("lens.csv",),
         m.of_text(m.changed_cells),
-        ("[lens] FILE", "optics pairs --lens FILE --range 1.5 2.2"),
+        ("[lens] FILE", "rig optics pairs --lens FILE --range 1.5 2.2"),
     ),
     "beams": Kind(("beams.csv",), m.of_text(m.changed_cells), ("[beams] FILE",)),
     "ranges": Kind(("ranges.bin",), m.changed_bytes, ("[ranges] FILE",)),
@@ -257,8 +257,8 @@ _SOUND_LINES = {
         "check-method local",
         "run --method graph-cuts --dataset tiny.zarr --split Two --limit 1 --out out",
         "score --predictions maps --dataset tiny.zarr --method mine --out out",
-        "split tiny.zarr --test-scenes 1",
-        "optics pairs --lens lens.csv --range 1.5 2.2",
+        "audit split tiny.zarr --test-scenes 1",
+        "rig optics pairs --lens lens.csv --range 1.5 2.2",
     )
 }
 
