@@ -218,7 +218,7 @@ def test_all_that_is_wrong_is_told_and_the_other_scenes_build(
         ("voltage step is missing", "k33, exposure 30 ms"),
         ("scene has no LIDAR depth map", "k34"),
         ("range file is big-endian", "k35/lidar/lidar_rng_00001.bin"),
-        ("header disagrees", "k35/lidar/lidar_rng_00002.bin"),
+        ("disagrees with the file's length", "k35/lidar/lidar_rng_00002.bin"),
         ("calibration does not fit", "k44/beams.csv"),
         ("63 beams", ""),
         ("size differs", "k45/frames/exp_40/image_141_40.00_1.png"),
