@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.optics.lens_table import read_lens_table
-from dfdbench.rig.board_pose import Sighting
-from dfdbench.rig.depth_map import depth_image, warp
-from dfdbench.rig.geometry import Pose, Rig
-from dfdbench.rig.lidar import average_scans
+from dfdbench.rig.board import Sighting
+from dfdbench.rig.geometry import CaptureRig, Pose
+from dfdbench.rig.lidar import average_scans, depth_image, warp
 from dfdbench.rig.lidar_files import read_beams
 from dfdbench.rig.registration import register, sight
 from dfdbench.simulation.board_scene import MOUNTED, SimulatedScene, defocus
@@ -54,7 +53,7 @@ def registered(
     images: dict[int, tuple[NDArray[np.uint8], NDArray[np.int64]]], pose: Pose, together: bool
 ) -> Iterator[Row]:
     """Yield each scene: number, pixels off, pixels known to, depth within 2 levels, valid."""
-    rig, beams = Rig(), read_beams()
+    rig, beams = CaptureRig(), read_beams()
     sightings: dict[str, Sighting] = {}
     scans = {}
     for number, (frame, _) in images.items():

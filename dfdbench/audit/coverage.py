@@ -1,21 +1,37 @@
-"""Which depth levels of a test set its training set lacks: histograms, verdicts, ranges."""
+"""Which depth levels of a test its training lacks: verdicts, a record for JSON, and tables."""
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import StrEnum
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.audit.depth_histogram import DepthHistogram, Mask
+from dfdbench.audit.leaks import Leak
+from dfdbench.audit.sides import Mask, Side, as_ranges, range_text, runs
 from dfdbench.blur.recipe import LEVELS
-from dfdbench.errors import InputError, Problem
+from dfdbench.datasets.manifest import simulated_label
+from dfdbench.errors import InputError
+from dfdbench.system.record import Record
+from dfdbench.tables.table import Table
+from dfdbench.tables.wording import counted, listed, percent
+
+SCHEMA_VERSION = 1
+WEIGHTS = "each depth map counts once for each pair that the manifest makes of it"
+_SCENES_NAMED = 4
+_ABSENT_NAMED = 8
+
+Counts = NDArray[np.int64] | NDArray[np.float64]
 
 
 class Verdict(StrEnum):
-    """What a depth level of the test is, seen from the training set."""
+    """How well training covers a depth level of the test."""
 
     missing = "missing"
     scarce = "scarce"
@@ -23,7 +39,7 @@ class Verdict(StrEnum):
 
 
 class Criterion(StrEnum):
-    """By which a level counts as not covered; `either` is the stricter of the two."""
+    """What makes a level uncovered; `either` applies both."""
 
     thesis = "thesis"
     density = "density"
@@ -32,7 +48,7 @@ class Criterion(StrEnum):
 
 @dataclass(frozen=True)
 class DensityBound:
-    """When a level's density in the test is too much for that in training.
+    """When a level is too dense in the test for its density in training.
 
     Parameters
     ----------
@@ -45,133 +61,354 @@ class DensityBound:
     Notes
     -----
     The thesis compares counts, so its criterion weakens as the test shrinks: for the published
-    split it strikes where the density exceeds that of training about 404 / 54 = 7.5 times. The
-    density criterion holds about that for tests of any size.
+    split it strikes at about 404 / 54 = 7.5 times the density of training. The density criterion
+    keeps to about that for tests of any size.
     """
 
     factor: float = 8.0
     floor: float = 0.001
 
     def __post_init__(self) -> None:
-        problems = []
         if not 1 <= self.factor < math.inf:
-            expected = "a number from 1 up"
-            problems.append(
-                Problem(
-                    "wrong density factor", where="factor", expected=expected, got=str(self.factor)
-                )
-            )
+            raise InputError(f"a density factor is a number from 1 up, not {self.factor}")
         if not 0 <= self.floor <= 1:
-            problems.append(
-                Problem(
-                    "wrong density floor", where="floor", expected="0 to 1", got=str(self.floor)
-                )
-            )
-        if problems:
-            raise InputError.of(problems)
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """A test set's depth levels held against those of a training set.
-
-    Parameters
-    ----------
-    train, test : DepthHistogram
-        Both in the same sense, nearness or distance.
-    bound : DensityBound
-        Of the density criterion.
-
-    Examples
-    --------
-    >>> from dfdbench.audit.depth_histogram import depth_histogram
-    >>> from dfdbench.audit.level_ranges import as_ranges
-    >>> near = depth_histogram(np.full((2, 2), 200, np.uint8), np.ones((2, 2), bool))
-    >>> far = depth_histogram(np.array([[200, 9]], np.uint8), np.ones((1, 2), bool))
-    >>> as_ranges(Coverage(train=near, test=far).missing)
-    '9'
-    """
-
-    train: DepthHistogram
-    test: DepthHistogram
-    bound: DensityBound = field(default_factory=DensityBound)
-
-    @property
-    def missing(self) -> Mask:
-        """Levels in the test that training never shows."""
-        return np.asarray((self.test.counts > 0) & (self.train.counts == 0))
-
-    def uncovered(self, criterion: Criterion = Criterion.either) -> Mask:
-        """Levels that are not covered by a criterion.
-
-        `thesis`: the level's pixels in the test outnumber those in training (5.4.2), so that
-        a missing level always is among them. `density`: see `DensityBound`.
-        """
-        return uncovered(self.train.counts, self.test.counts, criterion, self.bound)
-
-    @property
-    def scarce(self) -> Mask:
-        """Levels that are in training, but too rarely by either criterion."""
-        return self.uncovered() & ~self.missing
-
-    @property
-    def verdicts(self) -> tuple[Verdict | None, ...]:
-        """The verdict on each level; None where the test has no pixel of it."""
-        missing, scarce = self.missing, self.scarce
-        return tuple(
-            Verdict.missing
-            if missing[level]
-            else Verdict.scarce
-            if scarce[level]
-            else Verdict.covered
-            if self.test.counts[level]
-            else None
-            for level in range(LEVELS)
-        )
-
-    def share(self, levels: Mask) -> float:
-        """Return the share of the test's known pixels that lie on some levels."""
-        return float(self.test.counts[levels].sum() / max(self.test.known, 1))
-
-    def expanded_share(self, criterion: Criterion = Criterion.either) -> float:
-        """Return the uncovered share where both sides are seen as random crops (Fig. 5.9)."""
-        levels = uncovered(self.train.expanded, self.test.expanded, criterion, self.bound)
-        return float(self.test.expanded[levels].sum() / max(self.test.expanded.sum(), 1e-300))
+            raise InputError(f"a density floor is 0 to 1, not {self.floor}")
 
 
 def uncovered(
-    train: NDArray[np.int64] | NDArray[np.float64],
-    test: NDArray[np.int64] | NDArray[np.float64],
-    criterion: Criterion,
-    bound: DensityBound,
+    train: Counts, test: Counts, criterion: Criterion, bound: DensityBound | None = None
 ) -> Mask:
-    """Return which levels are not covered; counts of shape (..., 256), see `Coverage.uncovered`.
+    """Return which levels are not covered, for counts of shape (..., 256).
+
+    `thesis`: the test has more pixels of the level than training (5.4.2), so that a missing level
+    is always among them. `density`: see `DensityBound`.
 
     Examples
     --------
     >>> train, test = np.zeros(256), np.zeros(256)
     >>> train[[8, 9]], test[[8, 9]] = (900, 1), (100, 2)
-    >>> np.flatnonzero(uncovered(train, test, Criterion.thesis, DensityBound())).tolist()
+    >>> np.flatnonzero(uncovered(train, test, Criterion.thesis)).tolist()
     [9]
     """
-    by_count = test > train
+    bound = bound or DensityBound()
+    by_count = np.asarray(test > train)
     if criterion is Criterion.thesis:
-        return np.asarray(by_count)
+        return by_count
     in_test = test / np.maximum(test.sum(axis=-1, keepdims=True), 1)
     in_train = train / np.maximum(train.sum(axis=-1, keepdims=True), 1)
     by_density = (in_test > bound.factor * in_train) & (in_test >= bound.floor) & (test > 0)
-    if criterion is Criterion.density:
-        return np.asarray(by_density)
-    return np.asarray(by_count | by_density)
+    return np.asarray(by_density if criterion is Criterion.density else by_count | by_density)
+
+
+def share_of(counts: Counts, levels: Mask) -> float:
+    """Return the share of the pixels on some levels."""
+    total = counts.sum()
+    return float(counts[levels].sum() / total) if total else 0.0
 
 
 def check_allowance(share: float) -> None:
-    """Refuse an allowed share of the test's pixels that is none.
+    """Raise if the share of the test that may be uncovered is outside 0..1."""
+    if not 0 <= share <= 1:
+        raise InputError(f"an allowed share is 0 to 1, not {share}", where="allow")
+
+
+class SideRecord(Record):
+    """One side: its scenes, pixels, and histograms over levels 0 to 255.
+
+    `expanded` is the expected number of pixels if each pair is drawn once as a 32 x 32 crop in
+    8 orientations; `inverted` says that levels were inverted (Eq. 7.1).
+    """
+
+    dataset: str
+    fingerprint: str
+    split: str
+    scenes: list[str]
+    absent_scenes: list[str]
+    pairs: int
+    known_pixels: int
+    unknown_pixels: int
+    inverted: bool
+    counts: list[int]
+    expanded: list[float]
+    simulated: bool = False
+
+    @property
+    def label(self) -> str:
+        """The data set's name in tables and figures; simulated captures say so."""
+        return simulated_label(self.dataset, self.simulated)
+
+
+class RangeRecord(Record):
+    """Neighbouring levels with one verdict and the same criteria.
+
+    `share` is that of the test's known pixels; `scenes` divides the range's test pixels.
+    """
+
+    first: int
+    last: int
+    verdict: Verdict
+    criteria: list[Criterion]
+    test_pixels: int
+    train_pixels: int
+    share: float
+    scenes: dict[str, float]
+
+    @property
+    def levels(self) -> str:
+        """The levels as text, e.g. ``36-38``."""
+        return range_text(self.first, self.last)
+
+
+class CoverageRecord(Record):
+    """A comparison in full.
+
+    `shares` are shares of the test's known pixels by verdict and by criterion, `expanded_shares`
+    the uncovered ones if both sides are seen as random crops. `covered` says whether the share
+    that `criterion` finds is at most `allowed_share`; with leaks it is never true.
+    """
+
+    format: Literal["dfdbench coverage"] = "dfdbench coverage"
+    schema_version: Literal[1] = 1
+    covered: bool
+    criterion: Criterion
+    allowed_share: float
+    density_factor: float
+    density_floor: float
+    weights: str
+    train: SideRecord
+    test: SideRecord
+    shares: dict[str, float]
+    expanded_shares: dict[str, float]
+    ranges: list[RangeRecord]
+    verdicts: list[Verdict | None]
+    leaks: list[Leak]
+
+    def levels(self, *verdicts: Verdict) -> Mask:
+        """Return which levels have one of the verdicts."""
+        return np.array([verdict in verdicts for verdict in self.verdicts])
+
+    def ranges_of(self, kind: Verdict | Criterion) -> str:
+        """Format the uncovered levels of a verdict, or by a criterion, as ranges."""
+        marked = np.zeros(LEVELS, bool)
+        for item in self.ranges:
+            if kind in (item.verdict, *item.criteria, Criterion.either):
+                marked[item.first : item.last + 1] = True
+        return as_ranges(marked)
+
+
+def compare_depths(
+    train: Side,
+    test: Side,
+    bound: DensityBound | None = None,
+    criterion: Criterion = Criterion.either,
+    allowed_share: float = 0.0,
+    leaks: tuple[Leak, ...] = (),
+) -> CoverageRecord:
+    """Compare the depths of a test with those of its training.
+
+    Parameters
+    ----------
+    train, test : Side
+        From `dfdbench.audit.sides.sides_of`.
+    bound : DensityBound, optional
+        Of the density criterion.
+    criterion : Criterion
+        Decides whether the test is covered; the record has both.
+    allowed_share : float
+        Share of the test's known pixels that may be on uncovered levels.
+    leaks : tuple of Leak
+        What both sides share.
 
     Raises
     ------
     InputError
-        Where it is not 0 to 1.
+        If the allowed share is outside 0..1.
     """
-    if not 0 <= share <= 1:
-        raise InputError("wrong allowed share", where="allow", expected="0 to 1", got=str(share))
+    check_allowance(allowed_share)
+    bound = bound or DensityBound()
+    seen, tested = train.histogram, test.histogram
+    by_criterion = {c: uncovered(seen.counts, tested.counts, c, bound) for c in Criterion}
+    as_crops = {c: uncovered(seen.expanded, tested.expanded, c, bound) for c in Criterion}
+    either = by_criterion[Criterion.either]
+    missing = (tested.counts > 0) & (seen.counts == 0)
+    masks: dict[str, Mask] = {str(c): mask for c, mask in by_criterion.items()}
+    masks |= {"missing": missing, "scarce": either & ~missing, "covered": ~either}
+    shares = {name: share_of(tested.counts, mask) for name, mask in masks.items()}
+    verdicts = [
+        Verdict.missing if m else Verdict.scarce if u else Verdict.covered if pixels else None
+        for m, u, pixels in zip(missing, either, tested.counts, strict=True)
+    ]
+    return CoverageRecord(
+        covered=shares[criterion] <= allowed_share and not leaks,
+        criterion=criterion,
+        allowed_share=allowed_share,
+        density_factor=bound.factor,
+        density_floor=bound.floor,
+        weights=WEIGHTS,
+        train=_side_record(train),
+        test=_side_record(test),
+        shares=shares,
+        expanded_shares={str(c): share_of(tested.expanded, as_crops[c]) for c in Criterion},
+        ranges=_ranges(train, test, verdicts, by_criterion),
+        verdicts=verdicts,
+        leaks=list(leaks),
+    )
+
+
+def _side_record(side: Side) -> SideRecord:
+    histogram = side.histogram
+    return SideRecord(
+        dataset=side.dataset,
+        fingerprint=side.store.fingerprint,
+        split=side.name,
+        scenes=list(side.scenes),
+        absent_scenes=list(side.absent),
+        pairs=histogram.pairs,
+        known_pixels=histogram.known,
+        unknown_pixels=histogram.unknown,
+        inverted=side.inverted,
+        counts=histogram.counts.tolist(),
+        expanded=np.round(histogram.expanded, 3).tolist(),
+        simulated=side.store.manifest.simulated,
+    )
+
+
+def _ranges(
+    train: Side, test: Side, verdicts: list[Verdict | None], masks: Mapping[Criterion, Mask]
+) -> list[RangeRecord]:
+    hits = [[c for c in Criterion if masks[c][n]] for n in range(LEVELS)]
+    seen, counts = train.histogram.counts, test.histogram.counts
+    found = []
+    for first, last in runs([(v, h) if h else None for v, h in zip(verdicts, hits, strict=True)]):
+        span = slice(first, last + 1)
+        pixels = int(counts[span].sum())
+        scenes = {name: int(h.counts[span].sum()) / pixels for name, h in test.scenes.items()}
+        found.append(
+            RangeRecord(
+                first=first,
+                last=last,
+                verdict=Verdict(str(verdicts[first])),
+                criteria=[c for c in hits[first] if c is not Criterion.either],
+                test_pixels=pixels,
+                train_pixels=int(seen[span].sum()),
+                share=pixels / int(counts.sum()),
+                scenes={
+                    n: scenes[n] for n in sorted(scenes, key=lambda n: -scenes[n]) if scenes[n]
+                },
+            )
+        )
+    return found
+
+
+def coverage_table(record: CoverageRecord) -> Table:
+    """Return the uncovered ranges of levels with their pixels and scenes."""
+    rows = tuple(
+        (
+            item.levels,
+            item.verdict,
+            " and ".join(item.criteria),
+            percent(item.share),
+            f"{item.test_pixels:,}",
+            f"{item.train_pixels:,}",
+            _scenes_of(item),
+        )
+        for item in record.ranges
+    )
+    columns = ("levels", "verdict", "criterion", "share", "in test", "in training", "scenes")
+    title = f"depths of {_name(record.test)} that {_name(record.train)} lacks"
+    return Table(title, columns, rows, "lllrrrl", tuple(_notes(record)))
+
+
+def verdict_line(record: CoverageRecord) -> str:
+    """Say in one line whether the test is covered."""
+    if record.leaks:
+        return f"LEAK: {leak_text(record)}: the test says nothing of new scenes"
+    allowed = f" ({percent(record.allowed_share)} allowed)" if record.allowed_share else ""
+    return (
+        f"{'covered' if record.covered else 'NOT covered'}: "
+        f"{percent(record.shares[record.criterion])} of the test's known pixels lie on levels "
+        f"missing or scarce by criterion {record.criterion}{allowed}"
+    )
+
+
+def leak_text(record: CoverageRecord) -> str:
+    """Say how much the two sides share, e.g. ``training holds 2 scenes of the test``."""
+    counts = Counter(leak.kind for leak in record.leaks)
+    found = [counted(count, kind) for kind, count in counts.items()]
+    return f"training holds {' and '.join(found)} of the test"
+
+
+def each_table(records: Mapping[str, CoverageRecord], kind: str) -> Table:
+    """Return a row for each scene or fold, tested against all other scenes."""
+    rows = tuple(
+        (
+            name,
+            ", ".join(record.test.scenes) if kind == "fold" else str(record.test.pairs),
+            percent(record.shares["thesis"]),
+            record.ranges_of(Criterion.thesis) or "–",
+            percent(record.shares["density"]),
+            record.ranges_of(Criterion.density) or "–",
+            record.ranges_of(Verdict.missing) or "–",
+        )
+        for name, record in records.items()
+    )
+    second = "test scenes" if kind == "fold" else "pairs"
+    notes = [
+        "share of the test's known pixels on levels that are not covered by criterion thesis and "
+        "by criterion density, and which; missing ones count in the first"
+    ]
+    sides = [side for record in records.values() for side in (record.train, record.test)]
+    if absent := sorted({scene for side in sides for scene in side.absent_scenes}):
+        notes.append(f"not in the store, so on neither side: {', '.join(absent)}")
+    return Table(
+        f"each {kind} of {sides[1].label} against all other scenes",
+        (kind, second, "thesis", "levels", "density", "levels", "missing"),
+        rows,
+        "llrlrll" if kind == "fold" else "lrrlrll",
+        tuple(notes),
+    )
+
+
+def each_as_json(records: Mapping[str, CoverageRecord], kind: str) -> str:
+    """Return the records of `each_table` as JSON, by scene or fold."""
+    content = {
+        "format": f"dfdbench coverage, each {kind}",
+        "schema_version": SCHEMA_VERSION,
+        "records": {name: record.model_dump(mode="json") for name, record in records.items()},
+    }
+    return json.dumps(content, indent=1) + "\n"
+
+
+def _notes(record: CoverageRecord) -> list[str]:
+    shares, as_crops = record.shares, record.expanded_shares
+    notes = [
+        "share: of the known test pixels; in test, in training: pixels, each depth map once for "
+        "each of its pairs; scenes: of the test, with their parts of the range's pixels",
+        f"missing: in the test, never in training: {percent(shares['missing'])} of "
+        f"{record.test.known_pixels:,} known test pixels; {record.test.unknown_pixels:,} are "
+        "unknown and left out",
+        "thesis: more pixels in the test than in training, pairs weighted by their lightings: "
+        f"{percent(shares['thesis'])}; as 32 x 32 crops {percent(as_crops['thesis'])}",
+        f"density: {record.density_factor:g} times the share in training, and at least "
+        f"{percent(record.density_floor)} of the test: {percent(shares['density'])}; as crops "
+        f"{percent(as_crops['density'])}",
+    ]
+    if record.test.inverted:
+        notes.append("the test's levels were turned round, 255 - level (Eq. 7.1), to mean the same")
+    return notes + [
+        f"not in the store, so not counted in {side.split}: "
+        + listed(side.absent_scenes, _ABSENT_NAMED)
+        for side in (record.train, record.test)
+        if side.absent_scenes
+    ]
+
+
+def _name(side: SideRecord) -> str:
+    scenes = counted(len(side.scenes), "scene")
+    return f"{side.label}, {side.split} ({counted(side.pairs, 'pair')} of {scenes})"
+
+
+def _scenes_of(item: RangeRecord) -> str:
+    named = [f"{name} {percent(share)}" for name, share in item.scenes.items()]
+    more = len(named) - _SCENES_NAMED
+    return ", ".join(named[:_SCENES_NAMED]) + (f", {more} more" if more > 0 else "")

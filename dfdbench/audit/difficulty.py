@@ -1,8 +1,10 @@
-"""How far two depth levels must lie apart before a pixel's blur can tell them."""
+"""How far apart two depth levels must be before a pixel's blur shows the difference."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,14 +12,20 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
+from dfdbench.results.wording import NOTHING
+from dfdbench.tables.table import Table
+from dfdbench.tables.wording import percent
 
+SCHEMA_VERSION = 1
+#: A step that is a useful depth difference: an eighth of the range that 256 levels span.
+COARSE = 32
 #: The steps tried, in depth levels.
 STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
-#: Given where no step tried is seen.
+#: Stands for no step that is seen.
 UNSEEN = LEVELS
-#: What it means that a step is seen; in every text the same words.
-SEEN = (
+_SEEN = (
     "a step is seen where the defocus pixel, as stored in whole grey levels, differs in some "
     "channel by more than {noise} grey levels at the level that much nearer and at the level that "
     "much farther"
@@ -31,7 +39,7 @@ class Difficulty:
     Parameters
     ----------
     step : ndarray of int64, shape (y, x)
-        The smallest of `STEPS` that is seen, nearer and farther; `UNSEEN` where none is.
+        The smallest of `STEPS` that is seen, nearer and farther; or `UNSEEN`.
     valid : ndarray of bool, shape (y, x)
         True where the depth is known; only these count.
     """
@@ -42,7 +50,7 @@ class Difficulty:
     def share_above(self, step: int) -> float:
         """Return the share of known pixels that need a larger step than this one.
 
-        For step 1: pixels whose blur cannot tell neighbouring levels apart.
+        For step 1: pixels whose blur does not show the difference between neighbouring levels.
         """
         return float((self.step[self.valid] > step).mean()) if self.valid.any() else float("nan")
 
@@ -50,8 +58,7 @@ class Difficulty:
 def median_step(parts: Sequence[Difficulty]) -> int | None:
     """Return the median step over the known pixels of some pairs.
 
-    It is one of `STEPS`, or `UNSEEN` where for most pixels no step is seen; None without a known
-    pixel.
+    One of `STEPS`, or `UNSEEN` if no step is seen for most pixels; None without a known pixel.
     """
     steps = np.concatenate([part.step[part.valid] for part in parts])
     return int(np.percentile(steps, 50, method="inverted_cdf")) if steps.size else None
@@ -67,35 +74,33 @@ def smallest_step(
     """Find the smallest level step that each pixel's blur shows.
 
     The in-focus image is blurred at each pixel's own level and at levels a step nearer and
-    farther. A step is seen where the defocus pixel, as stored in whole grey levels, differs in
-    some channel by more than the noise at the level that much nearer and at the level that much
-    farther. At the ends of the scale only one of the two exists and decides.
+    farther. A step is seen if the defocus pixel, as stored in whole grey levels, differs in some
+    channel by more than the noise from both. At the ends of the scale only one of the two exists.
 
     Parameters
     ----------
     infocus : ndarray of uint8, shape (y, x, 3)
         The in-focus image.
     depth : ndarray of uint8, shape (y, x)
-        Depth levels in the sense of the recipe, brighter for nearer.
+        Depth levels in the recipe's sense, brighter for nearer.
     valid : ndarray of bool, shape (y, x)
         True where the depth is known.
     recipe : BlurRecipe
         How the defocus image was made.
     noise : int
-        Grey levels that a difference must exceed, beside the rounding that is in the stored
-        pixels: by default none, so that any difference counts.
+        Grey levels that a difference must exceed; by default any difference counts.
 
     Raises
     ------
     InputError
-        For images that do not fit, or noise that is no whole number from 0 up.
+        If noise is not a whole number from 0 up.
 
     Notes
     -----
     In a synthetic pair each defocus pixel is made from the in-focus image and its own depth
     alone (Eq. 3.1 to 3.4). So what is not seen here is in no pixel of the pair: a method can
-    only guess it from the depth around. Both sides must differ, for a level that looks like one
-    of its neighbours cannot be told from it.
+    only guess it from the depth around. Both sides must differ: a level that looks like one of
+    its neighbours cannot be told from it.
 
     Examples
     --------
@@ -106,9 +111,7 @@ def smallest_step(
     1.0
     """
     if not (isinstance(noise, int | np.integer) and noise >= 0):
-        raise InputError(
-            "wrong noise", where="noise", expected="whole grey levels, 0 or more", got=str(noise)
-        )
+        raise InputError(f"noise is whole grey levels, 0 or more, not {noise}", where="noise")
     here = synthesize(infocus, depth, recipe).astype(np.int16)
     found = np.full(depth.shape, UNSEEN, np.int64)
     for step in STEPS:
@@ -123,3 +126,90 @@ def smallest_step(
             tried |= inside
         found[seen & tried & (found == UNSEEN)] = step
     return Difficulty(found, valid)
+
+
+def difficulty_rows(
+    manifest: Manifest, found: Mapping[Pair, Difficulty]
+) -> list[dict[str, object]]:
+    """Return mean shares and median steps by scene and lighting, views taken together."""
+    lighting = _lighting(manifest)
+    groups: dict[tuple[str, tuple[int, ...]], list[Difficulty]] = {}
+    for pair, difficulty in found.items():
+        key = (pair.scene, tuple(pair.at[axis] for axis in lighting))
+        groups.setdefault(key, []).append(difficulty)
+    return [
+        {
+            "scene": scene,
+            **dict(zip(lighting, values, strict=True)),
+            "neighbours": _mean([d.share_above(STEPS[0]) for d in group]),
+            "coarse": _mean([d.share_above(COARSE) for d in group]),
+            "median_step": median_step(group),
+        }
+        for (scene, values), group in groups.items()
+    ]
+
+
+def difficulty_table(manifest: Manifest, rows: list[dict[str, object]], noise: int) -> Table:
+    """Return the rows as a table."""
+    lighting = _lighting(manifest)
+    columns = ("scene", *lighting, "1 apart", f"{COARSE} apart", "median step")
+    cells = tuple(
+        (
+            str(row["scene"]),
+            *(str(row[axis]) for axis in lighting),
+            _percent(row["neighbours"]),
+            _percent(row["coarse"]),
+            _step(row["median_step"]),
+        )
+        for row in rows
+    )
+    notes = (
+        f"1 apart, {COARSE} apart: share of the pixels whose blur cannot tell levels that far "
+        "from each other",
+        _SEEN.format(noise=noise),
+        "steps tried: " + ", ".join(map(str, STEPS)),
+    )
+    align = "l" + "r" * (len(columns) - 1)
+    return Table(
+        f"what blur does not show of depth in {manifest.label}", columns, cells, align, notes
+    )
+
+
+def difficulty_as_json(
+    manifest: Manifest, fingerprint: str, noise: int, rows: list[dict[str, object]]
+) -> str:
+    """Return the rows as JSON."""
+    content = {
+        "format": "dfdbench difficulty",
+        "schema_version": SCHEMA_VERSION,
+        "dataset": manifest.stem,
+        "fingerprint": fingerprint,
+        "noise": noise,
+        "steps": list(STEPS),
+        "coarse_step": COARSE,
+        "rows": [{key: _as_json(value) for key, value in row.items()} for row in rows],
+    }
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+def _lighting(manifest: Manifest) -> list[str]:
+    return [axis for axis in manifest.axes if axis not in manifest.depth.axes]
+
+
+def _mean(values: list[float]) -> float:
+    defined = [value for value in values if not math.isnan(value)]
+    return math.fsum(defined) / len(defined) if defined else math.nan
+
+
+def _percent(value: object) -> str:
+    assert isinstance(value, float)
+    return NOTHING if math.isnan(value) else percent(value)
+
+
+def _step(value: object) -> str:
+    return NOTHING if value is None else "none" if value == UNSEEN else str(value)
+
+
+def _as_json(value: object) -> object:
+    unseen = value == UNSEEN or (isinstance(value, float) and math.isnan(value))
+    return None if unseen else value

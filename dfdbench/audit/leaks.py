@@ -1,9 +1,8 @@
-"""What is in the training set and in the test set as well: scenes, textures, images."""
+"""What training and test share: scenes, textures, images."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 
 import imagehash
@@ -15,6 +14,7 @@ from dfdbench.audit.sides import Side
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import DfdbenchError, Problem
+from dfdbench.system.record import Record
 
 _HASH_SIDE = 16
 #: Bits of 256 in which two images may differ and still count as one. Other exposures, sizes and
@@ -37,19 +37,8 @@ class LeakKind(StrEnum):
     image = "near-duplicate image"
 
 
-@dataclass(frozen=True)
-class Leak:
-    """One thing that two splits share.
-
-    Parameters
-    ----------
-    kind : LeakKind
-        What sort of thing.
-    train, test : str
-        The scene or the image on either side.
-    detail : str
-        What is alike.
-    """
+class Leak(Record):
+    """One thing that both sides share: the scene or image on either side, and what is alike."""
 
     kind: LeakKind
     train: str
@@ -67,12 +56,7 @@ class Leak:
 
 
 def image_hash(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Return the perceptual hash of an image: 256 signs of its lowest frequencies.
-
-    Parameters
-    ----------
-    image : ndarray of uint8, shape (y, x, 3)
-        RGB.
+    """Return the perceptual hash of an RGB image: 256 signs of its lowest frequencies.
 
     Examples
     --------
@@ -86,9 +70,9 @@ def image_hash(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def scene_hashes(store: Store, scenes: Iterable[str]) -> dict[str, Hashes]:
-    """Hash one image for each depth map of some scenes; its name is the scene and the view.
+    """Hash one image for each depth map of some scenes, named by its scene and view.
 
-    The lightings of a view show one picture; the last that the store holds stands for all.
+    The lightings of a view show one picture: the last that the store holds is hashed.
     """
     hashes: dict[str, Hashes] = {}
     for scene in scenes:
@@ -99,31 +83,20 @@ def scene_hashes(store: Store, scenes: Iterable[str]) -> dict[str, Hashes]:
 
 def _hashes_of(store: Store, scene: str) -> Hashes:
     manifest = store.manifest
-    views = len(manifest.depth.axes)
+    views = manifest.depth.axes
     # Depth axes need not be the first of the pair's axes.
-    others = [axis for axis in manifest.axes if axis not in manifest.depth.axes]
-    order = [*manifest.depth.axes, *others]
+    order = [*views, *(axis for axis in manifest.axes if axis not in views)]
     arrays = store.to_xarray(scene)
     last = {
-        tuple(place[:views]): place
+        tuple(place[: len(views)]): place
         for place in map(tuple, np.argwhere(arrays["available"].transpose(*order).values))
     }
     infocus = arrays["infocus"].transpose(*order, "y", "x", "channel")
-    return {
-        _image_name(manifest, scene, view): image_hash(infocus[place].values)
-        for view, place in last.items()
-    }
-
-
-def _image_name(manifest: Manifest, scene: str, view: tuple[int, ...]) -> str:
-    axes = manifest.depth.axes
-    places = [f"{axis}{manifest.axes[axis][i]}" for axis, i in zip(axes, view, strict=True)]
-    return "/".join([scene, *places])
-
-
-def textures(manifest: Manifest) -> dict[str, int]:
-    """Return each scene's texture, where the manifest tells it."""
-    return {s.name: s.texture for s in manifest.scenes if s.texture is not None}
+    found = {}
+    for view, place in last.items():
+        at = [f"{axis}{manifest.axes[axis][i]}" for axis, i in zip(views, view, strict=True)]
+        found["/".join([scene, *at])] = image_hash(infocus[place].values)
+    return found
 
 
 def manifest_leaks(
@@ -131,23 +104,28 @@ def manifest_leaks(
 ) -> list[Leak]:
     """Return the scenes and textures that both sides have.
 
-    The views of a scene go with it: a split has a scene whole or not at all. Data sets made
-    from the same files share scenes, whatever their names: a scene is one where its name and
-    the address that it comes from are.
+    Data sets made from the same files share scenes, whatever the sets' names: two scenes are one
+    if both their names and their origins' addresses are the same. A split has all views of a
+    scene or none.
     """
-    origin_of_train, origin_of_test = _origins(train), _origins(test)
-    of_train, of_test = textures(train), textures(test)
-    leaks = [
-        Leak(LeakKind.scene, scene, scene, "the scene and all its views")
-        for scene in train_scenes
-        if scene in test_scenes and origin_of_train[scene] == origin_of_test.get(scene)
-    ]
+    from_train, from_test = _origins(train), _origins(test)
+    of_train, of_test = _textures(train), _textures(test)
+    leaks = []
+    for scene in train_scenes:
+        if scene in test_scenes and from_train[scene] == from_test.get(scene):
+            detail = "the scene and all its views"
+            leaks.append(Leak(kind=LeakKind.scene, train=scene, test=scene, detail=detail))
     for scene in train_scenes:
         for other in test_scenes:
             alike = scene in of_train and of_train[scene] == of_test.get(other)
-            if scene != other and alike and origin_of_train[scene] == origin_of_test.get(other):
-                leaks.append(Leak(LeakKind.texture, scene, other, f"texture {of_train[scene]}"))
+            if scene != other and alike and from_train[scene] == from_test.get(other):
+                detail = f"texture {of_train[scene]}"
+                leaks.append(Leak(kind=LeakKind.texture, train=scene, test=other, detail=detail))
     return leaks
+
+
+def _textures(manifest: Manifest) -> dict[str, int]:
+    return {s.name: s.texture for s in manifest.scenes if s.texture is not None}
 
 
 def _origins(manifest: Manifest) -> dict[str, str]:
@@ -156,13 +134,7 @@ def _origins(manifest: Manifest) -> dict[str, str]:
 
 
 def image_leaks(train: Mapping[str, Hashes], test: Mapping[str, Hashes]) -> list[Leak]:
-    """Return the images of one side that are near-duplicates of one of the other.
-
-    Parameters
-    ----------
-    train, test : mapping of str to Hashes
-        By scene, from `scene_hashes`.
-    """
+    """Return the near-duplicates between the images of two sides, from `scene_hashes`."""
     left = [item for images in train.values() for item in images.items()]
     right = [item for images in test.values() for item in images.items()]
     if not left or not right:
@@ -171,10 +143,10 @@ def image_leaks(train: Mapping[str, Hashes], test: Mapping[str, Hashes]) -> list
     distances = (here[:, np.newaxis] != there[np.newaxis]).sum(axis=2)
     return [
         Leak(
-            LeakKind.image,
-            left[i][0],
-            right[j][0],
-            f"{distances[i, j]} of {_HASH_SIDE**2} bits of their perceptual hashes differ",
+            kind=LeakKind.image,
+            train=left[i][0],
+            test=right[j][0],
+            detail=f"{distances[i, j]} of {_HASH_SIDE**2} bits of their perceptual hashes differ",
         )
         for i, j in np.argwhere(distances <= NEAR_DUPLICATE_BITS)
     ]
@@ -195,48 +167,26 @@ def find_leaks(
 
 def leaks_between(train: Side, test: Side) -> tuple[Leak, ...]:
     """Return everything that the two sides of a comparison share."""
-    found = find_leaks(
-        train.store.manifest,
-        scene_hashes(train.store, train.scenes),
-        test.store.manifest,
-        scene_hashes(test.store, test.scenes),
-    )
-    return tuple(found)
+    of_train, of_test = (scene_hashes(side.store, side.scenes) for side in (train, test))
+    return tuple(find_leaks(train.store.manifest, of_train, test.store.manifest, of_test))
 
 
 def scenes_alike(manifest: Manifest, hashes: Mapping[str, Hashes]) -> list[tuple[str, ...]]:
-    """Group scenes that must not be parted: of one texture or with near-duplicate images.
-
-    Parameters
-    ----------
-    manifest : Manifest
-        Names textures.
-    hashes : mapping of str to Hashes
-        The scenes to group, in order.
+    """Group the scenes of `hashes` that share a texture or a near-duplicate image.
 
     Returns
     -------
     list of tuple of str
         Each scene once, in the order of each group's first.
     """
-    names = list(hashes)
-    group = {name: name for name in names}
+    from scipy.sparse.csgraph import connected_components
 
-    def first_of(name: str) -> str:
-        while group[name] != name:
-            name = group[name]
-        return name
-
-    chosen = tuple(names)
-    alike = [(leak.train, leak.test) for leak in manifest_leaks(manifest, chosen, manifest, chosen)]
-    alike += [
-        (leak.train.split("/")[0], leak.test.split("/")[0]) for leak in image_leaks(hashes, hashes)
-    ]
-    for one, other in alike:
-        a, b = sorted((first_of(one), first_of(other)), key=names.index)
-        group[b] = a
-    return [
-        tuple(name for name in names if first_of(name) == head)
-        for head in names
-        if first_of(head) == head
-    ]
+    names = tuple(hashes)
+    alike = np.eye(len(names), dtype=bool)
+    for leak in manifest_leaks(manifest, names, manifest, names) + image_leaks(hashes, hashes):
+        one, other = (names.index(name.split("/")[0]) for name in (leak.train, leak.test))
+        alike[one, other] = True
+    groups: dict[int, list[str]] = {}
+    for name, group in zip(names, connected_components(alike)[1], strict=True):
+        groups.setdefault(int(group), []).append(name)
+    return [tuple(group) for group in groups.values()]

@@ -1,49 +1,126 @@
-"""A run's errors on covered, scarce and missing levels: the data's fault or the method's."""
+"""A run's errors on covered, scarce and missing levels: is the data at fault, or the method."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.audit.coverage import Verdict
-from dfdbench.audit.coverage_record import CoverageRecord
-from dfdbench.audit.coverage_tables import leak_text
-from dfdbench.audit.depth_histogram import Mask
-from dfdbench.audit.level_errors import LevelErrors, level_errors
+from dfdbench.audit.coverage import CoverageRecord, Verdict, leak_text
+from dfdbench.audit.sides import Mask
 from dfdbench.audit.trained_on import Training
 from dfdbench.blur.recipe import LEVELS
+from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.store import Store
-from dfdbench.errors import Problem, ResultError
+from dfdbench.errors import ResultError
 from dfdbench.results.folder import read_prediction, require_pairs_of
 from dfdbench.results.record import PairResult, Result
+from dfdbench.results.wording import NOTHING
 from dfdbench.tables.table import Table
 from dfdbench.tables.wording import percent
 
 SCHEMA_VERSION = 1
 #: Below this share of the error, uncovered levels are not what is wrong.
 _SMALL = 0.1
-_NOTHING = "–"
+WHOLE = np.ones(LEVELS, bool)
+
+
+@dataclass(frozen=True)
+class LevelErrors:
+    """Sums over pixels by their true level, for means over any set of levels.
+
+    Parameters
+    ----------
+    pixels : ndarray of int64, shape (256,)
+        Known pixels of each level.
+    absolute, squared : ndarray of float64, shape (256,)
+        Sums of their absolute and squared errors, in levels or in metres.
+    """
+
+    pixels: NDArray[np.int64]
+    absolute: NDArray[np.float64]
+    squared: NDArray[np.float64]
+
+    def __add__(self, other: LevelErrors) -> LevelErrors:
+        return LevelErrors(
+            self.pixels + other.pixels, self.absolute + other.absolute, self.squared + other.squared
+        )
+
+    @classmethod
+    def total(cls, parts: Iterable[LevelErrors]) -> LevelErrors:
+        """Return the sum of several."""
+        return sum(parts, start=cls(np.zeros(LEVELS, np.int64), np.zeros(LEVELS), np.zeros(LEVELS)))
+
+    def share(self, levels: Mask) -> float:
+        """Return the share of the known pixels on some levels."""
+        return float(self.pixels[levels].sum() / max(self.pixels.sum(), 1))
+
+    def mean(self, levels: Mask = WHOLE) -> float:
+        """Return the mean absolute error on some levels (Eq. 7.2), NaN without a pixel."""
+        pixels = self.pixels[levels].sum()
+        return float(self.absolute[levels].sum() / pixels) if pixels else math.nan
+
+    def root_mean_square(self, levels: Mask) -> float:
+        """Return the root mean square error on some levels, NaN without a pixel."""
+        pixels = self.pixels[levels].sum()
+        return math.sqrt(self.squared[levels].sum() / pixels) if pixels else math.nan
+
+    def excess(self, levels: Mask) -> float:
+        """Return by what share the mean error would fall if these levels did as well as the others.
+
+        Negative if they do better; NaN if one of the two has no pixel.
+        """
+        rest, mean = self.mean(~levels), self.mean()
+        return 1 - rest / mean if mean and self.pixels[levels].any() else math.nan
+
+
+def level_errors(
+    depth: NDArray[np.uint8],
+    valid: Mask,
+    prediction: NDArray[np.float32],
+    scale: DepthScale | None = None,
+) -> LevelErrors:
+    """Sum a prediction's errors by true level where depth is known; in metres with a scale.
+
+    Examples
+    --------
+    >>> depth = np.array([[9, 9, 80]], np.uint8)
+    >>> errors = level_errors(depth, depth > 0, np.array([[19, 13, 81]], np.float32))
+    >>> scarce = np.arange(256) == 9
+    >>> errors.mean(scarce), errors.mean(~scarce), round(errors.excess(scarce), 3)
+    (7.0, 1.0, 0.8)
+    """
+    known = depth[valid]
+    estimate = prediction[valid].astype(np.float64)
+    if scale is None:
+        error = np.abs(estimate - known)
+    else:
+        error = np.abs(scale.to_metres(estimate) - scale.to_metres(known))
+    return LevelErrors(
+        np.bincount(known, minlength=LEVELS).astype(np.int64),
+        np.asarray(np.bincount(known, weights=error, minlength=LEVELS), np.float64),
+        np.asarray(np.bincount(known, weights=error**2, minlength=LEVELS), np.float64),
+    )
 
 
 @dataclass(frozen=True)
 class ErrorJoin:
-    """Errors by level of each pair, with the verdicts on the levels.
+    """Errors by level of each pair with a prediction, with the verdicts on the levels.
 
     Parameters
     ----------
     pairs : dict of str to LevelErrors
-        By the pair's id, in the result's order; only pairs with a prediction.
+        By the pair's id, in the result's order.
     scenes : dict of str to str
         The scene of each pair.
     levels : dict of Verdict to ndarray of bool, shape (256,)
-        The levels of each verdict, in the sense of the run's ground truth.
+        The levels of each verdict, in the ground truth's sense of depth.
     """
 
     pairs: dict[str, LevelErrors]
@@ -70,29 +147,18 @@ class ErrorJoin:
 
 
 def join_errors(store: Store, result: Result, folder: Path, record: CoverageRecord) -> ErrorJoin:
-    """Read a run's predictions and sum their errors by true level.
-
-    Parameters
-    ----------
-    store : Store
-        The data set that was run on.
-    result : Result
-        The run.
-    folder : Path
-        The run's folder, with its predictions.
-    record : CoverageRecord
-        The verdicts on the levels of the run's split.
+    """Sum a run's errors by true level, and join them with the verdicts on its split's levels.
 
     Raises
     ------
     ResultError
-        Where the run is of another data set, kept no predictions, or they are not its own.
+        As by `kept_predictions`.
     """
     errors, scenes = {}, {}
     for pair, depth, valid, prediction in kept_predictions(store, result, folder):
         errors[pair.id] = level_errors(depth, valid, prediction)
         scenes[pair.id] = pair.scene
-    levels = {verdict: np.array(record.levels(verdict)) for verdict in Verdict}
+    levels = {verdict: record.levels(verdict) for verdict in Verdict}
     if record.test.inverted:
         levels = {verdict: mask[::-1] for verdict, mask in levels.items()}
     return ErrorJoin(errors, scenes, levels)
@@ -115,17 +181,12 @@ def kept_predictions(
     Raises
     ------
     ResultError
-        Where the run is of another data set; after the last pair, where predictions were not kept,
-        are not the run's own, or there are none.
+        If the run is of another data set; after the last pair, if a prediction was not kept or is
+        not the run's own, or no pair was evaluated.
     """
     if result.dataset.fingerprint != store.fingerprint:
-        raise ResultError(
-            "the result is of another data set",
-            where=str(store.path),
-            expected=result.dataset.fingerprint,
-            got=store.fingerprint,
-            fix="name the store that was run on",
-        )
+        fix = "name the store that was run on"
+        raise ResultError("the result is of another data set", where=str(store.path), fix=fix)
     require_pairs_of(result, store, folder)
     problems = []
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
@@ -133,32 +194,25 @@ def kept_predictions(
         depth, valid = store.read_depth(pair.pair)
         prediction = read_prediction(folder, pair.pair, depth.shape)
         if prediction is None:
-            problems.append(Problem("no prediction was kept", where=f"{folder}: {pair.id}"))
+            problems.append(("no prediction was kept", pair.id))
         elif array_digest("depth", ("y", "x"), prediction) != pair.prediction_sha256:
-            problems.append(
-                Problem("the prediction is not the result's", where=f"{folder}: {pair.id}")
-            )
+            problems.append(("the prediction is not the result's", pair.id))
         else:
             yield pair, depth, valid, prediction
     if problems or not evaluated:
-        more = f"{len(problems)} of {len(evaluated)} pairs"
-        first = problems[0] if problems else Problem("no pair was evaluated", where=str(folder))
+        what, where = problems[0] if problems else ("no pair was evaluated", "")
         raise ResultError(
-            first.what,
-            where=first.where,
-            got=more,
+            f"{what} ({len(problems)} of {len(evaluated)} pairs)",
+            where=f"{folder}: {where}",
             fix="run the method again, without --no-predictions",
         )
 
 
 def error_table(join: ErrorJoin, title: str, meaning: str) -> Table:
     """Return mean errors by verdict, and below what `conclusion` says of them."""
-    whole = np.ones(LEVELS, bool)
     total = join.total
-    kinds: Mapping[str, Mask] = {
-        **{str(verdict): join.levels[verdict] for verdict in reversed(Verdict)},
-        "all known": whole,
-    }
+    kinds = {str(verdict): join.levels[verdict] for verdict in reversed(Verdict)}
+    kinds["all known"] = WHOLE
     rows = [
         (
             kind,
@@ -186,7 +240,7 @@ def scene_table(join: ErrorJoin) -> Table:
             scene,
             percent(errors.share(join.uncovered)),
             *(_number(errors.mean(join.levels[verdict])) for verdict in reversed(Verdict)),
-            percent(excess) if (excess := errors.excess(join.uncovered)) > 0 else _NOTHING,
+            percent(excess) if (excess := errors.excess(join.uncovered)) > 0 else NOTHING,
         )
         for scene, errors in join.of_scenes().items()
     ]
@@ -199,24 +253,13 @@ def scene_table(join: ErrorJoin) -> Table:
 
 
 def conclusion(join: ErrorJoin, record: CoverageRecord, training: Training) -> str:
-    """Return in one sentence whether the errors lie where training lacks levels.
+    """Say in one sentence whether the errors are on levels that training lacks.
 
-    Parameters
-    ----------
-    join : ErrorJoin
-        The errors by level.
-    record : CoverageRecord
-        The verdicts, and what training and test share.
-    training : Training
-        Whether the verdicts are about the method's own training. A method that was never trained
-        cannot fail for lack of it, so that its errors show what else is hard about those levels.
+    A method that was never trained cannot fail for lack of training: its errors show what else is
+    hard about those levels.
     """
     if record.leaks:
         return f"{leak_text(record)}: these errors say nothing of scenes that are new"
-    return _of_levels(join, training)
-
-
-def _of_levels(join: ErrorJoin, training: Training) -> str:
     total, levels = join.total, join.uncovered
     share = total.share(levels)
     unknown = "what the method was trained on is not known: its trained_on names no scenes"
@@ -282,4 +325,4 @@ def _or_null(value: float) -> float | None:
 
 
 def _number(value: float) -> str:
-    return _NOTHING if math.isnan(value) else f"{value:.2f}"
+    return NOTHING if math.isnan(value) else f"{value:.2f}"

@@ -1,20 +1,144 @@
-"""A side of a comparison, training or test: its scenes' depth histograms, each map read once."""
+"""A side of a comparison, training or test: how often each depth level occurs in its scenes."""
 
 from __future__ import annotations
 
+import functools
 from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.audit.depth_histogram import DepthHistogram, Mask, depth_histogram
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.damage import scene_record
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.folds import require_fold, training_of
-from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError
+
+#: Side in pixels of the crops that the thesis's networks train on (5.2.1) ...
+CROP_SIZE = 32
+#: ... and in how many orientations each is shown: four rotations, each mirrored.
+ORIENTATIONS = 8
+
+Counts = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class DepthHistogram:
+    """How often each depth level occurs over some pairs; unknown pixels are counted apart.
+
+    Parameters
+    ----------
+    counts : ndarray of int64, shape (256,)
+        Known pixels of each level; a depth map counts once for each pair that uses it.
+    expanded : ndarray of float64, shape (256,)
+        How often training is expected to see a pixel of each level if it draws each pair once, as
+        a random 32 x 32 crop in 8 orientations (thesis 5.2.1, Fig. 5.9).
+    unknown : int
+        Pixels without ground truth.
+    pairs : int
+        Pairs counted.
+    """
+
+    counts: Counts
+    expanded: NDArray[np.float64]
+    unknown: int
+    pairs: int
+
+    @property
+    def known(self) -> int:
+        """Pixels with ground truth."""
+        return int(self.counts.sum())
+
+    def __add__(self, other: DepthHistogram) -> DepthHistogram:
+        return DepthHistogram(
+            self.counts + other.counts,
+            self.expanded + other.expanded,
+            self.unknown + other.unknown,
+            self.pairs + other.pairs,
+        )
+
+    def inverted(self) -> DepthHistogram:
+        """Return the histogram of 255 - depth (Eq. 7.1)."""
+        return DepthHistogram(self.counts[::-1], self.expanded[::-1], self.unknown, self.pairs)
+
+    @classmethod
+    def total(cls, parts: Iterable[DepthHistogram]) -> DepthHistogram:
+        """Return the sum of histograms."""
+        return sum(parts, start=cls(np.zeros(LEVELS, np.int64), np.zeros(LEVELS), 0, 0))
+
+
+def depth_histogram(depth: NDArray[np.uint8], valid: Mask, pairs: int = 1) -> DepthHistogram:
+    """Count the levels of a depth map, shape (y, x), once for each pair that uses it.
+
+    Examples
+    --------
+    >>> depth = np.array([[7, 7], [0, 9]], np.uint8)
+    >>> histogram = depth_histogram(depth, depth > 0, pairs=3)
+    >>> histogram.counts[[7, 9]].tolist(), histogram.unknown
+    ([6, 3], 3)
+    """
+    known = depth[valid]
+    # A rotated or mirrored crop shows the same levels again.
+    weights = ORIENTATIONS * expected_uses(depth.shape)[valid]
+    return DepthHistogram(
+        pairs * np.bincount(known, minlength=LEVELS).astype(np.int64),
+        np.asarray(pairs * np.bincount(known, weights=weights, minlength=LEVELS), np.float64),
+        pairs * int(valid.size - known.size),
+        pairs,
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def expected_uses(shape: tuple[int, ...], crop_size: int = CROP_SIZE) -> NDArray[np.float64]:
+    """Return how often each pixel is expected in one random square crop of an image.
+
+    Pixels near the border are in fewer crops. An image smaller than the crop is taken whole.
+
+    Examples
+    --------
+    >>> expected_uses((1, 4), crop_size=2).round(3).tolist()
+    [[0.333, 0.667, 0.667, 0.333]]
+    """
+    uses = []
+    for extent in shape:
+        crop = min(crop_size, extent)
+        places = np.arange(extent)
+        count = np.minimum(np.minimum(places + 1, extent - places), min(crop, extent - crop + 1))
+        uses.append(count / (extent - crop + 1))
+    return np.outer(*uses)
+
+
+def runs(keys: Sequence[object]) -> list[tuple[int, int]]:
+    """Return the first and last index of each run of equal keys, without those of None.
+
+    Examples
+    --------
+    >>> runs(["a", "a", None, "b"])
+    [(0, 1), (3, 3)]
+    """
+    groups = [(key, list(of)) for key, of in groupby(range(len(keys)), key=keys.__getitem__)]
+    return [(levels[0], levels[-1]) for key, levels in groups if key is not None]
+
+
+def range_text(first: int, last: int) -> str:
+    """Format a range of levels, as ``36-38`` or ``9``."""
+    return str(first) if first == last else f"{first}-{last}"
+
+
+def as_ranges(levels: Mask) -> str:
+    """Format marked levels as ranges.
+
+    Examples
+    --------
+    >>> as_ranges(np.isin(np.arange(256), [9, 36, 37, 38]))
+    '9, 36-38'
+    """
+    return ", ".join(range_text(*run) for run in runs([True if mark else None for mark in levels]))
 
 
 @dataclass(frozen=True)
@@ -28,11 +152,11 @@ class Side:
     name : str
         Of the split: ``"train"``, ``"K03"``, ``"all but K03"``.
     scenes : dict of str to DepthHistogram
-        By scene, levels in the sense of the training set.
+        By scene, in the training set's sense of depth.
     absent : tuple of str
         Scenes of the split that the store does not hold.
     inverted : bool
-        True where levels were turned round (Eq. 7.1) to be compared with training.
+        Whether levels were inverted (Eq. 7.1) to compare them with training.
     """
 
     store: Store
@@ -48,7 +172,7 @@ class Side:
 
     @property
     def label(self) -> str:
-        """What tables and figures call the data set: captures that are none say so."""
+        """The data set's name in tables and figures; simulated captures say so."""
         return self.store.manifest.label
 
     @property
@@ -60,33 +184,26 @@ class Side:
 def scene_histograms(store: Store) -> dict[str, DepthHistogram]:
     """Count each scene's depth levels over the pairs that the manifest gives it.
 
-    The weights are the manifest's pairs and not the store's, so that a store with one lighting
-    a scene leads to the same verdicts as the whole set. A depth map without a known pixel
-    stands for one that the store does not have, and is left out.
-
-    Returns
-    -------
-    dict of str to DepthHistogram
-        By scene, in the manifest's order; levels as stored.
+    The weights are the manifest's pairs, not the store's, so that a store with one lighting a
+    scene leads to the same verdicts as the whole set. A depth map without a known pixel stands
+    for one that the store lacks, and is left out.
 
     Raises
     ------
     StoreError
-        Where a depth map is damaged: not readable, or not what was built.
+        If a depth map is damaged.
     """
-    axes = store.manifest.depth.axes
-    uses = Counter(
-        (pair.scene, tuple(pair.at[axis] for axis in axes)) for pair in store.manifest.pairs()
-    )
+    manifest, axes = store.manifest, store.manifest.depth.axes
+    uses = Counter((pair.scene, tuple(pair.at[axis] for axis in axes)) for pair in manifest.pairs())
     histograms = {}
     for scene in store.scenes:
         depth, valid = depth_maps(store, scene)
-        extent = depth.shape[: len(axes)]
-        histograms[scene] = DepthHistogram.total(
-            depth_histogram(depth[place], valid[place], pairs)
-            for place in np.ndindex(extent)
-            if valid[place].any() and (pairs := uses[scene, _values(store.manifest, place)])
-        )
+        found = []
+        for place in np.ndindex(depth.shape[: len(axes)]):
+            at = tuple(manifest.axes[axis][i] for axis, i in zip(axes, place, strict=True))
+            if valid[place].any() and uses[scene, at]:
+                found.append(depth_histogram(depth[place], valid[place], uses[scene, at]))
+        histograms[scene] = DepthHistogram.total(found)
     return histograms
 
 
@@ -96,29 +213,21 @@ def depth_maps(store: Store, scene: str) -> tuple[NDArray[np.uint8], Mask]:
     Raises
     ------
     StoreError
-        Where they are damaged: not readable, or not what was built.
+        If they cannot be read, or are not what was built.
     """
-    # Parts of an array that are lost read as zeros: only the digest tells them from depths.
+    # Lost parts of an array read as zeros: only the digest tells them from depths.
     with store.reading(f"{scene}/depth or valid"):
         arrays = store.to_xarray(scene)
         found = {name: np.asarray(arrays[name].values) for name in ("depth", "valid")}
     recorded = scene_record(arrays.attrs, f"{store.path}, {scene}").array_digests
     for name, values in found.items():
-        digest = array_digest(name, tuple(map(str, arrays[name].dims)), values)
-        if digest != recorded.get(name):
+        if array_digest(name, tuple(map(str, arrays[name].dims)), values) != recorded.get(name):
             raise StoreError(
                 "the store is damaged: an array holds other values than were built",
                 where=f"{store.path}, {scene}/{name}",
-                expected=recorded.get(name, "no such array"),
-                got=digest,
-                fix=f"dfdbench verify {store.path} tells all that is damaged",
+                fix=f"dfdbench verify {store.path} lists all that is damaged",
             )
     return found["depth"], found["valid"]
-
-
-def _values(manifest: Manifest, place: tuple[int, ...]) -> tuple[int, ...]:
-    axes = manifest.depth.axes
-    return tuple(manifest.axes[axis][index] for axis, index in zip(axes, place, strict=True))
 
 
 def side_of(
@@ -128,12 +237,12 @@ def side_of(
     scenes: tuple[str, ...],
     inverted: bool = False,
 ) -> Side:
-    """Return one side of a comparison: some scenes of a store under a name.
+    """Return one side of a comparison: some scenes of a store, under a name.
 
     Raises
     ------
     StoreError
-        Where the store holds none of the scenes.
+        If the store holds none of the scenes.
     """
     chosen = {
         scene: histograms[scene].inverted() if inverted else histograms[scene]
@@ -141,11 +250,8 @@ def side_of(
         if scene in histograms
     }
     if not any(histogram.known for histogram in chosen.values()):
-        raise StoreError(
-            f"the store holds no depth of {name}",
-            where=str(store.path),
-            fix=f"build {store.manifest.short} with the scenes of that split",
-        )
+        fix = f"build {store.manifest.short} with the scenes of that split"
+        raise StoreError(f"the store holds no depth of {name}", where=str(store.path), fix=fix)
     absent = tuple(scene for scene in scenes if scene not in histograms)
     return Side(store, name, chosen, absent, inverted)
 
@@ -156,13 +262,12 @@ def all_but(store: Store, histograms: dict[str, DepthHistogram], fold: str) -> S
     Raises
     ------
     UnknownNameError
-        Where there is no such fold or scene.
+        If there is no such fold or scene.
     StoreError
-        Where the store holds none of the other scenes.
+        If the store holds none of the other scenes.
     """
-    manifest = store.manifest
-    require_fold(manifest, fold)
-    return side_of(store, histograms, f"all but {fold}", training_of(manifest, fold))
+    require_fold(store.manifest, fold)
+    return side_of(store, histograms, f"all but {fold}", training_of(store.manifest, fold))
 
 
 def sides_of(
@@ -181,34 +286,27 @@ def sides_of(
     train, test : str, optional
         Splits; by default ``"train"`` and ``"test"``, of another data set ``"all"``.
     fold : str, optional
-        Instead of both: a fold, or a scene, tests, and all other scenes train.
+        Instead of both: test on this fold or scene, train on all other scenes.
     other : Store, optional
-        The data set that tests. Its levels are turned round (Eq. 7.1) where they grow the
-        other way than those of `store`.
+        The data set that tests. Its levels are inverted (Eq. 7.1) if they grow the other way.
 
     Raises
     ------
     InputError
-        Where a fold is asked for beside a split.
+        If a fold is given beside a split.
     UnknownNameError
-        Where there is no such split, fold or scene.
+        If there is no such split, fold or scene.
     StoreError
-        Where a store holds none of the scenes.
+        If a store holds none of the scenes.
     """
     if fold is not None and (train or test or other):
-        raise InputError(
-            "a fold says both what trains and what tests",
-            where="--fold",
-            expected="no other split",
-            fix="leave out --train, --test and --test-dataset",
-        )
+        fix = "leave out --train, --test and --test-dataset"
+        raise InputError("a fold says both what trains and what tests", where="--fold", fix=fix)
     histograms = scene_histograms(store)
     manifest = store.manifest
     if fold is not None:
-        return (
-            all_but(store, histograms, fold),
-            side_of(store, histograms, fold, manifest.scenes_of(fold)),
-        )
+        tested = side_of(store, histograms, fold, manifest.scenes_of(fold))
+        return all_but(store, histograms, fold), tested
     tester, found = (store, histograms) if other is None else (other, scene_histograms(other))
     train, test = train or "train", test or ("test" if other is None else "all")
     inverted = manifest.depth.grows_with != tester.manifest.depth.grows_with

@@ -7,8 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from dfdbench.audit.fold_proposals import Folds
-from dfdbench.audit.splits import Candidate, Hopeless, Ranking, Scenes
+from dfdbench.audit.splits import Candidate, Folds, Hopeless, Ranking, Scenes
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.tables.table import Table
 from dfdbench.tables.wording import percent
@@ -30,7 +29,7 @@ def ranked_splits_table(
         (
             f"{number:,}" + (" (published)" if number == rank else ""),
             ", ".join(candidate.test),
-            str(pair_count(manifest, candidate.test)),
+            str(_pair_count(manifest, candidate.test)),
             percent(candidate.uncovered),
             f"{candidate.overlap:.3f}",
         )
@@ -59,9 +58,9 @@ def folds_table(
     best = proposals[0]
     rows = tuple(
         (
-            fold_name(number),
+            _fold_name(number),
             ", ".join(fold.test),
-            str(pair_count(manifest, fold.test)),
+            str(_pair_count(manifest, fold.test)),
             percent(fold.uncovered),
             f"{fold.overlap:.3f}",
             "yes" if fold.covered else "no",
@@ -88,45 +87,26 @@ def folds_table(
 
 def split_fragment(manifest: Manifest, test: Sequence[str], train: Sequence[str], why: str) -> str:
     """Return a split as the lines of a manifest: partition ``covered``."""
-    lines = [f"# {why}", ""]
-    for name, scenes in (("train-covered", train), ("test-covered", test)):
-        lines += [
-            "[[splits]]",
-            f'name = "{name}"',
-            'partition = "covered"',
-            f"pairs = {pair_count(manifest, scenes)}",
-            f"scenes = {json.dumps(list(scenes))}",
-            "",
-        ]
-    return "\n".join(lines)
+    tables = [
+        f'[[splits]]\nname = "{name}"\npartition = "covered"\n'
+        f"pairs = {_pair_count(manifest, scenes)}\nscenes = {json.dumps(list(scenes))}\n"
+        for name, scenes in (("train-covered", train), ("test-covered", test))
+    ]
+    return "\n".join([f"# {why}\n", *tables])
 
 
 def folds_fragment(folds: Folds, why: str) -> str:
     """Return folds as the lines of a manifest, instead of those that it has."""
-    lines = [f"# {why}", "# They take the place of the manifest's own folds.", ""]
-    for number, fold in enumerate(folds.folds, 1):
-        lines += [
-            "[[folds]]",
-            f'name = "{fold_name(number)}"',
-            f"test_scenes = {json.dumps(list(fold.test))}",
-            "",
-        ]
-    return "\n".join(lines)
+    tables = [
+        f'[[folds]]\nname = "{_fold_name(number)}"\ntest_scenes = {json.dumps(list(fold.test))}\n'
+        for number, fold in enumerate(folds.folds, 1)
+    ]
+    return "\n".join([f"# {why}\n# They replace the manifest's own folds.\n", *tables])
 
 
 @dataclass(frozen=True)
 class ProposalSettings:
-    """What a proposal depends on, as its files keep it.
-
-    Parameters
-    ----------
-    fingerprint : str
-        Of the store.
-    scenes : Scenes
-        What was chosen from, and by which criterion.
-    seed : int
-        Of the draws.
-    """
+    """What a proposal depends on: the store's fingerprint, the scenes, the draws' seed."""
 
     fingerprint: str
     scenes: Scenes
@@ -192,19 +172,12 @@ def folds_as_json(
     return json.dumps(content, indent=1) + "\n"
 
 
-def pair_count(manifest: Manifest, scenes: Sequence[str]) -> int:
-    """Return how many pairs the manifest has of some scenes."""
+def _pair_count(manifest: Manifest, scenes: Sequence[str]) -> int:
     return sum(pair.scene in scenes for pair in manifest.pairs())
 
 
-def fold_name(number: int) -> str:
-    """Return the name of a proposed fold, unlike those of the thesis.
-
-    Examples
-    --------
-    >>> fold_name(3)
-    'C03'
-    """
+def _fold_name(number: int) -> str:
+    # Unlike those of the thesis, which are K01, K02, ...
     return f"C{number:02d}"
 
 

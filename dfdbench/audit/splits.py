@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.audit.coverage import Criterion, DensityBound, check_allowance, uncovered
-from dfdbench.audit.level_ranges import as_ranges
+from dfdbench.audit.sides import as_ranges
 from dfdbench.errors import InputError
 
-#: Up to this many choices are all looked at; of more, so many are drawn at random.
+#: Up to this many choices are all judged; of more, this many are drawn at random.
 EXHAUSTIVE_LIMIT = 300_000
 _CHUNK = 4096
+_RESTARTS = 40
 
 Group = tuple[str, ...]
 
@@ -61,17 +63,14 @@ class Ranking:
         return sum(candidate.covered for candidate in self.candidates)
 
     def rank(self, test: Sequence[str]) -> int | None:
-        """Return the rank of a test set, from 1, or None where it is not among them."""
-        wanted = set(test)
-        for number, candidate in enumerate(self.candidates, 1):
-            if set(candidate.test) == wanted:
-                return number
-        return None
+        """Return the rank of a test set, from 1, or None if it is not among them."""
+        ranked = enumerate((set(candidate.test) for candidate in self.candidates), 1)
+        return next((number for number, scenes in ranked if scenes == set(test)), None)
 
 
 @dataclass(frozen=True)
 class Hopeless:
-    """A scene whose fold no choice of companions can cover, and the levels that are why."""
+    """A scene whose fold no choice of companions can cover, and the levels at fault."""
 
     scene: str
     levels: str
@@ -89,9 +88,9 @@ class Scenes:
     counts : ndarray of int64, shape (scenes, 256)
         Known pixels of each level, weighted by pairs.
     groups : tuple of tuple of str
-        Scenes that must not be parted (`dfdbench.audit.leaks.scenes_alike`).
+        Scenes to keep together (`dfdbench.audit.leaks.scenes_alike`).
     criterion, bound
-        By which a level counts as not covered.
+        What makes a level uncovered.
     allowed : float
         Uncovered share that still counts as covered.
     """
@@ -147,14 +146,14 @@ def rank_tests(scenes: Scenes, size: int, seed: int = 0, also: Group = ()) -> Ra
     size : int
         Scenes in the test.
     seed : int
-        Of the draw, where there are more than `EXHAUSTIVE_LIMIT` choices.
+        Of the draw, if there are more than `EXHAUSTIVE_LIMIT` choices.
     also : tuple of str
-        A test set that is ranked whether or not it would be drawn, or keeps groups whole.
+        A test set to rank even if it would not be drawn, or splits groups.
 
     Raises
     ------
     InputError
-        Where no choice of whole groups has that size.
+        If no choice of whole groups has that size.
 
     Examples
     --------
@@ -165,10 +164,9 @@ def rank_tests(scenes: Scenes, size: int, seed: int = 0, also: Group = ()) -> Ra
     >>> [candidate.test for candidate in rank_tests(scenes, 1).candidates]
     [('A',), ('B',), ('C',)]
     """
-    sizes = [len(group) for group in scenes.groups]
-    if not 0 < size < len(scenes.names) or not _choices(sizes, size):
-        raise _no_such_size(scenes, sizes, size)
-    possible = _choices(sizes, size)
+    possible = _choices(scenes, size)
+    if not 0 < size < len(scenes.names) or not possible:
+        raise _no_such_size(scenes, size)
     exhaustive = possible <= EXHAUSTIVE_LIMIT
     found = _all_tests(scenes, size) if exhaustive else _drawn_tests(scenes, size, seed)
     tests = list(dict.fromkeys(found))
@@ -178,22 +176,22 @@ def rank_tests(scenes: Scenes, size: int, seed: int = 0, also: Group = ()) -> Ra
     return Ranking(tuple(ranked), exhaustive)
 
 
-def _no_such_size(scenes: Scenes, sizes: Sequence[int], size: int) -> InputError:
-    right = [n for n in range(1, len(scenes.names)) if _choices(sizes, n)]
+def _no_such_size(scenes: Scenes, size: int) -> InputError:
+    right = [n for n in range(1, len(scenes.names)) if _choices(scenes, n)]
     together = [f"{' and '.join(group)} stay together" for group in scenes.groups if len(group) > 1]
     if not right:
-        return InputError("no split parts these scenes", got="; ".join(together))
+        return InputError("no split divides these scenes", got="; ".join(together))
     whole = right == list(range(1, right[-1] + 1)) and len(right) > 2
     numbers = f"1 to {right[-1]}" if whole else " or ".join(map(str, right))
     expected = "; ".join([f"--test-scenes {numbers}", *together])
-    return InputError("no such split", where="", expected=expected, got=f"--test-scenes {size}")
+    return InputError("no such split", expected=expected, got=f"--test-scenes {size}")
 
 
-def _choices(sizes: Sequence[int], size: int) -> int:
+def _choices(scenes: Scenes, size: int) -> int:
     ways = [1] + [0] * size
-    for extent in sizes:
-        for total in range(size, extent - 1, -1):
-            ways[total] += ways[total - extent]
+    for group in scenes.groups:
+        for total in range(size, len(group) - 1, -1):
+            ways[total] += ways[total - len(group)]
     return ways[size]
 
 
@@ -202,7 +200,7 @@ def _all_tests(scenes: Scenes, size: int) -> Iterator[Group]:
     for number in range(1, size // smallest + 1):
         for groups in itertools.combinations(scenes.groups, number):
             if sum(map(len, groups)) == size:
-                yield in_order(scenes, groups)
+                yield _in_order(scenes, groups)
 
 
 def _drawn_tests(scenes: Scenes, size: int, seed: int) -> Iterator[Group]:
@@ -213,11 +211,10 @@ def _drawn_tests(scenes: Scenes, size: int, seed: int) -> Iterator[Group]:
             if sum(map(len, groups)) + len(scenes.groups[number]) <= size:
                 groups.append(scenes.groups[number])
         if sum(map(len, groups)) == size:
-            yield in_order(scenes, groups)
+            yield _in_order(scenes, groups)
 
 
-def in_order(scenes: Scenes, groups: Sequence[Group]) -> Group:
-    """Return the scenes of some groups in the manifest's order."""
+def _in_order(scenes: Scenes, groups: Sequence[Group]) -> Group:
     chosen = {name for group in groups for name in group}
     return tuple(name for name in scenes.names if name in chosen)
 
@@ -225,9 +222,9 @@ def in_order(scenes: Scenes, groups: Sequence[Group]) -> Group:
 def hopeless_scenes(scenes: Scenes, sizes: set[int]) -> list[Hopeless]:
     """Return the scenes whose fold is not covered whatever else is in it, and why.
 
-    All folds of the given sizes are tried. Where they are too many, the scene alone is the
-    proof, under the thesis's criterion: a companion only adds to the test and takes from
-    training, so that a level which is not covered stays so.
+    All folds of the given sizes are tried. If they are too many, the scene alone is the proof,
+    under the thesis's criterion: a companion only adds to the test and takes from training, so an
+    uncovered level stays uncovered.
     """
     rankings = [rank_tests(scenes, size) for size in sorted(sizes)]
     exhaustive = all(ranking.exhaustive for ranking in rankings)
@@ -244,3 +241,80 @@ def hopeless_scenes(scenes: Scenes, sizes: set[int]) -> list[Hopeless]:
             levels = by_count if proven else scenes.alone(name)
             found.append(Hopeless(name, as_ranges(levels), least[name]))
     return found
+
+
+@dataclass(frozen=True)
+class Folds:
+    """A cross validation: each scene in one fold, in the order of their scenes."""
+
+    folds: tuple[Candidate, ...]
+
+    @property
+    def not_covered(self) -> int:
+        """How many folds are not covered."""
+        return sum(not fold.covered for fold in self.folds)
+
+    @property
+    def cost(self) -> tuple[int, float]:
+        """The rank of a partition: folds not covered, then the sum of their shares."""
+        return self.not_covered, round(math.fsum(fold.uncovered for fold in self.folds), 12)
+
+
+def propose_folds(scenes: Scenes, number: int, seed: int = 0) -> list[Folds]:
+    """Search partitions into folds, the best first: fewest folds not covered, then least share.
+
+    Starting from random partitions, swap two groups as long as that helps; each restart gives one
+    proposal. The same seed gives the same proposals.
+
+    Raises
+    ------
+    InputError
+        If there are fewer groups than folds.
+    """
+    if not 2 <= number <= (most := len(scenes.groups)):
+        raise InputError(f"{number} folds of {most} groups of scenes: choose 2 to {most}")
+    random = np.random.default_rng(seed)
+    known: dict[Group, Candidate] = {}
+
+    def judge(folds: Sequence[Sequence[Group]]) -> Folds:
+        tests = [_in_order(scenes, fold) for fold in folds]
+        unknown = [test for test in tests if test not in known]
+        known.update(zip(unknown, scenes.judge(unknown), strict=True))
+        return Folds(tuple(known[test] for test in tests))
+
+    proposals: dict[tuple[Group, ...], Folds] = {}
+    for _ in range(_RESTARTS):
+        best = _improve(_random_folds(scenes, number, random), judge)
+        folds = tuple(sorted(best.folds, key=lambda f: scenes.names.index(f.test[0])))
+        proposals[tuple(fold.test for fold in folds)] = Folds(folds)
+    return sorted(proposals.values(), key=lambda p: (p.cost, [fold.test for fold in p.folds]))
+
+
+def _random_folds(scenes: Scenes, number: int, random: np.random.Generator) -> list[list[Group]]:
+    order = [scenes.groups[place] for place in random.permutation(len(scenes.groups))]
+    folds: list[list[Group]] = [[] for _ in range(number)]
+    for group in sorted(order, key=len, reverse=True):
+        min(folds, key=lambda fold: sum(map(len, fold))).append(group)
+    return folds
+
+
+def _improve(
+    folds: list[list[Group]], judge: Callable[[Sequence[Sequence[Group]]], Folds]
+) -> Folds:
+    better = True
+    while better:
+        better = False
+        for a, b in itertools.combinations(range(len(folds)), 2):
+            least = judge([folds[a], folds[b]]).cost
+            if least == (0, 0.0):
+                continue
+            for i, j in itertools.product(range(len(folds[a])), range(len(folds[b]))):
+                if len(folds[a][i]) != len(folds[b][j]):
+                    continue
+                folds[a][i], folds[b][j] = folds[b][j], folds[a][i]
+                cost = judge([folds[a], folds[b]]).cost
+                if cost < least:
+                    least, better = cost, True
+                else:
+                    folds[a][i], folds[b][j] = folds[b][j], folds[a][i]
+    return judge(folds)

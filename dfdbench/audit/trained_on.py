@@ -1,4 +1,4 @@
-"""What a method says it was trained on, held against the depths that it is tested on."""
+"""What a method says it was trained on, compared with the depths that it is tested on."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from dfdbench.audit.coverage import Coverage
+from dfdbench.audit.coverage import Criterion, share_of, uncovered
 from dfdbench.audit.leaks import manifest_leaks
-from dfdbench.audit.level_ranges import as_ranges
-from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of
+from dfdbench.audit.sides import Side, all_but, as_ranges, scene_histograms, side_of
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.folds import training_of
 from dfdbench.datasets.manifest import Manifest
@@ -36,15 +35,7 @@ class Training(StrEnum):
 
 @dataclass(frozen=True)
 class RunSides:
-    """What a run's split is held against.
-
-    Parameters
-    ----------
-    train, test : Side
-        The training side, and the depths of the run's split.
-    training : Training
-        Whether `train` is what the method was trained on.
-    """
+    """What a run's split is compared with; `training` says if `train` is the method's own."""
 
     train: Side
     test: Side
@@ -65,25 +56,25 @@ def sides_of_run(
     store : Store
         The data set that was run on.
     split : str
-        What of it was tested.
+        The split of it that was tested.
     trained_on : str or None
         What the method says of itself.
     train, fold : str, optional
-        A split that trained, or a fold or scene that was left out: both outdo `trained_on`.
+        A split that trained, or a fold or scene that was left out: both override `trained_on`.
 
     Raises
     ------
     InputError
-        Where no training is named and the run leaves no scene for it.
+        If no training is named and the run leaves no scene for it.
     UnknownNameError
-        Where there is no such split, fold or scene.
+        If there is no such split, fold or scene.
     StoreError
-        Where a store holds none of the scenes.
+        If a store holds none of the scenes.
 
     Notes
     -----
-    Without a name, the split ``"train"`` stands for training, or all other scenes where a fold
-    was tested or one of the scenes in ``"train"``.
+    Without a name, the split ``"train"`` is taken for training, or all other scenes if a fold
+    was tested, or a scene in ``"train"``.
     """
     histograms, scenes_of = scene_histograms(store), store.manifest.scenes_of
     test = side_of(store, histograms, split, scenes_of(split))
@@ -107,82 +98,71 @@ def _usual_training(store: Store, split: str) -> tuple[str, tuple[str, ...]]:
         if tested.isdisjoint(scenes):
             return "train", scenes
     if not (others := training_of(manifest, split)):
-        raise InputError(
-            "the run tested every scene: none is left to hold it against",
-            where=split,
-            fix="run the method on one split, or name its training in trained_on",
-        )
+        fix = "run the method on one split, or name its training in trained_on"
+        raise InputError("the run tested every scene: none is left to compare with", fix=fix)
     return f"all but {split}", others
 
 
 def scenes_trained_on(trained_on: str) -> tuple[Manifest, tuple[str, ...]] | None:
-    """Return the manifest and the scenes that a method was trained on; None where none are named.
+    """Return the manifest and the scenes that a method was trained on; None if none are named.
 
     Parameters
     ----------
     trained_on : str
-        In the form of `FORM`; what follows a further comma is left to the author.
+        In the form of `FORM`; the author may add anything after another comma.
 
     Raises
     ------
     DfdbenchError
-        Where it names a data set or a split that is not there.
+        If it names a data set or a split that does not exist.
 
     Examples
     --------
     >>> scenes_trained_on("demo-1, all but Attic")[1][:2]
     ('Barn', 'Cabin')
     """
-    said = _PATTERN.fullmatch(trained_on.strip())
-    if not said:
+    if not (said := _PATTERN.fullmatch(trained_on.strip())):
         return None
     manifest = find_manifest(said["manifest"])
-    if said["how"] == "all but":
-        return manifest, training_of(manifest, said["name"])
-    return manifest, manifest.scenes_of(said["name"])
+    return manifest, _scenes_of(manifest, said)
+
+
+def _scenes_of(manifest: Manifest, said: re.Match[str]) -> tuple[str, ...]:
+    scenes = training_of if said["how"] == "all but" else Manifest.scenes_of
+    return scenes(manifest, said["name"])
 
 
 def training_side(trained_on: str, store: Store) -> Side | None:
-    """Return the depths that a method was trained on, or None where the text names none.
+    """Return the depths that a method was trained on, or None if the text names none.
 
     Parameters
     ----------
     trained_on : str
-        In the form of `FORM`; what follows a further comma is left to the author.
+        As of `scenes_trained_on`.
     store : Store
         The data set in use; another one is looked for where `build` puts it.
 
     Raises
     ------
     DfdbenchError
-        Where it names a data set or a split that is not there.
+        If it names a data set or a split that does not exist.
     """
-    said = _PATTERN.fullmatch(trained_on.strip())
-    if not said:
+    if not (said := _PATTERN.fullmatch(trained_on.strip())):
         return None
     # The depths of a set are the same on every track of it.
     own, base = store.manifest, part_name(said["manifest"])[0]
     known = (own.file_stem, own.name, part_name(own.short)[0])
     training = store if base in known else open_store(said["manifest"])
-    scenes = training.manifest.scenes_of(said["name"])
-    name = said["name"]
-    if said["how"] == "all but":
-        scenes, name = training_of(training.manifest, name), f"all but {name}"
-    inverted = training.manifest.depth.grows_with != store.manifest.depth.grows_with
+    name = f"all but {said['name']}" if said["how"] == "all but" else said["name"]
+    inverted = training.manifest.depth.grows_with != own.depth.grows_with
+    scenes = _scenes_of(training.manifest, said)
     return side_of(training, scene_histograms(training), name, scenes, inverted)
 
 
 def coverage_warnings(trained_on: str | None, store: Store, split: str) -> list[str]:
-    """Return what a result should say where training leaves levels of the test uncovered.
+    """Return a warning for a result if training leaves levels of the tested split uncovered.
 
-    Parameters
-    ----------
-    trained_on : str or None
-        What the method says of itself; without it there is nothing to compare.
-    store : Store
-        The data set that it is tested on.
-    split : str
-        What it is tested on.
+    `trained_on` is what the method says of itself; without it there is nothing to compare.
     """
     if not trained_on:
         return []
@@ -193,30 +173,17 @@ def coverage_warnings(trained_on: str | None, store: Store, split: str) -> list[
         test = side_of(store, scene_histograms(store), split, store.manifest.scenes_of(split))
     except DfdbenchError as error:
         return [f"depths not compared with training: {error.problems[0].what}"]
-    return _leak_warning(train, test) + _depth_warning(train, test)
-
-
-def _leak_warning(train: Side, test: Side) -> list[str]:
-    leaks = manifest_leaks(
-        train.store.manifest,
-        (*train.scenes, *train.absent),
-        test.store.manifest,
-        tuple(test.scenes),
-    )
-    if not leaks:
-        return []
-    names = ", ".join(dict.fromkeys(leak.test for leak in leaks))
-    return [
-        f"leak: {train.dataset}, {train.name}, trained on scenes or textures of the test: {names}"
-    ]
-
-
-def _depth_warning(train: Side, test: Side) -> list[str]:
-    coverage = Coverage(train.histogram, test.histogram)
-    levels = coverage.uncovered()
-    if not levels.any():
-        return []
-    return [
-        f"{percent(coverage.share(levels))} of the test's known pixels lie on depth levels that "
-        f"{train.dataset}, {train.name}, leaves missing or scarce: {as_ranges(levels)}"
-    ]
+    warnings = []
+    whose, scenes = f"{train.dataset}, {train.name},", (*train.scenes, *train.absent)
+    of_test = test.store.manifest, tuple(test.scenes)
+    if leaks := manifest_leaks(train.store.manifest, scenes, *of_test):
+        names = ", ".join(dict.fromkeys(leak.test for leak in leaks))
+        warnings.append(f"leak: {whose} trained on scenes or textures of the test: {names}")
+    counts = test.histogram.counts
+    levels = uncovered(train.histogram.counts, counts, Criterion.either)
+    if levels.any():
+        warnings.append(
+            f"{percent(share_of(counts, levels))} of the test's known pixels lie on depth levels "
+            f"that {whose} leaves missing or scarce: {as_ranges(levels)}"
+        )
+    return warnings

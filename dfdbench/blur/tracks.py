@@ -188,6 +188,17 @@ _ALL = (
 
 #: The tracks by name.
 TRACKS: Mapping[str, Track] = MappingProxyType({track.name: track for track in _ALL})
+#: What rows of the leaderboard are ranked over, by name: tracks at their severities. A suite never
+#: changes, so that rows keep their ranks when there are more tracks; those make the next suite.
+SUITES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "tracks-1": tuple(
+            f"{name}-{severity}"
+            for name in ("noise", "psf", "law", "occlusion", "shift", "gain", "camera")
+            for severity in (1, 2, 3)
+        )
+    }
+)
 
 
 def find_degradation(label: str) -> Degradation:

@@ -11,10 +11,17 @@ from typing import Annotated
 import typer
 from matplotlib.figure import Figure
 
-from dfdbench.audit.coverage import Criterion, DensityBound
-from dfdbench.audit.coverage_record import CoverageRecord, compare_depths
-from dfdbench.audit.coverage_tables import coverage_table, each_as_json, each_table, verdict_line
-from dfdbench.audit.leaks import Leak, LeakError, LeakKind, find_leaks, leaks_between, scene_hashes
+from dfdbench.audit.coverage import (
+    CoverageRecord,
+    Criterion,
+    DensityBound,
+    compare_depths,
+    coverage_table,
+    each_as_json,
+    each_table,
+    verdict_line,
+)
+from dfdbench.audit.leaks import Leak, LeakError, find_leaks, leaks_between, scene_hashes
 from dfdbench.audit.run_errors import (
     conclusion,
     error_table,
@@ -28,7 +35,7 @@ from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.completion import data_sets
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError, Problem
-from dfdbench.figures.coverage import coverage_figure, level_error_figure, mask_figure
+from dfdbench.figures.audits import coverage_figure, level_error_figure, mask_figure
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT, load_result
@@ -137,10 +144,7 @@ class Rule:
 def _end(*records: CoverageRecord) -> None:
     leaks = [leak for record in records for leak in record.leaks]
     if leaks:
-        raise LeakError.of(
-            Leak(LeakKind(leak.kind), leak.train, leak.test, leak.detail).as_problem()
-            for leak in leaks
-        )
+        raise LeakError.of(leak.as_problem() for leak in leaks)
     if not all(record.covered for record in records):
         raise typer.Exit(1)
 

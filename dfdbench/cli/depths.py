@@ -12,8 +12,8 @@ from dfdbench.audit.depth_errors import (
     constant_errors,
     depth_error_tables,
     depth_errors,
+    level_count_table,
 )
-from dfdbench.audit.depth_tables import depth_table
 from dfdbench.audit.sides import scene_histograms, side_of
 from dfdbench.cli.completion import data_sets
 from dfdbench.cli.options import Cache
@@ -21,8 +21,7 @@ from dfdbench.cli.screen import print_table, save_figure
 from dfdbench.datasets.manifest import ALL_PAIRS
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError, StoreError
-from dfdbench.figures.coverage import depths_figure
-from dfdbench.figures.depth_errors import depth_error_figure
+from dfdbench.figures.audits import depth_error_figure, depths_figure
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import load_result
 from dfdbench.results.wording import method_label
@@ -60,7 +59,7 @@ def depths(
         side = side_of(store, scene_histograms(store), split or ALL_PAIRS, scenes)
         if figure is not None:
             save_figure(depths_figure(side), figure)
-        tables = [depth_table(side)]
+        tables = [level_count_table(side)]
     if format is Format.table:
         for table in tables:
             print_table(table)

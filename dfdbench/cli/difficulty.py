@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.audit.difficulty import Difficulty, smallest_step
-from dfdbench.audit.difficulty_tables import (
+from dfdbench.audit.difficulty import (
     COARSE,
+    Difficulty,
     difficulty_as_json,
     difficulty_rows,
     difficulty_table,
+    smallest_step,
 )
 from dfdbench.audit.sides import depth_maps
 from dfdbench.blur.recipe import LAST_LEVEL
@@ -22,7 +23,7 @@ from dfdbench.cli.screen import progress
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError
-from dfdbench.figures.coverage import difficulty_figure
+from dfdbench.figures.audits import difficulty_figure
 from dfdbench.results.output_place import output_place
 
 

@@ -94,7 +94,7 @@ def experiment(
     """Train for each value and seed of an experiment of the thesis; a stopped one is resumed."""
     limit = seconds_of(max_time)
     with needed():
-        from dfdbench.figures.training import experiment_figure
+        from dfdbench.figures.trainings import experiment_figure
         from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.experiments import find_experiment, trials
     use_threads(threads)

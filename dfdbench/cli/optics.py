@@ -13,11 +13,10 @@ from matplotlib.ticker import MaxNLocator
 from dfdbench.cli.lengths import LARGEST_PIXEL, parse_length
 from dfdbench.cli.screen import print_table, save_figure
 from dfdbench.errors import InputError
-from dfdbench.figures.captures import temperature_figure, voltage_figure
-from dfdbench.figures.optics import blur_figure, pair_figure
+from dfdbench.figures.camera import blur_figure, pair_figure, temperature_figure, voltage_figure
 from dfdbench.optics.lens_table import StepPair, rank_pairs, read_lens_table
+from dfdbench.optics.sharpness import Measurement, read_lens_captures
 from dfdbench.optics.thin_lens import ThinLens
-from dfdbench.optics.white_dot import Measurement, read_lens_captures
 from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Table
 

@@ -19,13 +19,11 @@ from dfdbench.cli.screen import print_table, progress, save_figure
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, Problem, SourceError
-from dfdbench.figures.captures import overlay_figure
+from dfdbench.figures.camera import overlay_figure
 from dfdbench.optics.sharpness import sharpest
-from dfdbench.rig.board_pose import Sighting
-from dfdbench.rig.board_rays import board_rays
-from dfdbench.rig.depth_map import depth_image, warp
-from dfdbench.rig.geometry import Pose, Rig
-from dfdbench.rig.lidar import Beams
+from dfdbench.rig.board import Sighting, board_rays
+from dfdbench.rig.geometry import CaptureRig, Pose
+from dfdbench.rig.lidar import Beams, depth_image, warp
 from dfdbench.rig.registration import Registration, register, sight
 from dfdbench.rig.registration_file import NAME, PREVIOUS, read_registration, write_registration
 from dfdbench.tables.table import Table
@@ -59,7 +57,7 @@ def register_scenes(
         pixel, "--pixel", at_most=LARGEST_PIXEL
     )
     above = parse_length(baseline, "--baseline")
-    rig = Rig(focal_pixels, (height, width), capture.crop_size, above)
+    rig = CaptureRig(focal_pixels, (height, width), capture.crop_size, above)
     there = _scenes_there(scene, source, manifest)
     problems: dict[str, tuple[Problem, ...]] = {}
     seen = _look_at_all(there, source, rig, fresh, problems)
@@ -102,7 +100,7 @@ def _scenes_there(
 def _look_at_all(
     there: Mapping[str, RawScene | PublishedScene | None],
     source: Path,
-    rig: Rig,
+    rig: CaptureRig,
     fresh: bool,
     problems: dict[str, tuple[Problem, ...]],
 ) -> dict[str, _Seen]:
@@ -118,7 +116,7 @@ def _look_at_all(
 
 
 def _register_all(
-    seen: Mapping[str, _Seen], rig: Rig, problems: dict[str, tuple[Problem, ...]]
+    seen: Mapping[str, _Seen], rig: CaptureRig, problems: dict[str, tuple[Problem, ...]]
 ) -> dict[str, Registration]:
     sightings = {name: one.sighting for name, one in seen.items() if one.sighting}
     with progress("registering scenes") as step:
@@ -137,7 +135,7 @@ def _register_all(
 def _draw_all(
     seen: Mapping[str, _Seen],
     found: Mapping[str, Registration],
-    rig: Rig,
+    rig: CaptureRig,
     problems: dict[str, tuple[Problem, ...]],
 ) -> list[tuple[str, ...]]:
     drawn = {name: one for name, one in seen.items() if name in found or not one.sighting}
@@ -152,7 +150,9 @@ def _draw_all(
     return rows
 
 
-def _look(files: RawScene | PublishedScene | None, place: Path, rig: Rig, fresh: bool) -> _Seen:
+def _look(
+    files: RawScene | PublishedScene | None, place: Path, rig: CaptureRig, fresh: bool
+) -> _Seen:
     if not isinstance(files, RawScene):
         raise SourceError.of(_not_raw(place))
     wrong = files.scan_problems()
@@ -172,7 +172,7 @@ def _write(one: _Seen, found: Registration) -> None:
     write_registration(one.files.registration, found.matrix, corners, note)
 
 
-def _drawn(name: str, one: _Seen, found: Registration | None, rig: Rig) -> tuple[str, ...]:
+def _drawn(name: str, one: _Seen, found: Registration | None, rig: CaptureRig) -> tuple[str, ...]:
     after = read_registration(one.files.registration)
     rays = board_rays(one.ranges, one.beams)
     levels, valid = depth_image(one.ranges, one.beams)

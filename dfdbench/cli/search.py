@@ -173,7 +173,7 @@ def _searched(
 
 
 def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) -> None:
-    from dfdbench.figures.search import convergence_figure, objective_figure, widths_figure
+    from dfdbench.figures.trainings import convergence_figure, objective_figure, widths_figure
     from dfdbench.training.search.course import best_as_toml, course_table, network_table
     from dfdbench.training.search.particle import particle_at
 

@@ -16,8 +16,7 @@ from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.rig.geometry import Pose
 from dfdbench.simulation.board_scene import MOUNTED
-from dfdbench.simulation.captures import CaptureSettings, write_captures
-from dfdbench.simulation.white_dot import write_lens_test
+from dfdbench.simulation.capture_files import CaptureSettings, write_captures, write_lens_test
 from dfdbench.tables.wording import counted
 
 app = typer.Typer(

@@ -10,7 +10,6 @@ import numpy as np
 import typer
 
 from dfdbench.audit.coverage import Criterion, DensityBound
-from dfdbench.audit.fold_proposals import Folds, propose_folds
 from dfdbench.audit.leaks import scene_hashes, scenes_alike
 from dfdbench.audit.sides import scene_histograms
 from dfdbench.audit.split_tables import (
@@ -22,7 +21,7 @@ from dfdbench.audit.split_tables import (
     ranking_as_json,
     split_fragment,
 )
-from dfdbench.audit.splits import Scenes, hopeless_scenes, rank_tests
+from dfdbench.audit.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
 from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.completion import data_sets
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption

@@ -110,7 +110,7 @@ def train_command(
 def _keep_figures(
     training: TrainingFolder, task: Task, outcome: TrainingOutcome, title: str
 ) -> Selections:
-    from dfdbench.figures.training import levels_figure, patches_figure, training_figure
+    from dfdbench.figures.trainings import levels_figure, patches_figure, training_figure
     from dfdbench.training.checkpoint import FIGURES
     from dfdbench.training.selections import selections_of
 

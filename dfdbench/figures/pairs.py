@@ -1,4 +1,4 @@
-"""One pair drawn: two images, ground truth, and a prediction with its error where there is one."""
+"""Draw one pair: two images, ground truth, and a prediction with its error, if any."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ def show(pair: PairImages, prediction: NDArray[np.floating[Any]] | None = None) 
     Parameters
     ----------
     pair : PairImages
-        As `dfdbench.open` gives them.
+        From `dfdbench.open`.
     prediction : ndarray, shape (y, x), optional
-        Depth levels that a method gave; drawn with its error.
+        Depth levels from a method; drawn with its error.
 
     Returns
     -------
     Figure
-        Which a notebook shows, and ``savefig`` writes. Where depth is unknown it is grey.
+        A notebook shows it, and ``savefig`` writes it. Unknown depth is grey.
 
     Raises
     ------
     TypeError
-        Where it is no pair.
+        If it is not a pair.
 
     Examples
     --------

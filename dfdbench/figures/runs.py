@@ -1,25 +1,35 @@
-"""Figures out of a run: panels of pairs, scores by scene, by what parts them, depths, times."""
+"""Figures of a run: pairs, scores by scene and by group, depths, times."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
+from dfdbench.datasets.manifest import Scene
 from dfdbench.datasets.store import Store
-from dfdbench.figures.groups import group_figures
 from dfdbench.figures.pairs import HEADS, draw_pair
-from dfdbench.figures.style import COLOURS, MARKERS, legend_below, plain_text, write_forms
+from dfdbench.figures.style import (
+    BLUE,
+    RED,
+    SKY,
+    legend_below,
+    marks,
+    plain_text,
+    single_axes,
+    write_forms,
+)
+from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.summary import RunSummary
+from dfdbench.results.summary import RunSummary, scene_labels
 from dfdbench.results.wording import score_text
 
 _PANELS = 3
@@ -51,9 +61,8 @@ def draw_run(
         "depths": depth_figure(store, result, folder),
         "time_by_pixels": pixel_time_figure(store, result),
     }
-    runs = {result.method.title: result}
-    for what, parted in group_figures(runs, protocol, store.manifest.scenes).items():
-        figures[f"by_{what}"] = parted
+    groups = group_figures({result.method.title: result}, protocol, store.manifest.scenes)
+    figures |= {f"by_{what}": figure for what, figure in groups.items()}
     return [
         path
         for name, figure in figures.items()
@@ -125,41 +134,19 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
             for number, level in enumerate(levels):
                 offset = (number - (len(levels) - 1) / 2) * 0.5 / len(levels)
                 of_level = [pair for pair in chosen if pair.coordinates[blocks] == level]
-                found = _marks(of_level, scenes, offset, protocol, metric.name)
-                _draw_marks(axis, found, number, f"{blocks} {level}")
+                found = [(p.scene, p.score(protocol, metric.name)) for p in of_level]
+                at = [scenes.index(name) + offset for name, score in found if score is not None]
+                scores = [score for _, score in found if score is not None]
+                axis.plot(at, scores, label=f"{blocks} {level}", **marks(number))
             axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
             axis.grid(alpha=0.3)
     for axis, value in zip(grid[0], columns, strict=True):
         axis.set_title(f"{rows} {value}" if rows else "")
     for axis in grid[-1]:
         axis.set_xlabel("scene; one mark a view" if "view" in result.dataset.axes else "scene")
-    handles, labels = grid[0][0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=min(len(levels), int(whole / 2))
-    )
+    named = grid[0][0].get_legend_handles_labels()
+    figure.legend(*named, loc="outside lower center", ncols=min(len(levels), int(whole / 2)))
     return figure
-
-
-def _marks(
-    pairs: Sequence[PairResult], scenes: Sequence[str], offset: float, protocol: str, metric: str
-) -> list[tuple[float, float]]:
-    return [
-        (scenes.index(pair.scene) + offset, score)
-        for pair in pairs
-        if (score := pair.score(protocol, metric)) is not None
-    ]
-
-
-def _draw_marks(axis: Axes, found: Sequence[tuple[float, float]], number: int, label: str) -> None:
-    axis.plot(
-        [at for at, _ in found],
-        [score for _, score in found],
-        linestyle="none",
-        marker=MARKERS[number % len(MARKERS)],
-        markersize=5,
-        color=COLOURS[number % len(COLOURS)],
-        label=label,
-    )
 
 
 def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
@@ -167,32 +154,18 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
     truth, found = _depth_counts(store, result, folder)
     if not truth.any():
         return None
-    figure = Figure(figsize=(9, 4), layout="constrained")
-    axis = figure.subplots()
+    figure, axis = single_axes(9, 4)
     levels = np.arange(LEVELS)
-    axis.fill_between(
-        levels,
-        100 * truth / truth.sum(),
-        step="mid",
-        color=COLOURS[4],
-        alpha=0.6,
-        label="ground truth",
-    )
-    axis.step(
-        levels,
-        100 * found / found.sum(),
-        where="mid",
-        color=COLOURS[5],
-        linewidth=1,
-        label=f"prediction of {plain_text(result.method.title)}",
-    )
+    truth, found = 100 * truth / truth.sum(), 100 * found / found.sum()
+    axis.fill_between(levels, truth, step="mid", color=SKY, alpha=0.6, label="ground truth")
+    label = f"prediction of {plain_text(result.method.title)}"
+    axis.step(levels, found, where="mid", color=RED, linewidth=1, label=label)
     axis.set(
         xlabel="depth level",
         ylabel="known pixels (%)",
         xlim=(0, LAST_LEVEL),
         title=f"depths of {result.dataset.label}, split {result.dataset.split}",
     )
-    axis.grid(alpha=0.3)
     legend_below(figure, axis)
     return figure
 
@@ -201,23 +174,18 @@ def _depth_counts(
     store: Store, result: Result, folder: Path
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
-    for record in result.pairs:
-        pair = record.pair
-        if record.status != "ok":
-            continue
+    for pair in [record.pair for record in result.pairs if record.status == "ok"]:
         depth, valid = store.read_depth(pair)
-        prediction = read_prediction(folder, pair, depth.shape)
-        if prediction is None:
-            continue
-        truth += np.bincount(depth[valid], minlength=LEVELS)
-        found += np.bincount(np.rint(prediction[valid]).astype(np.int64), minlength=LEVELS)
+        if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
+            truth += np.bincount(depth[valid], minlength=LEVELS)
+            found += np.bincount(np.rint(prediction[valid]).astype(np.int64), minlength=LEVELS)
     return truth, found
 
 
 def pixel_time_figure(store: Store, result: Result) -> Figure | None:
-    """Draw seconds by number of pixels, as Fig. 4.4; None where all pairs are of one size.
+    """Draw seconds by number of pixels, as Fig. 4.4; None if all pairs are of one size.
 
-    Times that were not taken alone are left out.
+    Pairs that ran beside others are left out.
     """
     times = _times_by_pixels(store, result)
     if len(times) < 2:
@@ -225,26 +193,15 @@ def pixel_time_figure(store: Store, result: Result) -> Figure | None:
     pixels = np.array([size for size, taken in times.items() for _ in taken])
     seconds = np.array([one for taken in times.values() for one in taken])
     sizes = np.array(sorted(times))
-    # A line with an intercept would say nothing where sizes are much alike, as Middlebury's.
+    # An intercept would mean nothing for sizes that are much alike, as Middlebury's.
     rate = seconds.sum() / pixels.sum()
-    figure = Figure(figsize=(9, 5), layout="constrained")
-    axis = figure.subplots()
-    axis.plot(pixels, seconds, ".", color=COLOURS[0], alpha=0.4, label="a pair")
-    axis.plot(
-        sizes,
-        [np.mean(times[size]) for size in sizes],
-        "D",
-        color=COLOURS[5],
-        fillstyle="none",
-        label="mean of the pairs of a size",
-    )
-    axis.plot(
-        sizes,
-        rate * sizes,
-        color="black",
-        linewidth=1,
-        label=f"in proportion: {1e5 * rate:.3g} s for 100,000 pixels",
-    )
+    figure, axis = single_axes(9, 5)
+    axis.plot(pixels, seconds, ".", color=BLUE, alpha=0.4, label="a pair")
+    means = [np.mean(times[size]) for size in sizes]
+    label = "mean of the pairs of a size"
+    axis.plot(sizes, means, "D", color=RED, fillstyle="none", label=label)
+    label = f"in proportion: {1e5 * rate:.3g} s for 100,000 pixels"
+    axis.plot(sizes, rate * sizes, color="black", linewidth=1, label=label)
     axis.set(
         xlabel="pixels of an image",
         ylabel="seconds per pair",
@@ -252,8 +209,7 @@ def pixel_time_figure(store: Store, result: Result) -> Figure | None:
         title=f"time of {plain_text(result.method.title)} on {result.dataset.label}, "
         f"split {result.dataset.split}",
     )
-    axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
-    axis.grid(alpha=0.3)
+    axis.xaxis.set_major_formatter("{x:,.0f}")
     legend_below(figure, axis)
     return figure
 
@@ -265,3 +221,96 @@ def _times_by_pixels(store: Store, result: Result) -> dict[int, list[float]]:
             rows, columns = store.shape_of(pair.scene)
             times.setdefault(rows * columns, []).append(pair.seconds)
     return times
+
+
+def group_figures(
+    results: Mapping[str, Result], protocol: str, scenes: Sequence[Scene]
+) -> dict[str, Figure]:
+    """Draw each metric by exposure, geometry and texture, as in the thesis's Figs 7.2 to 7.17.
+
+    Parameters
+    ----------
+    results : mapping of str to Result
+        Runs on the same data, by name.
+    protocol : str
+        The protocol.
+    scenes : sequence of Scene
+        Of the manifest; if they have neither geometry nor texture, nothing is drawn.
+
+    Returns
+    -------
+    dict of str to Figure
+        By what groups the pairs.
+    """
+    labels = scene_labels(scenes)
+    if not labels or not any(p.status == "ok" for r in results.values() for p in r.pairs):
+        return {}
+    blocks = next(iter(results.values())).dataset.blocks
+    figures = {blocks: _group_figure(results, protocol, blocks, None)}
+    return figures | {
+        what: _group_figure(results, protocol, what, label_of) for what, label_of in labels.items()
+    }
+
+
+def _group_figure(
+    results: Mapping[str, Result], protocol: str, what: str, label_of: Mapping[str, str] | None
+) -> Figure:
+    def label(pair: PairResult) -> str | None:
+        return label_of.get(pair.scene) if label_of else str(pair.coordinates[what])
+
+    found = [pair for result in results.values() for pair in result.pairs if pair.status == "ok"]
+    labels = [name for name in dict.fromkeys(map(label, found)) if name is not None]
+    several = len(results) > 1
+    height = 1.3 + max(0.3, 0.16 * len(results)) * len(labels) + 0.3 * several
+    metrics = metrics_of(protocol)
+    figure = Figure(figsize=(3 * len(metrics), height), layout="constrained")
+    grid = figure.subplots(1, len(metrics), sharey=True)
+    for axis, metric in zip(grid, metrics.values(), strict=True):
+        for number, (name, result) in enumerate(results.items()):
+            offset = (number - (len(results) - 1) / 2) * 0.7 / len(results)
+            by_label = _by_label(result, protocol, metric.name, label)
+            rows = {
+                place + offset: by_label[group]
+                for place, group in enumerate(labels)
+                if group in by_label
+            }
+            _draw_run(axis, rows, number, plain_text(name))
+        axis.set_xlabel(metric.axis_label)
+        axis.locator_params(axis="x", nbins=4)
+        axis.grid(axis="x", alpha=0.3)
+    grid[0].set_yticks(range(len(labels)), labels)
+    grid[0].set_ylim(len(labels) - 0.5, -0.5)
+    grid[0].set_ylabel(what)
+    first = next(iter(results.values()))
+    whose = "" if several else f"{plain_text(next(iter(results)))} on "
+    figure.suptitle(
+        f"{whose}{first.dataset.label}, split {first.dataset.split}, "
+        f"protocol {title_of(protocol)}: mean and standard deviation; a dot is a pair",
+        fontsize=10,
+    )
+    if several:
+        legend_below(figure, grid[0])
+    return figure
+
+
+def _by_label(
+    result: Result, protocol: str, metric: str, label: Callable[[PairResult], str | None]
+) -> dict[str, list[float]]:
+    found: dict[str, list[float]] = {}
+    for pair in result.pairs:
+        name = label(pair)
+        if pair.status != "ok" or name is None:
+            continue
+        if (score := pair.score(protocol, metric)) is not None:
+            found.setdefault(name, []).append(score)
+    return found
+
+
+def _draw_run(axis: Axes, rows: Mapping[float, Sequence[float]], number: int, name: str) -> None:
+    dots: dict[str, Any] = {**marks(number), "marker": ".", "markersize": None}
+    bars: dict[str, Any] = {**marks(number), "capsize": 2, "linestyle": None, "linewidth": 1}
+    for at, values in rows.items():
+        axis.plot(values, [at] * len(values), alpha=0.35, markeredgewidth=0, **dots)
+        spread = np.std(values, ddof=1) if len(values) > 1 else 0.0
+        axis.errorbar(mean_of(values) or 0.0, at, xerr=spread, label=name, **bars)
+        name = "_"  # one entry of the legend a run

@@ -1,4 +1,4 @@
-"""What figures have in common: colours, markers, the span of depths, text as it stands."""
+"""What figures share: colours, markers, legends, brightness, plain text, files."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -18,9 +19,10 @@ from dfdbench.blur.recipe import LAST_LEVEL
 
 # Okabe and Ito's colours, which the colour-blind can tell apart; markers differ as well.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
+BLUE, ORANGE, GREEN, PINK, SKY, RED, BLACK = COLOURS
 _DPI = 120
 _LEAST_SPAN = 20.0
-# An image counts as dark where nearly all of it lies below half of this grey level.
+# An image counts as dark if nearly all of it is below half of this grey level.
 _BRIGHT, _NEARLY_ALL = 235.0, 99
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 #: Errors of depth are drawn up to so many levels.
@@ -32,10 +34,24 @@ _LABEL_LENGTH = 60
 _CHARACTER, _MARK, _LINE = 0.65, 5.0, 1.6
 
 
-def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure, in the form that the file's suffix names: every figure is as fine.
+def single_axes(width: float, height: float) -> tuple[Figure, Axes]:
+    """Return a figure of a size in inches with one axes and a faint grid."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axis = figure.subplots()
+    axis.grid(alpha=0.3)
+    return figure, axis
 
-    The same figure gives the same bytes: neither form holds when it was written.
+
+def marks(number: int) -> dict[str, Any]:
+    """Return colour and marker of a method or other series, by its number."""
+    colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+    return {"linestyle": "none", "markersize": 5, "color": colour, "marker": marker}
+
+
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a figure in the form that the file's suffix names.
+
+    The same figure gives the same bytes: no form holds the time.
     """
     undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
     with mpl.rc_context({"svg.hashsalt": path.stem}):
@@ -51,7 +67,7 @@ def write_forms(figure: Figure, folder: Path, name: str, forms: Sequence[str]) -
 
 
 def without_ticks(axes: Iterable[Axes], background: str) -> None:
-    """Make axes bare, as images have them; `background` shows where an image is masked."""
+    """Remove the ticks around images; `background` fills their masked parts."""
     for axis in axes:
         axis.set_xticks([])
         axis.set_yticks([])
@@ -59,9 +75,9 @@ def without_ticks(axes: Iterable[Axes], background: str) -> None:
 
 
 def depth_span(levels: NDArray[np.float64]) -> tuple[float, float]:
-    """Return between which levels depths are drawn: all there are, and twenty at least.
+    """Return the least and largest level to draw; at least twenty apart, NaN left out.
 
-    A flat board would be drawn as its noise otherwise. Levels that are unknown are NaN.
+    A flat board would otherwise be drawn as its noise.
 
     Examples
     --------
@@ -74,7 +90,7 @@ def depth_span(levels: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def brightening(infocus: NDArray[np.uint8]) -> int:
-    """Return how many times brighter a pair has to be shown to be seen; 1 for most.
+    """Return how many times brighter a dark pair must be drawn; 1 for most pairs.
 
     Examples
     --------
@@ -85,7 +101,7 @@ def brightening(infocus: NDArray[np.uint8]) -> int:
 
 
 def brightened(image: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
-    """Return an image so many times brighter, cut off at white.
+    """Multiply an image's brightness, cut off at white.
 
     Examples
     --------
@@ -96,7 +112,7 @@ def brightened(image: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
 
 
 def plain_text(text: str) -> str:
-    r"""Return text as matplotlib shows it letter by letter: no formulas, no hidden legends.
+    r"""Escape text that matplotlib would take for a formula or a hidden legend entry.
 
     Examples
     --------
@@ -108,28 +124,28 @@ def plain_text(text: str) -> str:
 
 
 def wrapped(text: str, width: int = _LABEL_LENGTH) -> str:
-    r"""Return plain text in lines of a few words, so that no name is wider than a figure.
+    r"""Wrap plain text, so that no name is wider than a figure.
 
     Examples
     --------
     >>> wrapped("graph-cuts color_space=rgb", 15)
     'graph-cuts\ncolor_space=rgb'
     """
-    # A dollar and the backslash before it are one letter, and stay on one line.
+    # A dollar and the backslash before it must stay on one line.
     lines = textwrap.wrap(text.replace(r"\$", "\0"), width, break_on_hyphens=False)
     return "\n".join(lines).replace("\0", r"\$") or text
 
 
 def legend_beside(axis: Axes, handles: Sequence[Artist] | None = None) -> None:
-    """Give axes their legend to the right of them, where it hides no data."""
+    """Put the axes' legend to their right, where it hides no data."""
     shown = axis.get_legend_handles_labels()[0] if handles is None else handles
     axis.legend(handles=list(shown), loc="upper left", bbox_to_anchor=(1, 1), fontsize=9)
 
 
 def legend_below(figure: Figure, axis: Axes) -> None:
-    """Give a figure the legend of one of its axes, below it and whole.
+    """Put the legend of one axes below the figure, in up to three columns.
 
-    There are as many columns as fit, three at most; the figure grows where names need more room.
+    The figure grows if names need more room.
     """
     handles, names = axis.get_legend_handles_labels()
     labels = [wrapped(name) for name in names]

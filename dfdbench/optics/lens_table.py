@@ -1,4 +1,4 @@
-"""A lens measured step by step: its blur by voltage step and distance, and pairs of steps."""
+"""A measured lens: its blur by voltage step and distance, and pairs of steps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dfdbench.errors import InputError, Problem, SourceError, reason_of
 from dfdbench.system.files import read_text
 
 _TABLE = "realworld-1/lens_blur_radius_px.csv"
-#: No image has a blur of so many pixels, no lens so many steps.
+#: More than any lens has steps, or any image pixels of blur.
 _MOST = 10**6
 _LAYOUT = "a heading step,0.4,0.5,... and a row a voltage step"
 
@@ -52,15 +52,11 @@ class LensTable:
         Raises
         ------
         InputError
-            Where the table has no such step.
+            If the table has no such step.
         """
         if step not in self.steps:
-            raise InputError(
-                "no such voltage step",
-                where="lens table",
-                expected=_range_text(self.steps),
-                got=str(step),
-            )
+            ends = f"{self.steps[0]} to {self.steps[-1]}"
+            raise InputError(f"the lens table has voltage steps {ends}, not {step}")
         row = self.radius[self.steps.index(step)].astype(np.float64)
         return np.asarray(np.interp(np.asarray(distance, np.float64), self.distances, row))
 
@@ -91,7 +87,7 @@ class StepPair:
 
     @property
     def monotonic(self) -> bool:
-        """True where the difference never turns: what the thesis requires of a pair."""
+        """Whether the difference never turns, as the thesis requires of a pair."""
         ordered = sorted(self.differences)
         return list(self.differences) in (ordered, ordered[::-1])
 
@@ -107,7 +103,7 @@ class StepPair:
 
     @property
     def longest_run(self) -> int:
-        """Over how many neighbouring distances the difference stays the same, at most."""
+        """The most neighbouring distances with the same difference."""
         return max(len(list(run)) for _, run in groupby(self.differences))
 
 
@@ -134,53 +130,53 @@ def read_lens_table(path: Path | None = None) -> LensTable:
     try:
         text = read_text(path) if path else shipped.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        expected = f"a CSV file: {_LAYOUT}"
-        raise SourceError(
-            "cannot read the lens table", where=str(path), expected=expected, got=reason_of(error)
-        ) from error
+        got = reason_of(error)
+        raise SourceError("cannot read the lens table", where=str(path), got=got) from error
     return parse_lens_table(text, str(path or _TABLE))
 
 
 def parse_lens_table(text: str, where: str) -> LensTable:
-    """Check a lens table's text and return it; `where` is the name that problems give.
+    """Parse a lens table; `where` names the file in errors.
 
     Raises
     ------
     SourceError
         With every problem of the text.
     """
-    rows = [row for row in csv.reader(text.splitlines()) if row]
-    if len(rows) < 2 or rows[0][0].strip() != "step" or len(rows[0]) < 3:
-        raise SourceError(
-            "not a lens table",
-            where=where,
-            expected=_LAYOUT,
-            got=",".join(rows[0][:4]) if rows else "an empty file",
-        )
+    heading, *rows = [row for row in csv.reader(text.splitlines()) if row] or [[""]]
+    if not rows or heading[0].strip() != "step" or len(heading) < 3:
+        raise SourceError("not a lens table", where=where, expected=_LAYOUT)
     problems: list[Problem] = []
-    distances = _numbers(rows[0][1:], f"{where}: heading", problems)
-    steps, radii = [], []
-    for line, row in enumerate(rows[1:], start=2):
+    distances = _numbers(heading[1:], f"{where}: heading", problems)
+    table = []
+    for line, row in enumerate(rows, start=2):
         place = f"{where}: line {line}"
-        if len(row) != len(rows[0]):
-            problems.append(
-                Problem(
-                    "a row of another length",
-                    where=place,
-                    expected=str(len(rows[0])),
-                    got=str(len(row)),
-                )
-            )
-            continue
-        numbers = _whole_numbers(row, place, problems)
-        steps.append(int(numbers[0]))
-        radii.append([int(number) for number in numbers[1:]])
+        if len(row) != len(heading):
+            what = f"{len(row)} cells under a heading of {len(heading)}"
+            problems.append(Problem(what, where=place))
+        elif numbers := _numbers(row, place, problems):
+            if not all(number.is_integer() for number in numbers):
+                problems.append(Problem("not whole steps and pixels", where=place, got=str(row)))
+            table.append([int(number) for number in numbers])
+    steps = [row[0] for row in table]
     for what, values in (("distances", distances), ("voltage steps", steps)):
         if sorted(set(values)) != list(values):
             problems.append(Problem(f"{what} do not ascend", where=where, got=str(values)))
     if problems:
         raise SourceError.of(problems)
-    return LensTable(tuple(steps), tuple(distances), np.array(radii, np.int64))
+    radius = np.array([row[1:] for row in table], np.int64)
+    return LensTable(tuple(steps), tuple(distances), radius)
+
+
+def _numbers(cells: list[str], where: str, problems: list[Problem]) -> list[float]:
+    try:
+        numbers = [float(cell) for cell in cells]
+    except ValueError:
+        numbers = [math.nan]
+    if all(0 <= number <= _MOST for number in numbers):
+        return numbers
+    problems.append(Problem(f"not numbers of 0 to {_MOST}", where=where, got=",".join(cells)))
+    return []
 
 
 def pair_difference(table: LensTable, first: int, second: int, near: float, far: float) -> StepPair:
@@ -198,15 +194,21 @@ def pair_difference(table: LensTable, first: int, second: int, near: float, far:
     Raises
     ------
     InputError
-        Where the table lacks a step, or has fewer than two distances in the range.
+        If the table lacks a step, or has fewer than two distances in the range.
 
     Examples
     --------
     >>> pair_difference(read_lens_table(), 141, 129, 1.5, 2.2).differences
     (1, 1, 2, 2, 3, 3, 3, 4)
     """
-    within = _distances_within(table, near, far)
-    distances = tuple(table.distances[place] for place in within)
+    # A nanometre of slack: 1.6 typed and 1.6 read are the same distance.
+    distances = tuple(d for d in table.distances if near - 1e-9 <= d <= far + 1e-9)
+    if len(distances) < 2:
+        raise InputError(
+            f"fewer than two measured distances in {near:g} to {far:g} m",
+            where="--range",
+            fix=f"stay within {table.distances[0]:g} to {table.distances[-1]:g} m",
+        )
     radii = [table.radius_at(step, distances) for step in (first, second)]
     differences = np.abs(radii[0] - radii[1]).astype(np.int64)
     return StepPair(max(first, second), min(first, second), distances, tuple(differences.tolist()))
@@ -215,9 +217,9 @@ def pair_difference(table: LensTable, first: int, second: int, near: float, far:
 def rank_pairs(table: LensTable, near: float, far: float) -> tuple[StepPair, ...]:
     """Return the usable pairs of voltage steps, best first, by the thesis's criteria (7.2.3).
 
-    A pair is usable where the difference of its blur radii is monotonic over the range and not
-    constant. Better is one that repeats fewer values, then the larger span, then the shorter
-    longest run of one value, then the more even growth, then the lesser blur.
+    A pair is usable if the difference of its blur radii is monotonic over the range and not
+    constant. Better pairs repeat fewer values, then have a larger span, then a shorter longest
+    run of one value, then more even growth, then less blur.
 
     Parameters
     ----------
@@ -251,49 +253,3 @@ def _merit(pair: StepPair) -> tuple[float, ...]:
         -pair.first,
         -pair.second,
     )
-
-
-def _distances_within(table: LensTable, near: float, far: float) -> list[int]:
-    # A nanometre of slack: 1.6 typed and 1.6 read are the same distance.
-    within = [n for n, d in enumerate(table.distances) if near - 1e-9 <= d <= far + 1e-9]
-    if len(within) < 2:
-        ends = f"{table.distances[0]:g} to {table.distances[-1]:g} m"
-        raise InputError(
-            "fewer than two measured distances in the range",
-            where="--range",
-            expected=f"within {ends}",
-            got=f"{near:g} to {far:g} m",
-        )
-    return within
-
-
-def _whole_numbers(cells: list[str], where: str, problems: list[Problem]) -> list[float]:
-    numbers = _numbers(cells, where, problems)
-    if any(number != int(number) or not 0 <= number <= _MOST for number in numbers):
-        problems.append(
-            Problem(
-                "not whole pixels",
-                where=where,
-                expected=f"0, 1, 2, ... {_MOST}",
-                got=",".join(cells),
-            )
-        )
-    return numbers
-
-
-def _numbers(cells: list[str], where: str, problems: list[Problem]) -> list[float]:
-    numbers = []
-    for cell in cells:
-        try:
-            number = float(cell)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            problems.append(Problem("not a number", where=where, got=cell))
-            number = 0.0
-        numbers.append(number)
-    return numbers
-
-
-def _range_text(steps: tuple[int, ...]) -> str:
-    return f"{steps[0]} to {steps[-1]}"

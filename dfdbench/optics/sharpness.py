@@ -1,13 +1,27 @@
-"""How sharp an image is: by the sum of its spectrum, and by its discrete cosine transform."""
+"""How sharp an image is, and how sharp a lens is over temperature and voltage (7.2.1)."""
 
 from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
+from scipy import fft, ndimage
+
+from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.system.files import LARGEST_ARRAY, read_whole
 
 Image = NDArray[np.uint8]
+
+FOLDERS = ("temperature", "up", "down")
+_NAME = re.compile(r"image_(\d+)_(\d+(?:\.\d+)?)(?:_(\d+(?:\.\d+)?))?\.png")
+_MARGIN = 3  # pixels around the dot that its blur reaches
+_LEAST_CONTRAST = 10  # levels
+_STEP, _TEMPERATURE = attrgetter("step"), attrgetter("temperature")
 
 
 def spectrum_sum(image: Image) -> float:
@@ -79,5 +93,103 @@ def sharpest(images: list[Image]) -> int:
 
 
 def to_grey(image: Image) -> Image:
-    """Return an image's luma, shape (y, x); a grey image is returned as it is."""
+    """Return an image's luma, shape (y, x); a grey image is returned unchanged."""
     return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+
+
+@dataclass(frozen=True, order=True)
+class Measurement:
+    """One image of the dot.
+
+    Parameters
+    ----------
+    step : int
+        Voltage step.
+    temperature : float
+        Of the camera, in °C; NaN if the file's name lacks it.
+    sharpness, background : float
+        Discrete cosine sharpness of the image, and of its background alone.
+    """
+
+    step: int
+    temperature: float
+    sharpness: float
+    background: float
+
+
+def read_lens_captures(folder: Path) -> dict[str, tuple[Measurement, ...]]:
+    """Measure every image of a lens test.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds any of ``temperature/image_135_40.00_27.25.png`` (step, exposure in ms, °C), and
+        ``up/image_127_30.00.png``, ``down/image_127_30.00.png`` (step, exposure).
+
+    Returns
+    -------
+    dict of str to tuple of Measurement
+        By folder: `temperature` ascending in it, `up` and `down` in voltage step.
+
+    Raises
+    ------
+    SourceError
+        With every file that cannot be used, or if there is none at all.
+    """
+    problems: list[Problem] = []
+    found: dict[str, tuple[Measurement, ...]] = {}
+    for name in FOLDERS:
+        warms, measured = name == "temperature", []
+        for path in sorted((folder / name).glob("*.png")):
+            try:
+                measured.append(_measure(path, warms))
+            except SourceError as error:
+                problems += error.problems
+        if measured:
+            found[name] = tuple(sorted(measured, key=_TEMPERATURE if warms else _STEP))
+    if problems:
+        raise SourceError.of(problems)
+    if not found:
+        fix = "to see the layout: dfdbench rig simulate lens --out DIR"
+        raise SourceError("no captures of a lens test", where=str(folder), fix=fix)
+    return found
+
+
+def without_dot(image: Image) -> Image:
+    """Return an image with its bright dot replaced by the mean of the background, rounded down.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (y, x)
+        Grey.
+
+    Examples
+    --------
+    >>> dotted = np.full((32, 32), 20, np.uint8)
+    >>> dotted[14:18, 14:18] = 250
+    >>> int(without_dot(dotted).max())
+    20
+    """
+    split, _ = cv2.threshold(image, 0, 255, cv2.THRESH_OTSU)
+    dot = ndimage.binary_dilation(image > split, iterations=_MARGIN)
+    return np.where(dot, int(image[~dot].mean()), image).astype(np.uint8)
+
+
+def _measure(path: Path, warms: bool) -> Measurement:
+    where = str(path)
+    match = _NAME.fullmatch(path.name)
+    if not match or (warms and match[3] is None):
+        shape = "image_STEP_EXPOSURE_TEMPERATURE.png" if warms else "image_STEP_EXPOSURE.png"
+        raise SourceError(f"the name is not {shape}", where=where)
+    try:
+        content = read_whole(path, LARGEST_ARRAY)
+    except OSError as error:
+        raise SourceError("cannot read the file", where=where, got=reason_of(error)) from error
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR_RGB)
+    if image is None:
+        raise SourceError("not a PNG image", where=where)
+    grey = to_grey(np.asarray(image, np.uint8))
+    if int(grey.max()) - int(grey.min()) < _LEAST_CONTRAST:
+        raise SourceError("no white dot on black in the image", where=where)
+    sharpness, background = dct_sharpness(grey), dct_sharpness(without_dot(grey))
+    return Measurement(int(match[1]), float(match[3] or "nan"), sharpness, background)

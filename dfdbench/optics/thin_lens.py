@@ -1,4 +1,4 @@
-"""Thin-lens optics (thesis, ch. 2): how large the blur of a point is, and what it tells of depth.
+"""Thin-lens optics (thesis, ch. 2): how large the blur of a point is, and what it says of depth.
 
 Lengths are in metres throughout. What the thesis calls the blur radius, Eq. 2.11 to 2.16, is the
 full width D (d_f - d_o) / d_f projected onto the sensor; its figures and tables use that number,
@@ -39,8 +39,7 @@ class ThinLens:
     Raises
     ------
     InputError
-        Where a number is not positive or none that a lens could have, or the focus lies within the
-        focal length.
+        If a number is impossible for a lens, or the focus is within the focal length.
 
     Examples
     --------
@@ -56,24 +55,13 @@ class ThinLens:
 
     def __post_init__(self) -> None:
         problems = [
-            Problem("not a positive number", where=name, got=str(value))
+            Problem(f"not a number of {_LEAST} to {_MOST}", where=name, got=f"{value:g}")
             for name, value in vars(self).items()
-            if not (np.isfinite(value) and value > 0)
-        ]
-        problems += [
-            Problem("not a lens's", where=name, expected=f"{_LEAST} to {_MOST}", got=f"{value:g}")
-            for name, value in vars(self).items()
-            if not problems and not _LEAST <= value <= _MOST
+            if not _LEAST <= value <= _MOST
         ]
         if not problems and self.focus_distance <= self.focal_length:
-            problems.append(
-                Problem(
-                    "no real image",
-                    where="focus_distance",
-                    expected=f"more than the {self.focal_length:g} m of the focal length",
-                    got=f"{self.focus_distance:g} m",
-                )
-            )
+            what = f"no real image: the focus is within the focal length of {self.focal_length:g} m"
+            problems = [Problem(what, where="focus_distance", got=f"{self.focus_distance:g} m")]
         if problems:
             raise InputError.of(problems)
 
@@ -86,16 +74,6 @@ class ThinLens:
             d_f in metres, at least the focus distance; infinity is allowed.
         """
         return self._scale() * (1 / self.focus_distance - 1 / _distances(distance))
-
-    def blur_radius_near(self, distance: ArrayLike) -> Floats:
-        """Return the blur of points before the focus, in metres on the sensor (Eq. 2.15, 2.16).
-
-        Parameters
-        ----------
-        distance : array_like of float
-            d_n in metres, at most the focus distance.
-        """
-        return self._scale() * (1 / _distances(distance) - 1 / self.focus_distance)
 
     def blur_radius(self, distance: ArrayLike) -> Floats:
         """Return the blur at any distance, in metres on the sensor (Fig. 2.5, blue line).
@@ -116,13 +94,13 @@ class ThinLens:
         distance : array_like of float
             In metres.
         infocus_f_number : float, optional
-            Of the image that is to be blurred, where the same lens took it with a smaller
-            aperture; by default it has no blur of its own.
+            Of the image to blur, if the same lens took it with a smaller aperture; by default
+            that image has no blur of its own.
 
         Raises
         ------
         InputError
-            Where that aperture is not the smaller one.
+            If that aperture is not smaller.
 
         Notes
         -----
@@ -140,12 +118,8 @@ class ThinLens:
         if infocus_f_number is None:
             return np.asarray(sigmas)
         if not infocus_f_number > self.f_number:
-            raise InputError(
-                "the in-focus image has no smaller aperture",
-                where="infocus_f_number",
-                expected=f"more than {self.f_number:g}",
-                got=f"{infocus_f_number:g}",
-            )
+            what = f"the in-focus image has no smaller aperture than f/{self.f_number:g}"
+            raise InputError(what, where="infocus_f_number", got=f"{infocus_f_number:g}")
         return np.asarray(sigmas * np.sqrt(1 - (self.f_number / infocus_f_number) ** 2))
 
     def max_blur_radius(self) -> float:
@@ -205,23 +179,10 @@ class ThinLens:
         accepted = self.pixel_size if blur is None else blur
         return float(self.focal_length**2 / (self.f_number * accepted) + self.focal_length)
 
-    def blur_difference(self, first: ArrayLike, second: ArrayLike) -> Floats:
-        """Return by how many pixels the blur of two points differs (Eq. 2.20, 2.21).
-
-        The points lie on the same side of the focus; they can be told apart from 1 on.
-
-        Parameters
-        ----------
-        first, second : array_like of float
-            d_1 and d_2 in metres.
-        """
-        inverse = np.abs(1 / _distances(second) - 1 / _distances(first))
-        return np.asarray(self._scale() * inverse / self.pixel_size)
-
     def depth_resolution(self, distance: ArrayLike) -> Floats:
         """Return how much farther a point must lie for its blur to grow by a pixel, in metres.
 
-        Eq. 2.21 as an equality, solved for d_2 - d_1; infinite where no distance is far enough.
+        Eq. 2.21 as an equality, solved for d_2 - d_1; infinite if no distance is far enough.
 
         Parameters
         ----------
@@ -244,47 +205,6 @@ class ThinLens:
 
     def _scale(self) -> float:
         return self.focus_distance * self.focal_length**2 / (self.f_number * self._reach())
-
-
-def image_distance(object_distance: ArrayLike, focal_length: float) -> Floats:
-    """Return where a thin lens forms the image, in metres behind it (Eq. 2.2, 2.9).
-
-    Parameters
-    ----------
-    object_distance : array_like of float
-        d_o in metres, more than the focal length.
-    focal_length : float
-        f in metres.
-
-    Examples
-    --------
-    >>> image_distance(0.5, 9.6e-3).round(6).item()
-    0.009788
-    """
-    distance = _distances(object_distance)
-    return np.asarray(focal_length * distance / (distance - focal_length))
-
-
-def image_height(
-    object_height: ArrayLike, object_distance: ArrayLike, focal_length: float
-) -> Floats:
-    """Return how high an object's image is, in metres (Eq. 2.3, 2.4).
-
-    Parameters
-    ----------
-    object_height, object_distance : array_like of float
-        h_o and d_o in metres.
-    focal_length : float
-        f in metres.
-
-    Examples
-    --------
-    >>> image_height(1.0, 0.5, 9.6e-3).round(6).item()
-    0.019576
-    """
-    distance = _distances(object_distance)
-    height = np.asarray(object_height, np.float64)
-    return np.asarray(height * image_distance(distance, focal_length) / distance)
 
 
 def _distances(distance: ArrayLike) -> Floats:

@@ -1,4 +1,4 @@
-"""What a report says, whatever its form: headings, tables, plots, and pairs worst first."""
+"""The content of a report in any form: headings, tables, plots, and pairs worst first."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from dfdbench.figures.comparison import accuracy_figure, lighting_figures, time_figure
-from dfdbench.figures.groups import group_figures
-from dfdbench.leaderboard.board_tables import lighting_table, runs_table, standings_table
-from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards
+from dfdbench.figures.comparisons import accuracy_figure, lighting_figures, time_figure
+from dfdbench.figures.runs import group_figures
+from dfdbench.figures.style import write_forms
+from dfdbench.leaderboard.ranking import Entry, ScoreBoard, boards
+from dfdbench.leaderboard.tables import lighting_table, runs_table, standings_table
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import ranked_by, require_scored
 from dfdbench.results.record import PairResult
@@ -26,16 +27,8 @@ from dfdbench.tables.table import Table
 class Section:
     """Runs that may be compared: of one data set fingerprint and split.
 
-    Parameters
-    ----------
-    heading, fingerprint : str
-        Which data.
-    tables : tuple of Table
-        Ranking, scores by lighting, how they were run.
-    details : tuple of (str, tuple of Table)
-        Each method's own tables, by its label.
-    plots : dict of str to Figure
-        By what each shows.
+    `tables` are the ranking, the scores by lighting and how the runs were made; `details` each
+    method's own tables, by its label; `plots` are by what each shows.
     """
 
     heading: str
@@ -46,29 +39,23 @@ class Section:
 
 
 @dataclass(frozen=True)
-class ShownPair:
-    """A pair of a run whose images can be shown."""
-
-    run: SavedRun
-    pair: PairResult
-
-
-@dataclass(frozen=True)
 class Content:
     """All that a report says.
 
     Parameters
     ----------
-    title, summary : str, tuple of str
-        What it is about, in a line and in a few.
+    title : str
+        What it is about.
     protocol : str
-        Under which everything is scored.
+        The protocol of every score.
+    summary : tuple of str
+        A sentence a section.
     methods : tuple of str
         The methods' labels, best first.
     sections : tuple of Section
         One for each set of comparable runs.
-    pairs : tuple of ShownPair
-        Worst first, by what ranks under the protocol.
+    pairs : tuple of (SavedRun, PairResult)
+        Pairs whose images can be shown, worst first by the ranking metric.
     missing : tuple of str
         Runs without a gallery, and why.
     """
@@ -78,28 +65,21 @@ class Content:
     summary: tuple[str, ...]
     methods: tuple[str, ...]
     sections: tuple[Section, ...]
-    pairs: tuple[ShownPair, ...]
+    pairs: tuple[tuple[SavedRun, PairResult], ...]
     missing: tuple[str, ...]
 
 
 def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
-    """Gather what a report on these runs says.
-
-    Parameters
-    ----------
-    runs : sequence of SavedRun
-        At least one.
-    protocol : str
-        Under which protocol.
+    """Gather the content of a report on at least one run.
 
     Raises
     ------
     UnknownNameError
-        Where a run was not scored under that protocol.
+        If a run was not scored under the protocol.
     """
     for run in runs:
         require_scored(protocol, run.result.protocol_names, str(run.path))
-    found = boards([Entry(run.result, run.path, None, run.place) for run in runs])
+    found = boards([Entry.of(run.result, run.path, run.place) for run in runs])
     sections, sentences = [], []
     shown: list[tuple[SavedRun, RunSummary]] = []
     for board in found:
@@ -147,7 +127,7 @@ def _section_of(
         plots["accuracy and seconds"] = accuracy
     ranking = standings_table(board, folder)
     tables = (ranking, lighting_table(board), runs_table(board))
-    return Section(ranking.title, board.fingerprint, tables, details, plots)
+    return Section(ranking.title, board.result.dataset.fingerprint, tables, details, plots)
 
 
 def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:
@@ -164,11 +144,29 @@ def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:
     return f"{where}: {lead}{scored[0].label}, {', '.join(parts)}."
 
 
-def _worst_first(runs: Sequence[tuple[SavedRun, RunSummary]]) -> tuple[ShownPair, ...]:
-    found = [
-        (pair.score(summary.protocol, ranked_by(summary.protocol)[0]) or 0.0, ShownPair(run, pair))
-        for run, summary in runs
-        if run.store is not None
-        for pair in summary.ranked
-    ]
-    return tuple(shown for _, shown in sorted(found, key=lambda item: -item[0]))
+def _worst_first(
+    runs: Sequence[tuple[SavedRun, RunSummary]],
+) -> tuple[tuple[SavedRun, PairResult], ...]:
+    def score(shown: tuple[SavedRun, RunSummary, PairResult]) -> float:
+        _, summary, pair = shown
+        return pair.score(summary.protocol, ranked_by(summary.protocol)[0]) or 0.0
+
+    kept = [(run, summary) for run, summary in runs if run.store is not None]
+    found = [(run, summary, pair) for run, summary in kept for pair in summary.ranked]
+    return tuple((run, pair) for run, _, pair in sorted(found, key=score, reverse=True))
+
+
+def write_plots(
+    content: Content, folder: Path, forms: Sequence[str]
+) -> list[list[tuple[str, str]]]:
+    """Write each section's plots as ``1-seconds-per-pair.png`` in each form: png, pdf, svg.
+
+    Return them by section, as (what, file of the first form).
+    """
+    written = []
+    for number, section in enumerate(content.sections, 1):
+        stems = {name: f"{number}-{name.replace(' ', '-')}" for name in section.plots}
+        for name, figure in section.plots.items():
+            write_forms(figure, folder, stems[name], forms)
+        written.append([(name, f"{stem}.{forms[0]}") for name, stem in stems.items() if forms])
+    return written

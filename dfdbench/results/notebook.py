@@ -10,7 +10,7 @@ from dfdbench.results.run_tables import run_score_table
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.summary import ranked, summarise
 from dfdbench.results.wording import score_text
-from dfdbench.tables.html import as_html
+from dfdbench.tables.table import as_html
 
 _WORST = 3
 

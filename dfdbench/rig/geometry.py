@@ -11,14 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dfdbench.rig.depth_map import UPSAMPLING
-from dfdbench.rig.lidar import Beams
-
-Floats = NDArray[np.float64]
+from dfdbench.rig.lidar import UPSAMPLING, Beams, Floats
 
 
 @dataclass(frozen=True)
-class Rig:
+class CaptureRig:
     """A camera and a LIDAR on one mount.
 
     Parameters
@@ -30,7 +27,7 @@ class Rig:
     crop_size : int
         Side of the square that is kept of it, from its middle.
     baseline : float
-        How far the LIDAR lies above the camera, in metres.
+        How far the LIDAR is above the camera, in metres.
     """
 
     focal_length: float = 2000.0
@@ -50,16 +47,11 @@ class Rig:
         return frame[y : y + self.crop_size, x : x + self.crop_size]
 
     def project(self, points: Floats) -> Floats:
-        """Return where points of the camera's space appear in a frame, in pixels (x, y).
-
-        Parameters
-        ----------
-        points : ndarray of float, shape (..., 3)
-            In metres, ahead of the camera.
+        """Return where points (..., 3) ahead of the camera, in metres, are in a frame: (x, y).
 
         Examples
         --------
-        >>> Rig().project(np.array([0.15, 0.0, 1.5])).tolist()
+        >>> CaptureRig().project(np.array([0.15, 0.0, 1.5])).tolist()
         [567.5, 363.5]
         """
         height, width = self.frame_size
@@ -69,7 +61,7 @@ class Rig:
 
 @dataclass(frozen=True)
 class Pose:
-    """How the LIDAR is turned against the camera, in degrees; all 0 where they are parallel.
+    """How the LIDAR is turned against the camera, in degrees; all 0 if they are parallel.
 
     Parameters
     ----------
@@ -81,7 +73,7 @@ class Pose:
     pitch: float = 0.0
     roll: float = 0.0
 
-    def to_camera(self, points: Floats, rig: Rig) -> Floats:
+    def to_camera(self, points: Floats, rig: CaptureRig) -> Floats:
         """Return points of the LIDAR's space in the camera's, shape (..., 3)."""
         return np.asarray(self.turn(points) + np.array([0.0, -rig.baseline, 0.0]))
 
@@ -118,17 +110,9 @@ def beam_directions(beams: Beams, columns: NDArray[np.int64], turn: int = 2048) 
 
 
 def depth_image_places(rows: int, columns: int) -> Floats:
-    """Return where each cell of the cropped scan lands in `dfdbench.rig.depth_map.depth_image`.
+    """Return where each cell of the cropped scan lands in `dfdbench.rig.lidar.depth_image`.
 
-    Parameters
-    ----------
-    rows, columns : int
-        Of the scan after `dfdbench.rig.lidar.crop_columns`.
-
-    Returns
-    -------
-    ndarray of float, shape (row, column, 2)
-        The middle of the block that a cell is scaled up to, in pixels (x, y).
+    The middle of the block that a cell is scaled up to, in pixels (x, y), shape (row, column, 2).
     """
     down, across = UPSAMPLING[-1]
     x = (np.arange(columns) + 0.5) * across - 0.5

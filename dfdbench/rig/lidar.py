@@ -1,9 +1,9 @@
-"""A LIDAR's ranges, averaged, turned and cleaned (thesis, 3.2.5): one pure function a step.
+"""From a LIDAR's ranges to a depth map on the camera's image (thesis, 3.2.5): a function a step.
 
 Ranges are in millimetres, shape (beam, column); 0 means that nothing came back. A column is a
-measurement ID, 0 to 2047 in a turn, 1024 straight ahead. Arrays of values travel with an array
-`valid` of the same shape: values are filled from their neighbours where there was no return, so
-that filters have something to work on, and `valid` says where that is so.
+measurement ID, 0 to 2047 in a turn, 1024 straight ahead. An array `valid` of the same shape goes
+with the values: without a return, values are filled from their neighbours, so that filters have
+something to work on, and `valid` is False.
 """
 
 from __future__ import annotations
@@ -12,10 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -25,6 +27,10 @@ Kind = TypeVar("Kind", bound=np.generic)
 CENTRE_COLUMN = 1024
 HALF_WIDTH = 150
 _MEDIAN = 7
+MILLIMETRES_PER_LEVEL = 10
+_UPSAMPLED_MEDIAN = 13
+#: Total scale after each of the six steps: (height, width).
+UPSAMPLING = ((3, 2), (6, 2), (9, 4), (12, 4), (15, 6), (18, 6))
 
 
 @dataclass(frozen=True)
@@ -52,28 +58,25 @@ def average_scans(scans: Sequence[NDArray[np.int32]]) -> Floats:
     Parameters
     ----------
     scans : sequence of ndarray of int, shape (beam, column)
-        Ranges in millimetres, 0 where nothing came back.
+        Ranges in millimetres, 0 if nothing came back.
 
     Returns
     -------
     ndarray of float, shape (beam, column)
-        0 where no scan had a return.
+        0 if no scan had a return.
 
     Raises
     ------
     InputError
-        Where there is no scan, or they differ in shape.
+        If there is no scan, or they differ in shape.
 
     Examples
     --------
     >>> average_scans([np.array([[1500, 0, 0]]), np.array([[1510, 1600, 0]])]).tolist()
     [[1505.0, 1600.0, 0.0]]
     """
-    shapes = {scan.shape for scan in scans}
-    if len(shapes) != 1:
-        raise InputError(
-            "scans differ in shape", where="scans", expected="one shape", got=str(shapes or 0)
-        )
+    if len({scan.shape for scan in scans}) != 1:
+        raise InputError("there are no scans, or they differ in shape")
     stack = np.stack(scans).astype(np.float64)
     count = (stack > 0).sum(axis=0)
     return np.asarray(stack.sum(axis=0) / np.maximum(count, 1))
@@ -94,7 +97,7 @@ def to_cartesian(ranges: Floats, beams: Beams) -> tuple[Floats, Floats, Floats]:
     Raises
     ------
     InputError
-        Where there is not a beam for each row.
+        If there is not one beam a row.
 
     Examples
     --------
@@ -105,12 +108,7 @@ def to_cartesian(ranges: Floats, beams: Beams) -> tuple[Floats, Floats, Floats]:
     """
     rows, columns = ranges.shape
     if rows != len(beams.altitude):
-        raise InputError(
-            "not a beam for each row",
-            where="beams",
-            expected=f"{rows} beams",
-            got=f"{len(beams.altitude)}",
-        )
+        raise InputError(f"{rows} rows of ranges need as many beams, not {len(beams.altitude)}")
     measurement = np.arange(columns) + beams.azimuth_index[:, np.newaxis]
     theta = 2 * np.pi * (measurement % columns - (columns - 1) / 2) / columns
     phi = 2 * np.pi * beams.altitude[:, np.newaxis] / 360
@@ -143,24 +141,24 @@ def align_columns(values: Floats, beams: Beams) -> Floats:
     return np.stack([np.roll(row, index) for row, index in rows])
 
 
-def crop_columns(values: Floats, centre: int = CENTRE_COLUMN, half: int = HALF_WIDTH) -> Floats:
-    """Return the columns that look ahead: `half` to each side of `centre`, 300 by default.
+def crop_columns(values: Floats) -> Floats:
+    """Return the 300 columns that look ahead.
 
     Examples
     --------
     >>> crop_columns(np.zeros((64, 2048))).shape
     (64, 300)
     """
-    return values[:, centre - half : centre + half]
+    return values[:, CENTRE_COLUMN - HALF_WIDTH : CENTRE_COLUMN + HALF_WIDTH]
 
 
 def fill_missing(values: Floats, valid: Mask) -> Floats:
-    """Return the values with each that is not valid taken from the nearest that is.
+    """Replace each invalid value by the nearest valid one.
 
     Raises
     ------
     InputError
-        Where nothing is valid.
+        If nothing is valid.
 
     Examples
     --------
@@ -168,9 +166,7 @@ def fill_missing(values: Floats, valid: Mask) -> Floats:
     [[5.0, 5.0, 9.0, 9.0]]
     """
     if not valid.any():
-        raise InputError(
-            "the LIDAR saw nothing ahead", where="ranges", expected="returns", got="all are 0"
-        )
+        raise InputError("the LIDAR saw nothing ahead: all ranges are 0")
     nearest = ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True)
     return np.asarray(values[tuple(nearest)])
 
@@ -178,8 +174,7 @@ def fill_missing(values: Floats, valid: Mask) -> Floats:
 def median_cross(values: Floats, length: int = _MEDIAN) -> Floats:
     """Return the values after a median along columns, then one along rows.
 
-    A square median of that length would round the corners of what the LIDAR sees. Past its edge
-    the image goes on as its mirror image.
+    A square median of that length would round corners. Beyond its edge the image is mirrored.
 
     Parameters
     ----------
@@ -197,3 +192,104 @@ def _median_rows(values: Floats, length: int) -> Floats:
     padded = np.pad(values, ((0, 0), (half, half)), mode="symmetric")
     flat = ndimage.median_filter(np.ascontiguousarray(padded).ravel(), size=length)
     return np.asarray(flat.reshape(padded.shape)[:, half:-half])
+
+
+def to_levels(distance: Floats) -> Floats:
+    """Return distances in millimetres as whole centimetres, clipped to the levels 0 to 255.
+
+    Examples
+    --------
+    >>> to_levels(np.array([1509.9, 2550.0, 4000.0])).tolist()
+    [150.0, 255.0, 255.0]
+    """
+    return np.clip(np.floor(distance / MILLIMETRES_PER_LEVEL), 0, LAST_LEVEL)
+
+
+def in_range(distance: Floats) -> Mask:
+    """Return where a distance in millimetres has a level of its own: below 2.55 m.
+
+    Level 255 also stands for everything farther.
+
+    Examples
+    --------
+    >>> in_range(np.array([0.0, 1500.0, 2549.0, 2550.0])).tolist()
+    [False, True, True, False]
+    """
+    return (distance >= MILLIMETRES_PER_LEVEL) & (distance < LAST_LEVEL * MILLIMETRES_PER_LEVEL)
+
+
+def upsample(levels: Floats, valid: Mask) -> tuple[Floats, Mask]:
+    """Return levels and validity 18 times as high and 6 times as wide, in six steps.
+
+    Each step scales to the nearest neighbour, then takes the medians 13 x 1 and 1 x 13, which
+    round off the stairs that scaling leaves. What was invalid stays so, and so does what a median
+    took from beyond the range.
+
+    Examples
+    --------
+    >>> levels, valid = upsample(np.full((64, 300), 150.0), np.ones((64, 300), bool))
+    >>> levels.shape, float(levels.min()), bool(valid.all())
+    ((1152, 1800), 150.0, True)
+    """
+    height, width = levels.shape
+    scaled = levels
+    for down, across in UPSAMPLING:
+        scaled = median_cross(_nearest(scaled, height * down, width * across), _UPSAMPLED_MEDIAN)
+    return scaled, np.asarray(_nearest(valid, *scaled.shape) & (scaled < LAST_LEVEL))
+
+
+def warp(
+    levels: Floats, valid: Mask, matrix: Floats, shape: tuple[int, int]
+) -> tuple[NDArray[np.uint8], Mask]:
+    """Return levels and validity as the camera sees them.
+
+    Parameters
+    ----------
+    levels, valid : ndarray, shape (y, x)
+        After `upsample`.
+    matrix : ndarray of float, shape (3, 3)
+        Projective, from a place (x, y) of `levels` to one of the image, in pixels.
+    shape : tuple of int
+        Height and width of the image.
+
+    Returns
+    -------
+    levels : ndarray of uint8, shape `shape`
+        0 if not valid.
+    valid : ndarray of bool, shape `shape`
+        Also False if only the camera sees the place.
+    """
+    warped, seen = (
+        cv2.warpPerspective(part.astype(np.uint8), matrix, shape[::-1], flags=cv2.INTER_NEAREST)
+        for part in (levels, valid)
+    )
+    return np.where(seen, warped, 0).astype(np.uint8), seen.astype(bool)
+
+
+def depth_image(ranges: Floats, beams: Beams) -> tuple[Floats, Mask]:
+    """Return what the LIDAR saw ahead as levels, before registration: every step up to `upsample`.
+
+    Parameters
+    ----------
+    ranges : ndarray of float, shape (beam, column)
+        Averaged, in millimetres.
+    beams : Beams
+        Where each row points.
+
+    Returns
+    -------
+    levels : ndarray of float, shape (18 * beam, 1800)
+        Depth levels.
+    valid : ndarray of bool
+        False if nothing came back, or from farther than the levels reach.
+    """
+    distance = crop_columns(align_columns(to_cartesian(ranges, beams)[0], beams))
+    returned = crop_columns(align_columns(ranges, beams)) > 0
+    filtered = median_cross(fill_missing(distance, returned))
+    return upsample(to_levels(filtered), returned & in_range(filtered))
+
+
+def _nearest(values: NDArray[Kind], height: int, width: int) -> NDArray[Kind]:
+    rows = (2 * np.arange(height) + 1) * values.shape[0] // (2 * height)
+    columns = (2 * np.arange(width) + 1) * values.shape[1] // (2 * width)
+    return np.asarray(values[rows[:, np.newaxis], columns])

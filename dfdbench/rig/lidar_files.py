@@ -15,10 +15,10 @@ from dfdbench.system.array_files import UNREADABLE, load_array
 from dfdbench.system.files import LARGEST_ARRAY, read_text, read_whole
 
 _OS1 = "realworld-1/os1_beams.csv"
-_COLUMNS = ("beam", "altitude_deg", "azimuth_deg", "azimuth_index")
+#: The columns that are read, and how large their numbers may be; no scan has more columns.
+_LIMITS = {"altitude_deg": 90, "azimuth_deg": 360, "azimuth_index": 2**16}
 _HEADER = 8
-#: More columns no LIDAR's scan has.
-_MOST_COLUMNS = 2**16
+_FARTHEST = np.iinfo(np.int32).max
 
 
 def read_ranges(path: Path) -> NDArray[np.int32]:
@@ -35,32 +35,28 @@ def read_ranges(path: Path) -> NDArray[np.int32]:
     Returns
     -------
     ndarray of int32, shape (beam, column)
-        Millimetres; 0 where nothing came back.
+        Millimetres; 0 if nothing came back.
 
     Raises
     ------
     SourceError
-        Where the header disagrees with the length, the bytes are in big-endian order, or the
-        values are no ranges.
+        If the header disagrees with the length, the bytes are big-endian, or the values are not
+        ranges.
     """
     try:
-        ranges = (
-            _load_array(path)
-            if path.suffix == ".npy"
-            else _decode(read_whole(path, LARGEST_ARRAY), path)
-        )
+        array = load_array(path) if path.suffix == ".npy" else _decode(path)
     except OSError as error:
-        raise SourceError(
-            "cannot read the range file", where=str(path), got=reason_of(error)
-        ) from error
-    if ranges.size == 0 or ranges.min() < 0:
-        raise SourceError(
-            "not ranges",
-            where=str(path),
-            expected="0 or more millimetres in each cell",
-            got=f"shape {ranges.shape}" if ranges.size == 0 else f"a range of {ranges.min()}",
-        )
-    return ranges
+        got = reason_of(error)
+        raise SourceError("cannot read the range file", where=str(path), got=got) from error
+    except UNREADABLE as error:
+        raise SourceError("not a NumPy array", where=str(path), got=str(error)) from error
+    if array.ndim != 2 or not array.size or not np.issubdtype(array.dtype, np.integer):
+        what = "not ranges: whole numbers of shape (beam, column)"
+        raise SourceError(what, where=str(path), got=f"{array.dtype}, shape {array.shape}")
+    if array.min() < 0 or array.max() > _FARTHEST:
+        what = f"not ranges: 0 to {_FARTHEST} mm in each cell"
+        raise SourceError(what, where=str(path), got=f"{array.min()} to {array.max()}")
+    return np.array(array, np.int32)
 
 
 def write_ranges(path: Path, ranges: NDArray[np.int32]) -> None:
@@ -105,118 +101,55 @@ def read_beams(path: Path | None = None) -> Beams:
         shipped = resources.files("dfdbench.manifests").joinpath(_OS1)
         text = read_text(path) if path else shipped.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise SourceError(
-            "cannot read the beam calibration", where=where, got=str(error)
-        ) from error
+        got = str(error)
+        raise SourceError("cannot read the beam calibration", where=where, got=got) from error
     reader = csv.DictReader(text.splitlines())
-    missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
-    if missing:
-        raise SourceError(
-            "column is missing",
-            where=where,
-            expected=",".join(_COLUMNS),
-            got=", ".join(missing) + " absent",
-        )
     rows = list(reader)
-    if not rows:
-        raise SourceError("no beam", where=where, expected="a line a beam")
+    if not rows or not {*_LIMITS} <= {*(reader.fieldnames or ())}:
+        raise SourceError(f"no rows with the columns {', '.join(_LIMITS)}", where=where)
     problems: list[Problem] = []
-    altitudes = _column(rows, "altitude_deg", 90, where, problems)
-    azimuths = _column(rows, "azimuth_deg", 360, where, problems)
-    indices = _column(rows, "azimuth_index", _MOST_COLUMNS, where, problems, whole=True)
+    found = [_column(rows, name, where, problems) for name in _LIMITS]
     if problems:
         raise SourceError.of(problems)
-    return Beams(np.array(altitudes), np.array(azimuths), np.array(indices, np.int64))
+    return Beams(np.array(found[0]), np.array(found[1]), np.array(found[2], np.int64))
 
 
 def _column(
-    rows: list[dict[str, str]],
-    name: str,
-    limit: int,
-    where: str,
-    problems: list[Problem],
-    whole: bool = False,
+    rows: list[dict[str, str]], name: str, where: str, problems: list[Problem]
 ) -> list[float]:
-    """Return a column's numbers: whole ones, or degrees, within a limit; one problem tells all."""
-    numbers: list[float] = []
-    wrong: list[tuple[int, str | None]] = []
+    """Return a column's numbers within its limit; one problem covers all that are not."""
+    numbers, wrong = [], []
     for line, row in enumerate(rows, start=2):
         try:
-            number = int(row[name]) if whole else float(row[name])
-            if not abs(number) <= limit:
+            numbers.append(float(row[name]) if name.endswith("_deg") else int(row[name]))
+            if not abs(numbers[-1]) <= _LIMITS[name]:
                 raise ValueError
         except (TypeError, ValueError):
-            wrong.append((line, row[name]))
-        else:
-            numbers.append(number)
+            wrong.append(line)
     if wrong:
-        line, first = wrong[0]
         more = f", and {len(wrong) - 1} more lines" if len(wrong) > 1 else ""
-        expected = f"{'whole numbers' if whole else 'degrees'}, {limit} at most"
-        got = "nothing" if first is None else first
-        problems.append(
-            Problem(
-                f"not the {name} of a beam",
-                where=f"{where}: line {line}{more}",
-                expected=expected,
-                got=got,
-            )
-        )
+        kind = "degrees" if name.endswith("_deg") else "whole numbers"
+        what = f"{name} is not {kind} up to {_LIMITS[name]}"
+        got = rows[wrong[0] - 2][name] or "nothing"
+        problems.append(Problem(what, where=f"{where}: line {wrong[0]}{more}", got=got))
     return numbers
 
 
-def _load_array(path: Path) -> NDArray[np.int32]:
-    try:
-        array = load_array(path)
-    except UNREADABLE as error:
-        if isinstance(error, OSError):
-            raise
-        raise SourceError("not a NumPy array", where=str(path), got=str(error)) from error
-    if array.ndim != 2 or not np.issubdtype(array.dtype, np.integer):
-        raise SourceError(
-            "not an array of ranges",
-            where=str(path),
-            expected="whole numbers, shape (beam, column)",
-            got=f"{array.dtype}, shape {array.shape}",
-        )
-    most = np.iinfo(np.int32).max
-    if array.size and array.max() > most:
-        # As int32 they would turn into other ranges.
-        raise SourceError(
-            "not ranges",
-            where=str(path),
-            expected=f"{most} mm at most",
-            got=f"a range of {array.max()}",
-        )
-    return np.array(array, np.int32)
-
-
-def _decode(content: bytes, path: Path) -> NDArray[np.int32]:
+def _decode(path: Path) -> NDArray[np.int32]:
+    content = read_whole(path, LARGEST_ARRAY)
     if len(content) < _HEADER:
-        raise SourceError(
-            "range file is cut short",
-            where=str(path),
-            expected="a header of 8 bytes",
-            got=f"{len(content)}",
-        )
+        raise SourceError("the range file has no header of 8 bytes", where=str(path))
     little, big = (tuple(map(int, np.frombuffer(content, f"{order}u4", 2))) for order in "<>")
-    if _length(little) != len(content) and _length(big) == len(content):
-        raise SourceError(
-            "range file is big-endian",
-            where=str(path),
-            expected="little-endian numbers",
-            got=f"a header that reads {big[0]} x {big[1]} only with its bytes swapped",
-            fix="write it again as uint32 rows, uint32 columns, int32 ranges, little-endian",
-        )
-    if _length(little) != len(content):
-        raise SourceError(
-            "header disagrees with the file's length",
-            where=str(path),
-            expected=f"{_length(little)} bytes for {little[0]} x {little[1]} ranges",
-            got=f"{len(content)} bytes",
-            fix="copy the file again",
-        )
-    return np.frombuffer(content, "<i4", offset=_HEADER).reshape(little).astype(np.int32)
+    if _length(little) == len(content):
+        return np.frombuffer(content, "<i4", offset=_HEADER).reshape(little)
+    if _length(big) == len(content):
+        fix = "write it again as uint32 rows, uint32 columns, int32 ranges, little-endian"
+        raise SourceError("the range file is big-endian", where=str(path), fix=fix)
+    raise SourceError(
+        f"the header of {little[0]} x {little[1]} ranges disagrees with the file's length",
+        where=str(path),
+        fix="copy the file again",
+    )
 
 
 def _length(shape: tuple[int, ...]) -> int:

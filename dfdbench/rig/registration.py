@@ -1,9 +1,8 @@
-"""Find how the LIDAR's depth map lies on the camera's image: a board's edges against range edges.
+"""Find the transform from the LIDAR's depth map to the camera's image, from boards that both see.
 
-The thesis did it by hand with an interactive tool (3.2.5, step 6). Here a plane is fitted to the
-board's returns, the board's four sides are found in the image, and the LIDAR is turned until rays
-that hit the board project inside its outline and rays that passed it project outside. What one
-board leaves open, others that the same rig saw settle.
+The thesis did it by hand with an interactive tool (3.2.5, step 6). Here `dfdbench.rig.board` turns
+the LIDAR until a board's rays agree with its outline in the image. What one board leaves open,
+others that the same rig saw settle.
 """
 
 from __future__ import annotations
@@ -16,21 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import DfdbenchError, Problem
-from dfdbench.rig.board_outline import SEARCH, find_sides
-from dfdbench.rig.board_pose import (
+from dfdbench.rig.board import (
     AGREED,
+    SEARCH,
     Fitted,
     Sighting,
+    board_rays,
+    expected_sides,
+    find_sides,
     fit_board,
     near_outline,
     turn_into_place,
     under_pose,
 )
-from dfdbench.rig.board_rays import board_rays, expected_sides
-from dfdbench.rig.geometry import Pose, Rig
-from dfdbench.rig.lidar import Beams
-
-Floats = NDArray[np.float64]
+from dfdbench.rig.geometry import CaptureRig, Pose
+from dfdbench.rig.lidar import Beams, Floats
 
 _MOVED = 5.0  # pixels that scenes may differ by themselves and still be of one rig
 _GIVEN_UP = 0.01  # how much of its own agreement a scene may give up for the rig's pose
@@ -42,7 +41,7 @@ _MORE_WRONG = 2  # rays
 
 @dataclass(frozen=True)
 class Registration:
-    """How the LIDAR's depth map lies on the cropped image.
+    """The transform from the LIDAR's depth map to the cropped image.
 
     Parameters
     ----------
@@ -51,13 +50,13 @@ class Registration:
     pose : Pose
         How the LIDAR is turned.
     agreement : float or None
-        Share of the rays near the board's outline that fall on their side of it; None where the
-        image shows too little of the board to tell.
+        Share of the rays near the board's outline that fall on their side of it; None if the
+        image shows too little of the board.
     known_to : float
         How far the depth map can be moved and turned until more rays disagree: pixels at the
         corner of the image that goes farthest.
     boards : int
-        How many boards told the pose.
+        How many boards determined the pose.
     """
 
     matrix: Floats
@@ -67,7 +66,7 @@ class Registration:
     boards: int
 
 
-def sight(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: Rig) -> Sighting:
+def sight(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: CaptureRig) -> Sighting:
     """Find a board in a scan and its sides in a frame.
 
     Parameters
@@ -78,13 +77,13 @@ def sight(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: Rig) -> S
         Averaged, in millimetres.
     beams : Beams
         Where the beams point.
-    rig : Rig
+    rig : CaptureRig
         Focal length, sizes and baseline.
 
     Raises
     ------
     SourceError
-        Where the LIDAR sees no board.
+        If the LIDAR sees no board.
     """
     rays = board_rays(ranges, beams)
     places = rig.project(Pose().to_camera(rays.points, rig))
@@ -94,20 +93,22 @@ def sight(image: NDArray[np.uint8], ranges: Floats, beams: Beams, rig: Rig) -> S
 
 
 def register(
-    sightings: Mapping[str, Sighting], rig: Rig, on_scene: Callable[[int, int], None] | None = None
+    sightings: Mapping[str, Sighting],
+    rig: CaptureRig,
+    on_scene: Callable[[int, int], None] | None = None,
 ) -> tuple[dict[str, Registration], dict[str, tuple[Problem, ...]]]:
     """Estimate the transforms from the LIDAR's depth images to the images of scenes of one rig.
 
     The LIDAR is turned the same in all of them. A board whose sides run along the beams leaves
     its height open by a part of their distance; boards aslant or at another distance do not. A
     scene that contradicts the others is registered by itself; one that shows less than three
-    sides is given what the others tell.
+    sides gets the others' pose.
 
     Parameters
     ----------
     sightings : mapping of str to Sighting
         By the scene's name; one is enough.
-    rig : Rig
+    rig : CaptureRig
         Focal length, sizes and baseline.
     on_scene : callable, optional
         Called with (scenes fitted by themselves, scenes in all).
@@ -115,9 +116,9 @@ def register(
     Returns
     -------
     registrations : dict of str to Registration
-        Of the scenes where it was found.
+        Of the scenes with a registration.
     problems : dict of str to tuple of Problem
-        Of the others: sides that are not seen, or that do not agree with the rays.
+        Of the others: sides that are not found, or that do not agree with the rays.
     """
     fitted: dict[str, Fitted] = {}
     problems: dict[str, tuple[Problem, ...]] = {}
@@ -144,14 +145,14 @@ def register(
     return found, problems
 
 
-def _registration(one: Fitted, known_to: float, boards: int, rig: Rig) -> Registration:
+def _registration(one: Fitted, known_to: float, boards: int, rig: CaptureRig) -> Registration:
     matrix = one.sighting.rays.matrix(one.pose, rig)
     agreement = one.agreement if one.outline.size else None
     return Registration(matrix, one.pose, agreement, known_to, boards)
 
 
-def _of_one_rig(fitted: Mapping[str, Fitted], rig: Rig) -> dict[str, Fitted]:
-    """Return the boards that agree on one pose, under it; none where no two of several do."""
+def _of_one_rig(fitted: Mapping[str, Fitted], rig: CaptureRig) -> dict[str, Fitted]:
+    """Return the boards that agree on one pose, under it; none if no two of several do."""
     poses = [astuple(board.pose) for board in fitted.values()]
     middle = np.median(poses or [astuple(Pose())], axis=0)
     members = {
@@ -173,14 +174,14 @@ def _of_one_rig(fitted: Mapping[str, Fitted], rig: Rig) -> dict[str, Fitted]:
     return members if len(fitted) == 1 else {}
 
 
-def _apart(first: Pose, second: Pose, rig: Rig) -> float:
-    """Return how far apart two poses put what lies within the image, in pixels, at most."""
+def _apart(first: Pose, second: Pose, rig: CaptureRig) -> float:
+    """Return how far apart two poses put places within the image, in pixels, at most."""
     yaw, pitch, roll = np.abs(np.subtract(astuple(first), astuple(second)))
     turned = np.hypot(yaw, pitch) * rig.focal_length + roll * max(rig.frame_size) / 2
     return float(np.deg2rad(turned))
 
 
-def _known_to(boards: Sequence[Fitted], rig: Rig) -> float:
+def _known_to(boards: Sequence[Fitted], rig: CaptureRig) -> float:
     """Return how far all boards can be moved and turned until more rays are wrong, in pixels."""
     wrong = np.zeros((len(_MOVES), _SLIDE.size))
     for board in boards:
@@ -198,7 +199,7 @@ def _known_to(boards: Sequence[Fitted], rig: Rig) -> float:
     return float(_SLIDE[first_too_far].max())
 
 
-def _displacements(places: Floats, move: tuple[int, ...], rig: Rig) -> Floats:
+def _displacements(places: Floats, move: tuple[int, ...], rig: CaptureRig) -> Floats:
     """Return where a move takes places; the corner of the crop that goes farthest goes a pixel."""
     height, width = rig.frame_size
     half = rig.crop_size / 2

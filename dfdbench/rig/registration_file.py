@@ -1,31 +1,41 @@
-"""Keep a registration in a small file that a person can read and correct."""
+"""Read and write a registration, in a small file that a person can correct."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import FiniteFloat, ValidationError
 
-from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.errors import SourceError, reason_of
+from dfdbench.rig.lidar import Floats
 from dfdbench.system.files import read_text, write_whole
+from dfdbench.system.record import Record, problems_of
 from dfdbench.system.toml_text import parse_toml
 
-Floats = NDArray[np.float64]
-
 NAME = "registration.toml"
-#: What an earlier registration is kept as.
+#: The earlier registration, perhaps corrected by hand.
 PREVIOUS = "registration.previous.toml"
 _LEAST_PAIRS = 4
 _HEAD = """\
-# Where the LIDAR's depth map lies on the image. Each pair is one point of the scene: its place
+# Where the LIDAR's depth map is on the image. Each pair is one point of the scene: its place
 # in the depth map, scaled up, and its place in the cropped image, both x, y in pixels from the
 # middle of the top left one. Move a point to correct the fit; add more, and all are fitted.
 # Instead of pairs there may be: matrix = [[...], [...], [...]], projective, 3 x 3.
 """
+
+_Row = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+
+class _Pair(Record):
+    lidar: tuple[FiniteFloat, FiniteFloat]
+    image: tuple[FiniteFloat, FiniteFloat]
+
+
+class _File(Record):
+    matrix: tuple[_Row, _Row, _Row] | None = None
+    pairs: tuple[_Pair, ...] = ()
 
 
 def read_registration(path: Path) -> Floats:
@@ -44,47 +54,40 @@ def read_registration(path: Path) -> Floats:
     Raises
     ------
     SourceError
-        Where the file gives no such matrix.
+        If the file gives no such matrix.
     """
     where = str(path)
     try:
-        content = parse_toml(read_text(path))
+        content = _File.model_validate(parse_toml(read_text(path)))
+    except ValidationError as error:
+        raise SourceError.of(problems_of(error, "not a registration", file=path)) from error
     except (OSError, ValueError) as error:
         got = reason_of(error)
         raise SourceError("cannot read the registration", where=where, got=got) from error
-    if "matrix" in content and "pairs" in content:
-        raise SourceError("a matrix and pairs", where=where, expected="one of them", got="both")
-    if "matrix" in content:
-        return _matrix(content["matrix"], where)
-    pairs = content.get("pairs", [])
-    if not isinstance(pairs, list) or len(pairs) < _LEAST_PAIRS:
-        raise SourceError(
-            "too few pairs of points",
-            where=where,
-            expected=f"{_LEAST_PAIRS} or more [[pairs]], or a matrix",
-            got=f"{len(pairs) if isinstance(pairs, list) else pairs}",
-        )
-    source, target = (_points(pairs, key, where) for key in ("lidar", "image"))
+    if content.matrix is not None:
+        if content.pairs:
+            fix = "leave out one"
+            raise SourceError("the file has both a matrix and pairs", where=where, fix=fix)
+        matrix = np.array(content.matrix, np.float64)
+        if not np.linalg.det(matrix):
+            raise SourceError("not a projective matrix", where=where, got=str(matrix.tolist()))
+        return matrix
+    if len(content.pairs) < _LEAST_PAIRS:
+        what = f"too few pairs of points: {_LEAST_PAIRS} or more [[pairs]] are needed, or a matrix"
+        raise SourceError(what, where=where)
+    source, target = np.array([(pair.lidar, pair.image) for pair in content.pairs]).swapaxes(0, 1)
     for key, points in (("lidar", source), ("image", target)):
         if len(np.unique(points, axis=0)) < len(points):
-            raise SourceError(
-                "two pairs share a point",
-                where=f"{where}: {key}",
-                expected="a point of its own a pair",
-            )
+            raise SourceError("two pairs share a point", where=f"{where}: {key}")
     fitted, _ = cv2.findHomography(source, target, 0)
-    flat = any(
-        np.linalg.matrix_rank(points - points[0], tol=1e-6) < 2 for points in (source, target)
-    )
+    flat = any(np.linalg.matrix_rank(p - p[0], tol=1e-6) < 2 for p in (source, target))
     if flat or fitted is None or not np.isfinite(fitted).all():
-        raise SourceError(
-            "the points lie on one line", where=where, expected="corners of a surface"
-        )
+        raise SourceError("the points lie on one line: no surface has them", where=where)
     return np.asarray(fitted, np.float64)
 
 
 def write_registration(path: Path, matrix: Floats, corners: Floats, note: str) -> None:
-    """Write a registration as the pairs of four corners.
+    """Write a registration as the pairs of four corners; an older file is kept as `PREVIOUS`.
 
     Parameters
     ----------
@@ -100,11 +103,7 @@ def write_registration(path: Path, matrix: Floats, corners: Floats, note: str) -
     Raises
     ------
     SourceError
-        Where the file cannot be written.
-
-    Notes
-    -----
-    A file that is there, perhaps corrected by hand, is kept as `PREVIOUS`.
+        If the file cannot be written.
     """
     target = cv2.perspectiveTransform(corners[np.newaxis].astype(np.float64), matrix)[0]
     pairs = [
@@ -118,35 +117,3 @@ def write_registration(path: Path, matrix: Floats, corners: Floats, note: str) -
     except OSError as error:
         got = reason_of(error)
         raise SourceError("cannot write the registration", where=str(path), got=got) from error
-
-
-def _matrix(given: Any, where: str) -> Floats:
-    try:
-        matrix = np.asarray(given, np.float64)
-    except (TypeError, ValueError):
-        matrix = np.zeros(0)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not np.linalg.det(matrix):
-        raise SourceError(
-            "not a projective matrix",
-            where=f"{where}: matrix",
-            expected="3 rows of 3 numbers",
-            got=f"{given}",
-        )
-    return matrix
-
-
-def _points(pairs: list[Any], key: str, where: str) -> Floats:
-    problems, points = [], []
-    for number, pair in enumerate(pairs):
-        try:
-            x, y = (float(number) for number in pair[key])
-            if not (math.isfinite(x) and math.isfinite(y)):
-                raise ValueError
-            points.append((x, y))
-        except (TypeError, ValueError, KeyError):
-            problems.append(
-                Problem("not a point", where=f"{where}: pairs[{number}].{key}", expected="[x, y]")
-            )
-    if problems:
-        raise SourceError.of(problems)
-    return np.array(points)

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.optics.lens_table import LensTable
-from dfdbench.rig.geometry import Pose, Rig, beam_directions
+from dfdbench.rig.geometry import CaptureRig, Pose, beam_directions
 from dfdbench.rig.lidar import Beams
 from dfdbench.simulation.photographs import near_normal_numbers, photograph
 from dfdbench.simulation.raycast import Board, Surface, Texture, View, look
 
 Floats = NDArray[np.float64]
 
-RIG = Rig()
+RIG = CaptureRig()
 #: How the simulated LIDAR is turned on its mount: what registration has to find.
 MOUNTED = Pose(yaw=0.55, pitch=-0.35, roll=0.9)
 
@@ -73,20 +73,20 @@ _MIRROR = (0.06, 0.11, -0.02, 0.04)
 
 @dataclass(frozen=True)
 class SimulatedScene:
-    """One board before a wall.
+    """One board in front of a wall.
 
     Parameters
     ----------
     number : int
         0 to 63: 16 textures of 4 geometries each, as k00 to k63 (thesis, 3.2.4).
-    rig : Rig
+    rig : CaptureRig
         Camera and mount.
     pose : Pose
         How the LIDAR is turned.
     """
 
     number: int
-    rig: Rig = RIG
+    rig: CaptureRig = RIG
     pose: Pose = MOUNTED
 
     @property
@@ -125,7 +125,7 @@ class SimulatedScene:
         exposure_ms : int
             In milliseconds.
         seed : tuple of int
-            Of the noise, beside the scene's number.
+            Of the noise, with the scene's number.
         """
         signal = light * (exposure_ms / _WHITE_AT)
         shot = (_NOISE_AT_GREY**2 - _READ_NOISE**2) / 0.5
@@ -135,7 +135,7 @@ class SimulatedScene:
         return (steps.astype(np.int64) >> 2).astype(np.uint8)
 
     def scan(self, beams: Beams, number: int) -> NDArray[np.int32]:
-        """Return one LIDAR scan: ranges in mm with noise, 0 where nothing came back.
+        """Return one LIDAR scan: ranges in mm with noise, 0 if nothing came back.
 
         Parameters
         ----------
@@ -177,7 +177,7 @@ def defocus(view: View, table: LensTable, step: int) -> Floats:
     Parameters
     ----------
     view : View
-        What lies before the lens.
+        What is in front of the lens.
     table : LensTable
         Its blur radius by distance.
     step : int
@@ -210,5 +210,5 @@ def _disc(radius: float) -> Floats:
 
 
 def _quantile(share: float) -> float:
-    # Where a normal number lies above with this chance.
+    # A normal number is above it with this chance.
     return NormalDist().inv_cdf(1 - share)

@@ -24,16 +24,12 @@ def photograph(name: str) -> Floats:
     Raises
     ------
     SourceError
-        Where this scikit-image does not ship it.
+        If this scikit-image does not ship it.
     """
     path = Path(skimage.data.__file__).parent / f"{name}.png"
     if not path.exists():
-        raise SourceError(
-            "a photograph is missing",
-            where=str(path),
-            expected="shipped with scikit-image",
-            fix="pip install --force-reinstall scikit-image",
-        )
+        fix = "pip install --force-reinstall scikit-image"
+        raise SourceError("a photograph of scikit-image is missing", where=str(path), fix=fix)
     image = skimage.io.imread(path)
     if image.ndim == 2:
         image = np.repeat(image[:, :, np.newaxis], 3, axis=2)

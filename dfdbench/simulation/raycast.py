@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Texture:
-    """Which photograph lies on a surface, how large, and in which tint.
+    """A surface's photograph, its scale and tint.
 
     `texels` are photograph pixels per metre; `tint` multiplies red, green and blue.
     """
@@ -26,7 +26,7 @@ class Texture:
 
 @dataclass(frozen=True)
 class Hits:
-    """Where rays meet one surface: distance (infinite where they miss), normal, texture place."""
+    """Where rays meet one surface: distance (infinite if they miss), normal, texture place."""
 
     distance: Floats
     normal: Floats
@@ -38,7 +38,7 @@ class Surface(Protocol):
 
     @property
     def texture(self) -> Texture:
-        """What lies on it."""
+        """Its texture."""
 
     def meet(self, origin: Floats, directions: Floats) -> Hits:
         """Return where rays from `origin` along `directions`, shape (..., 3), meet it."""
@@ -55,7 +55,7 @@ class Board:
     size : tuple of float
         Width and height, in metres.
     texture : Texture
-        What lies on it.
+        Its texture.
     slant, tilt : float
         dz/dx and dz/dy: how the surface recedes to the right and downwards.
     shape : {"rectangle", "disc"}
@@ -109,31 +109,27 @@ class Floor:
 
 @dataclass(frozen=True)
 class Ball:
-    """A sphere, or where `upright` is set a vertical cylinder of that half height, in metres."""
+    """A sphere, or with `upright` a vertical cylinder of that half height, in metres."""
 
     centre: tuple[float, float, float]
     radius: float
     texture: Texture
     upright: float | None = None
-    _axes: Floats = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        axes = np.array([1.0, 0.0 if self.upright else 1.0, 1.0])
-        object.__setattr__(self, "_axes", axes)
 
     def meet(self, origin: Floats, directions: Floats) -> Hits:
         """Meet the near side."""
+        axes = np.array([1.0, 0.0 if self.upright else 1.0, 1.0])
         reach = origin - np.array(self.centre)
-        a = _dot(directions, directions * self._axes)
-        b = _dot(directions, reach * self._axes)
-        c = float(reach @ (reach * self._axes)) - self.radius**2
+        a = _dot(directions, directions * axes)
+        b = _dot(directions, reach * axes)
+        c = float(reach @ (reach * axes)) - self.radius**2
         root = b * b - a * c
         distance = np.where(root >= 0, (-b - np.sqrt(np.maximum(root, 0))) / a, -1.0)
         offset = reach + distance[..., np.newaxis] * directions
         inside = (root >= 0) & (distance > 0)
         if self.upright:
             inside &= np.abs(offset[..., 1]) <= self.upright
-        normal = offset * self._axes / self.radius
+        normal = offset * axes / self.radius
         turn = np.arctan2(normal[..., 0], -normal[..., 2]) * self.radius
         return Hits(
             np.where(inside, distance, np.inf), normal, np.stack([turn, offset[..., 1]], axis=-1)
@@ -144,8 +140,8 @@ class Ball:
 class View:
     """What a camera sees: the distance z, the surface's normal, and its reflectance.
 
-    `distance` has shape (y, x) and is infinite where no surface lies; `normal` and
-    `reflectance` have shape (y, x, 3). Reflectance is linear, 0 to 1.
+    `distance` has shape (y, x) and is infinite without a surface; `normal` and `reflectance` have
+    shape (y, x, 3). Reflectance is linear, 0 to 1.
     """
 
     distance: Floats
@@ -182,7 +178,7 @@ def cast(
     lens_point : tuple of float
         Where rays pass the lens, (y, x) from its middle, in metres; the middle is a pinhole.
     focus_distance : float
-        In metres: there all lens points see the same.
+        In metres: at it all lens points see the same.
     """
     trace = _traced(surfaces, offset, shape, focal_length, subpixel, lens_point, focus_distance)
     return View(trace.distance, trace.normal, _reflectance(surfaces, photographs, trace))
@@ -211,7 +207,7 @@ def look(
 
 @dataclass(frozen=True)
 class _Trace(Hits):
-    """Where rays meet the nearest surface, and its number among them; -1 where there is none."""
+    """Where rays meet the nearest surface, and its number among them, or -1."""
 
     number: NDArray[np.int64]
 
@@ -249,7 +245,7 @@ def _traced(
 def _reflectance(
     surfaces: Sequence[Surface], photographs: Mapping[str, Floats], trace: _Trace
 ) -> Floats:
-    # After the last surface has been met: what others hide need not be looked up.
+    # Only now: what nearer surfaces hide need not be looked up.
     reflectance = np.zeros(trace.normal.shape)
     for number, surface in enumerate(surfaces):
         here = trace.number == number
@@ -267,7 +263,7 @@ def _dot(left: Floats, right: Floats) -> Floats:
 
 
 def _sample(photograph: Floats, place: Floats) -> Floats:
-    # Bilinear; past its edge the photograph goes on as its mirror image, without a seam.
+    # Bilinear; beyond its edge the photograph is mirrored, without a seam.
     height, width = photograph.shape[:2]
     x, x_fraction = _mirrored(place[:, 0] + width / 2, width)
     y, y_fraction = _mirrored(place[:, 1] + height / 2, height)

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from urllib.parse import quote
 
@@ -14,25 +15,31 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from dfdbench.tables.latex_text import latex_label, latex_text
-from dfdbench.tables.shown_text import spelt_out, spelt_out_json
 from dfdbench.tables.table import Format, Link, Marked, Table
 
 # What a spreadsheet takes for the beginning of a formula.
 _FORMULA = tuple("=+-@")
-# GitHub takes dollars for formulas and tildes for struck-out text, escaped or not; the site takes
-# braces for attributes, escaped or not.
-_ENTITIES = {
-    "&": "&amp;",
-    "<": "&lt;",
-    ">": "&gt;",
-    "$": "&#36;",
-    "~": "&#126;",
-    "{": "&#123;",
-    "}": "&#125;",
-}
-# What begins a block where a line begins with it: a heading, a list, an admonition, a rule.
+# What Markdown and HTML would take for markup. GitHub takes dollars for formulas and tildes for
+# struck-out text, escaped or not; the site takes braces for attributes, escaped or not.
+_MARKDOWN = {ord(mark): f"\\{mark}" for mark in "\\|*_`[]"}
+_MARKDOWN |= {ord(mark): f"&#{ord(mark)};" for mark in "$~{}"}
+_MARKDOWN |= {ord("&"): "&amp;", ord("<"): "&lt;", ord(">"): "&gt;"}
+# What begins a block at the start of a line: a heading, a list, an admonition, a rule.
 _BLOCK = re.compile(r"[#+\-=!:]|\d+[.)]")
+_LATEX = {mark: f"\\{mark}" for mark in "{}$&#%_"} | {mark: f"${mark}$" for mark in "<>|"}
+_COMMANDS = ["times", "pm", "le", "ge", "delta", "downarrow", "uparrow"]
+_LATEX |= dict(zip("×±≤≥δ↓↑", [rf"$\{command}$" for command in _COMMANDS], strict=True))
+_LATEX |= dict(
+    zip('[]"–—−‘’“”', ["{[}", "{]}", "''", "--", "---", "$-$", "`", "'", "``", "''"], strict=True)
+)
+_LATEX |= dict(zip("°²³…", [r"$^\circ$", r"$^2$", r"$^3$", r"\dots{}"], strict=True))
+_LATEX |= {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}"}
+_MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
+# What LaTeX's own fonts have besides letters with accents; of those the ogonek is lacking.
+_LETTERS = "ßæœøłıÆŒØŁ"
+_LAST_ACCENTED = "\u017e"
+_OGONEK = "0328"
+_LONGEST_LABEL = 60
 
 
 def render(tables: Sequence[Table], format: Format, width: int | None = None) -> str:
@@ -45,7 +52,7 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
     format : Format
         The form.
     width : int, optional
-        Of the terminal, in characters, for `Format.table`; as wide as need be where not given.
+        Of the terminal, in characters, for `Format.table`; by default as wide as needed.
 
     Examples
     --------
@@ -64,10 +71,7 @@ def render(tables: Sequence[Table], format: Format, width: int | None = None) ->
     if format is Format.csv:
         records = [record for table in tables for record in _records(table)]
         columns = tuple(dict.fromkeys(name for record in records for name in record))
-        rows: list[tuple[object, ...]] = [
-            tuple(record.get(name) for name in columns) for record in records
-        ]
-        return as_csv(columns, rows)
+        return as_csv(columns, [tuple(map(record.get, columns)) for record in records])
     if format is Format.json:
         content = [
             {"title": table.title, "rows": _records(table), "notes": table.notes}
@@ -86,9 +90,9 @@ def _records(table: Table) -> list[Mapping[str, object]]:
 
 
 def as_rich(table: Table) -> tuple[Text | RichTable, ...]:
-    """Return title, table and notes for a terminal; text is shown as it is, never as markup.
+    """Return title, table and notes for a terminal; text is never taken for markup.
 
-    They stand apart, for Rich would break a title and a caption at the table's width.
+    They are apart because Rich would wrap a title and a caption at the table's width.
     """
     notes = [Text(spelt_out(note), style="dim italic") for note in table.notes]
     shown = RichTable(box=box.SIMPLE_HEAD)
@@ -111,7 +115,7 @@ def _rich_cell(text: str) -> Text:
 
 
 def as_markdown(table: Table) -> str:
-    r"""Return the table in Markdown; what Markdown or HTML would take for markup is escaped.
+    r"""Return the table in Markdown, with markup in its text escaped.
 
     Examples
     --------
@@ -136,8 +140,8 @@ def as_markdown(table: Table) -> str:
 def as_csv(columns: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
     r"""Return rows as comma-separated values; None is an empty field.
 
-    Text that a spreadsheet would take for a formula has an apostrophe before it, as OWASP advises
-    (CSV injection); numbers have none.
+    An apostrophe precedes text that a spreadsheet would take for a formula, as OWASP advises
+    against CSV injection.
 
     Examples
     --------
@@ -168,10 +172,10 @@ def _is_number(text: str) -> bool:
 
 
 def as_latex(table: Table) -> str:
-    r"""Return the table for a paper: LaTeX with booktabs, whatever text it holds.
+    r"""Return the table for a paper: LaTeX with booktabs, any text escaped.
 
-    Where the table has `parts`, they stand one below the other. What is wider than the text is
-    scaled down to it.
+    The table's `parts` come one below the other. What is wider than the page's text is scaled
+    down to it.
 
     Examples
     --------
@@ -246,10 +250,10 @@ def _markdown_line(text: str) -> str:
 
 
 def escape_markdown(text: str) -> str:
-    r"""Return text on one line, with what Markdown or HTML would take for markup escaped.
+    r"""Return text on one line, with the markup of Markdown and HTML escaped.
 
-    Markdown is GitHub's and the documentation site's, whose braces give attributes to what stands
-    before them. A plain address stays one, which both may show as the link that it is.
+    Markdown is GitHub's and the documentation site's, where braces give attributes to what
+    precedes them. A plain address stays one: both may show it as a link.
 
     Examples
     --------
@@ -258,9 +262,80 @@ def escape_markdown(text: str) -> str:
     >>> escape_markdown("a {: onclick=f }")
     'a &#123;: onclick=f &#125;'
     """
-    text = spelt_out(" ".join(text.splitlines()))
-    for mark, instead in _ENTITIES.items():
-        text = text.replace(mark, instead)
-    for mark in "\\|*_`[]":
-        text = text.replace(mark, "\\" + mark)
-    return text
+    return spelt_out(" ".join(text.splitlines())).translate(_MARKDOWN)
+
+
+def latex_text(text: str) -> str:
+    r"""Return text as LaTeX; letters that its fonts lack appear as their number.
+
+    Examples
+    --------
+    >>> print(latex_text("a_b: -0.5 to 50 %, 🐟"))
+    a\_b: $-$0.5 to 50 \%, {[}U+1F41F{]}
+    """
+    return "".join(map(_letter, _MINUS.sub("−", text)))
+
+
+def latex_label(text: str) -> str:
+    """Return a table's label: the first words of a text.
+
+    Examples
+    --------
+    >>> latex_label("demo-1, split test, protocol thesis")
+    'tab:demo-1-split-test-protocol-thesis'
+    """
+    name = "-".join(re.findall(r"[a-z0-9]+", text.lower()))
+    if len(name) > _LONGEST_LABEL:
+        name = name[: _LONGEST_LABEL + 1].rpartition("-")[0] or name[:_LONGEST_LABEL]
+    return f"tab:{name}"
+
+
+def _letter(letter: str) -> str:
+    if letter in _LATEX:
+        return _LATEX[letter]
+    category = unicodedata.category(letter)
+    if category[0] in "CZ":
+        return " "
+    if letter.isascii() or letter in _LETTERS or _accented(letter):
+        return letter
+    return f"{{[}}U+{ord(letter):04X}{{]}}"
+
+
+def _accented(letter: str) -> bool:
+    parts = unicodedata.decomposition(letter).split()
+    return (
+        letter <= _LAST_ACCENTED and len(parts) == 2 and parts[0] < "0080" and parts[1] != _OGONEK
+    )
+
+
+def spelt_out(text: str) -> str:
+    r"""Return text with invisible characters as escapes; tabs and line ends stay.
+
+    Others may write what we show: control characters would move the cursor, marks of direction
+    reorder what is read, and spaces of no width make two names look the same.
+
+    Examples
+    --------
+    >>> print(spelt_out("local\u200b \x1b[2J"))
+    local\u200b \x1b[2J
+    """
+    return text if text.isprintable() else "".join(map(_spelt, text))
+
+
+def spelt_out_json(text: str) -> str:
+    r"""Return equal JSON with invisible characters as escapes.
+
+    Examples
+    --------
+    >>> print(spelt_out_json('{"name": "local\u200b"}'))
+    {"name": "local\u200b"}
+    """
+    return "".join(c if _is_shown(c) else json.dumps(c)[1:-1] for c in text)
+
+
+def _spelt(letter: str) -> str:
+    return letter if _is_shown(letter) else letter.encode("unicode_escape").decode()
+
+
+def _is_shown(letter: str) -> bool:
+    return letter.isprintable() or letter in "\t\n" or unicodedata.category(letter) == "Zs"

@@ -1,10 +1,11 @@
-"""A table: columns, rows, notes; and the names of the forms it can be shown in."""
+"""A table: columns, rows, notes; the names of its forms; its HTML for notebooks."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from html import escape
 
 
 class Format(StrEnum):
@@ -18,24 +19,24 @@ class Format(StrEnum):
 
 
 class Link(str):
-    """A cell's text with the address that it leads to, where the form can show one."""
+    """A cell's text with the address it leads to, if the form can show one."""
 
     target: str
 
     def __new__(cls, text: str, target: str) -> Link:
-        """Return the text, bearing its address."""
+        """Attach the address."""
         link = super().__new__(cls, text)
         link.target = target
         return link
 
 
 class Marked(str):
-    """A cell's text that stands out where the form can show it: best bold, second underlined."""
+    """A cell's text that stands out if the form can show it: best bold, second underlined."""
 
     mark: str
 
     def __new__(cls, text: str, mark: str) -> Marked:
-        """Return the text, bearing ``best`` or ``second``."""
+        """Attach the mark, ``best`` or ``second``."""
         marked = super().__new__(cls, text)
         marked.mark = mark
         return marked
@@ -45,10 +46,10 @@ class Marked(str):
 class Table:
     """Rows of text under headings.
 
-    `align` has a letter a column, ``l`` or ``r``; `rules` are the rows after which a line is
-    drawn. `records` are the same rows as data, numbers in full, for CSV and JSON; where there
-    are none, those show the text. `parts` are the columns that stand together where a page is too
-    narrow for all of them. `label` is what it is referred to by in LaTeX, its title by default.
+    `align` has a letter a column, ``l`` or ``r``; `rules` are the rows followed by a line.
+    `records` are the same rows as data, numbers in full, for CSV and JSON, which show the text
+    without them. `parts` groups the columns for pages too narrow for all of them. `label` names
+    the table in LaTeX, by default after its title.
     """
 
     title: str
@@ -63,7 +64,7 @@ class Table:
 
 
 def least_width(table: Table) -> int:
-    """Return the characters that a terminal must have for no word of the cells to be broken.
+    """Return how many characters wide a terminal must be to break no word of the cells.
 
     Examples
     --------
@@ -84,3 +85,28 @@ def least_width(table: Table) -> int:
         min(width, widest) if wraps else width for width, wraps in zip(whole, left, strict=True)
     ]
     return sum(widths) + 3 * len(widths) + 1
+
+
+def as_html(table: Table) -> str:
+    """Return a table as HTML, its title above and its notes below.
+
+    Examples
+    --------
+    >>> text = as_html(Table("T", ("a", "n"), (("<x>", "1"),), "lr"))
+    >>> "<b>T</b>" in text, "&lt;x&gt;" in text
+    (True, True)
+    """
+
+    def line(tag: str, cells: tuple[str, ...]) -> str:
+        sides = ("right" if side == "r" else "left" for side in table.align)
+        return "".join(
+            f'<{tag} style="text-align:{side}">{escape(cell)}</{tag}>'
+            for cell, side in zip(cells, sides, strict=True)
+        )
+
+    body = "".join(f"<tr>{line('td', row)}</tr>" for row in table.rows)
+    notes = "".join(f'<p style="font-size:smaller">{escape(note)}</p>' for note in table.notes)
+    return (
+        f"<p><b>{escape(table.title)}</b></p><table><thead><tr>{line('th', table.columns)}</tr>"
+        f"</thead><tbody>{body}</tbody></table>{notes}"
+    )

@@ -1,4 +1,4 @@
-"""How numbers and lists read, in tables and in what is said."""
+"""How numbers and lists are worded, in tables and messages."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 
 def percent(share: float) -> str:
-    """Return a share as text; what is not nothing never reads 0.
+    """Format a share as a percentage; a non-zero share never prints as 0 %.
 
     Examples
     --------
@@ -22,7 +22,7 @@ def percent(share: float) -> str:
 
 
 def counted(number: int, what: str) -> str:
-    """Return how many of something there are.
+    """Format a number of things.
 
     Examples
     --------
@@ -33,7 +33,7 @@ def counted(number: int, what: str) -> str:
 
 
 def listed(things: Iterable[object], most: int | None = None) -> str:
-    """Return things as one text, with commas; of more than `most` the first, and how many more.
+    """Join things with commas; of more than `most`, name the first and count the rest.
 
     Examples
     --------

@@ -1,3 +1,6 @@
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,40 +8,48 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from dfdbench.audit.coverage import Coverage, Criterion, DensityBound, Verdict, uncovered
-from dfdbench.audit.depth_histogram import DepthHistogram, depth_histogram
-from dfdbench.audit.level_ranges import as_ranges
+from dfdbench.audit.coverage import (
+    CoverageRecord,
+    Criterion,
+    DensityBound,
+    Verdict,
+    compare_depths,
+    coverage_table,
+    each_as_json,
+    each_table,
+    uncovered,
+    verdict_line,
+)
+from dfdbench.audit.sides import DepthHistogram, Side, as_ranges, sides_of
 from dfdbench.blur.recipe import LEVELS
+from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
 
+SCHEMA = Path(__file__).parents[2] / "dfdbench/results/schemas/coverage-1.json"
 COUNTS = arrays(np.int64, LEVELS, elements=st.integers(0, 1000))
 
 
-def histogram(**levels: int) -> DepthHistogram:
+def side(store: Store, **levels: int) -> Side:
     counts = np.zeros(LEVELS, np.int64)
     for level, pixels in levels.items():
         counts[int(level[1:])] = pixels
-    return DepthHistogram(counts, counts.astype(np.float64), 0, 1)
+    return Side(store, "made", {"One": DepthHistogram(counts, counts.astype(float), 0, 1)}, ())
 
 
-def test_each_verdict_and_each_criterion_has_its_case() -> None:
-    train = histogram(l10=100_000, l20=5, l30=9_000, l50=40)
-    test = histogram(l10=1_000, l20=6, l30=1_000, l40=1, l50=40)
-    coverage = Coverage(train, test, DensityBound(factor=4, floor=0.01))
-    assert as_ranges(coverage.missing) == "40"
-    # 20: six pixels against five, too few for the density criterion; 30: the other way round.
-    assert as_ranges(coverage.uncovered(Criterion.thesis)) == "20, 40"
-    assert as_ranges(coverage.uncovered(Criterion.density)) == "30, 50"
-    assert as_ranges(coverage.scarce) == "20, 30, 50"
-    assert coverage.verdicts[10] is Verdict.covered
-    assert coverage.verdicts[40] is Verdict.missing
-    assert coverage.verdicts[11] is None
-    assert coverage.share(coverage.missing) == pytest.approx(1 / 2047)
-
-
-def test_a_count_as_large_as_in_training_is_covered() -> None:
-    coverage = Coverage(histogram(l9=7), histogram(l9=7))
-    assert not coverage.uncovered(Criterion.thesis).any()
+def test_each_verdict_and_each_criterion_has_its_case(tiny_store: Store) -> None:
+    train = side(tiny_store, l10=100_000, l20=5, l30=9_000, l50=40, l60=7)
+    test = side(tiny_store, l10=1_000, l20=6, l30=1_000, l40=1, l50=40, l60=7)
+    record = compare_depths(train, test, DensityBound(factor=4, floor=0.01))
+    # 20: six pixels against five, too few for the density criterion; 30: the other way round;
+    # 60: as many as in training.
+    assert record.ranges_of(Verdict.missing) == "40"
+    assert record.ranges_of(Criterion.thesis) == "20, 40"
+    assert record.ranges_of(Criterion.density) == "30, 50"
+    assert as_ranges(record.levels(Verdict.scarce)) == "20, 30, 50"
+    assert as_ranges(record.levels(Verdict.covered)) == "10, 60"
+    assert record.verdicts[11] is None
+    assert record.shares["missing"] == pytest.approx(1 / 2054)
+    assert compare_depths(test, test).covered
 
 
 @given(COUNTS, COUNTS)
@@ -53,15 +64,57 @@ def test_criteria_agree_with_each_other(train: NDArray[np.int64], test: NDArray[
     assert (uncovered(3 * train, test, Criterion.density, bound) == by[Criterion.density]).all()
 
 
-def test_a_set_that_trains_and_tests_is_covered() -> None:
-    random = np.random.default_rng(0)
-    depth = random.integers(0, 256, (40, 50)).astype(np.uint8)
-    side = depth_histogram(depth, depth > 0)
-    assert Coverage(side, side).share(Coverage(side, side).uncovered()) == 0
-
-
-def test_what_is_no_bound_is_refused() -> None:
+def test_what_is_no_bound_or_share_is_refused(tiny_store: Store) -> None:
     with pytest.raises(InputError, match="density factor"):
         DensityBound(factor=0.5)
     with pytest.raises(InputError, match="density floor"):
         DensityBound(floor=float("nan"))
+    with pytest.raises(InputError, match="allowed share"):
+        compare_depths(*sides_of(tiny_store), allowed_share=1.5)
+
+
+def test_the_published_schema_is_that_of_the_model() -> None:
+    schema = json.dumps(CoverageRecord.model_json_schema(), indent=1, sort_keys=True)
+    assert SCHEMA.read_text("utf-8") == schema + "\n"
+
+
+def test_ranges_and_shares_add_up(tiny_store: Store) -> None:
+    record = compare_depths(*sides_of(tiny_store))
+    pixels = record.test.known_pixels
+    assert sum(record.test.counts) == pixels
+    total = record.shares["missing"] + record.shares["scarce"] + record.shares["covered"]
+    assert total == pytest.approx(1)
+    assert sum(item.share for item in record.ranges) == pytest.approx(record.shares["either"])
+    for item in record.ranges:
+        assert sum(item.scenes.values()) == pytest.approx(1)
+        assert item.test_pixels == sum(record.test.counts[item.first : item.last + 1])
+    tested, seen = np.array(record.test.counts), np.array(record.train.counts)
+    assert (record.levels(Verdict.missing) == (tested > 0) & (seen == 0)).all()
+
+
+def test_criterion_and_allowance_decide(tiny_store: Store) -> None:
+    sides = sides_of(tiny_store)
+    share = compare_depths(*sides).shares["thesis"]
+    assert 0 < share < 1
+    assert not compare_depths(*sides, criterion=Criterion.thesis).covered
+    assert compare_depths(*sides, criterion=Criterion.thesis, allowed_share=share).covered
+
+
+def test_tables_hold_every_range_and_say_what_counts(tiny_store: Store) -> None:
+    record = compare_depths(*sides_of(tiny_store))
+    table = coverage_table(record)
+    assert [row[0] for row in table.rows] == [item.levels for item in record.ranges]
+    assert any("never in training" in note for note in table.notes)
+    assert verdict_line(record).startswith("NOT covered: ")
+    allowed = compare_depths(*sides_of(tiny_store), allowed_share=1.0)
+    assert verdict_line(allowed).startswith("covered: ")
+    assert "100.0 % allowed" in verdict_line(allowed)
+
+
+def test_each_row_is_one_comparison(tiny_store: Store) -> None:
+    records = {name: compare_depths(*sides_of(tiny_store, fold=name)) for name in ("K1", "K2")}
+    table = each_table(records, "fold")
+    assert [row[:2] for row in table.rows] == [("K1", "One, Two"), ("K2", "Three")]
+    content = json.loads(each_as_json(records, "fold"))
+    assert content["schema_version"] == 1
+    assert list(content["records"]) == ["K1", "K2"]

@@ -1,18 +1,20 @@
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dfdbench.audit.coverage import Verdict
-from dfdbench.audit.coverage_record import CoverageRecord, LeakRecord, compare_depths
-from dfdbench.audit.level_errors import LevelErrors
+from dfdbench.audit.coverage import CoverageRecord, Verdict, compare_depths
+from dfdbench.audit.leaks import Leak, LeakKind
 from dfdbench.audit.run_errors import (
     ErrorJoin,
+    LevelErrors,
     conclusion,
     error_table,
     errors_as_json,
     join_errors,
+    level_errors,
     scene_table,
 )
 from dfdbench.audit.sides import sides_of
@@ -22,6 +24,32 @@ from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from tests.made_results import make_result
+
+DEPTH = np.array([[9, 9, 80, 0]], np.uint8)
+ERRORS = level_errors(DEPTH, DEPTH > 0, np.array([[13, 3, 80.5, 200]], np.float32))
+NINE = np.arange(256) == 9
+
+
+def test_errors_go_by_true_level_and_leave_unknown_pixels_out() -> None:
+    assert ERRORS.pixels.sum() == 3
+    assert ERRORS.mean(NINE) == 5
+    assert ERRORS.root_mean_square(NINE) == pytest.approx(math.sqrt((16 + 36) / 2))
+    assert ERRORS.share(NINE) == pytest.approx(2 / 3)
+    assert math.isnan(ERRORS.mean(np.arange(256) == 7))
+
+
+def test_excess_is_what_would_be_gone() -> None:
+    # The mean is 10.5 / 3 = 3.5; if level 9 did as level 80 it would be 0.5.
+    assert ERRORS.excess(NINE) == pytest.approx(1 - 0.5 / 3.5)
+    assert ERRORS.excess(~NINE) < 0
+    assert math.isnan(ERRORS.excess(np.ones(256, bool)))
+
+
+def test_sums_add_up() -> None:
+    both = LevelErrors.total([ERRORS, ERRORS])
+    assert both.pixels.sum() == 6
+    assert both.mean(NINE) == ERRORS.mean(NINE)
+    assert math.isnan(LevelErrors.total([]).excess(NINE))
 
 
 def errors_of(levels: dict[int, tuple[int, float]]) -> LevelErrors:
@@ -72,7 +100,7 @@ def test_the_conclusion_follows_from_errors_and_training(
 
 
 def test_a_leak_outdoes_every_other_conclusion(record: CoverageRecord) -> None:
-    leak = LeakRecord(kind="scene", train="a", test="a", detail="all")
+    leak = Leak(kind=LeakKind.scene, train="a", test="a", detail="all")
     leaky = record.model_copy(update={"leaks": [leak, leak]})
     told = conclusion(join_of(22.0), leaky, Training.known)
     assert told == (

@@ -3,7 +3,6 @@ import json
 import numpy as np
 
 from dfdbench.audit.coverage import Criterion, DensityBound
-from dfdbench.audit.fold_proposals import Folds, propose_folds
 from dfdbench.audit.split_tables import (
     ProposalSettings,
     folds_as_json,
@@ -13,7 +12,7 @@ from dfdbench.audit.split_tables import (
     ranking_as_json,
     split_fragment,
 )
-from dfdbench.audit.splits import Scenes, hopeless_scenes, rank_tests
+from dfdbench.audit.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from tests.conftest import TINY_TOML

@@ -1,10 +1,24 @@
+import itertools
+
+import numpy as np
 import pytest
 
 from dfdbench.audit import splits
-from dfdbench.audit.coverage import Criterion, DensityBound, uncovered
-from dfdbench.audit.splits import rank_tests
+from dfdbench.audit.coverage import Criterion, uncovered
+from dfdbench.audit.splits import Scenes, hopeless_scenes, propose_folds, rank_tests
 from dfdbench.errors import InputError
-from tests.audit.made_scenes import make
+
+
+def make(
+    number: int = 8, seed: int = 0, groups: tuple[tuple[str, ...], ...] = (), **more: float
+) -> Scenes:
+    random = np.random.default_rng(seed)
+    names = tuple("ABCDEFGHIJKLMNOP"[:number])
+    counts = np.zeros((number, 256), np.int64)
+    for row in counts:
+        first = random.integers(0, 150)
+        row[first : first + 100] = random.integers(1, 500, 100)
+    return Scenes(names, counts, groups or tuple((name,) for name in names), **more)  # type: ignore[arg-type]
 
 
 def test_every_choice_is_judged_as_one_by_one() -> None:
@@ -16,7 +30,7 @@ def test_every_choice_is_judged_as_one_by_one() -> None:
         rows = [scenes.names.index(name) for name in candidate.test]
         test = scenes.counts[rows].sum(axis=0)
         train = scenes.counts.sum(axis=0) - test
-        levels = uncovered(train, test, Criterion.either, DensityBound())
+        levels = uncovered(train, test, Criterion.either)
         assert candidate.uncovered == pytest.approx(test[levels].sum() / test.sum())
         assert 0 <= candidate.overlap <= 1
         assert candidate.covered == (not levels.any())
@@ -56,3 +70,43 @@ def test_of_too_many_choices_some_are_drawn_the_same_for_a_seed(
 
 def test_an_allowed_share_counts_as_covered() -> None:
     assert rank_tests(make(), 3, 0).covered < rank_tests(make(allowed=1.0), 3, 0).covered == 56
+
+
+def test_folds_part_the_scenes_and_repeat_for_a_seed() -> None:
+    scenes = make(9, seed=3)
+    proposals = propose_folds(scenes, 3, seed=5)
+    assert proposals == propose_folds(scenes, 3, seed=5)
+    for proposal in proposals:
+        assert sorted(itertools.chain(*(fold.test for fold in proposal.folds))) == list("ABCDEFGHI")
+        assert {len(fold.test) for fold in proposal.folds} == {3}
+    costs = [proposal.cost for proposal in proposals]
+    assert costs == sorted(costs)
+    with pytest.raises(InputError, match="10 folds of 9 groups"):
+        propose_folds(scenes, 10)
+
+
+def test_the_search_finds_the_best_of_all_partitions() -> None:
+    scenes = make(6, seed=1)
+    best = min(
+        (sum(not c.covered for c in judged), round(sum(c.uncovered for c in judged), 12))
+        for a in itertools.combinations(scenes.names, 2)
+        for b in itertools.combinations([n for n in scenes.names if n not in a], 2)
+        for judged in [scenes.judge([a, b, tuple(n for n in scenes.names if n not in a + b)])]
+    )
+    assert propose_folds(scenes, 3)[0].cost == pytest.approx(best)
+
+
+def test_a_scene_that_no_fold_covers_is_named_with_its_levels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    counts = np.full((6, 256), 100, np.int64)
+    counts[2, 36:39] = 5_000
+    scenes = Scenes(tuple("ABCDEF"), counts, tuple((name,) for name in "ABCDEF"))
+    (found,) = hopeless_scenes(scenes, {2})
+    assert (found.scene, found.levels) == ("C", "36-38")
+    assert found.least > 0
+    # Where there are too many choices to try, the scene alone is the proof.
+    monkeypatch.setattr(splits, "EXHAUSTIVE_LIMIT", 10)
+    assert [item.scene for item in hopeless_scenes(scenes, {2})] == ["C"]
+    uncovered_folds = [fold for fold in propose_folds(scenes, 3)[0].folds if not fold.covered]
+    assert [("C" in fold.test) for fold in uncovered_folds] == [True]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dfdbench.audit.coverage_record import compare_depths
+from dfdbench.audit.coverage import compare_depths
 from dfdbench.audit.sides import sides_of
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.building.build import scene_dataset

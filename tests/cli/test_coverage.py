@@ -255,7 +255,7 @@ def test_a_damaged_store_is_an_error_and_no_verdict(
         (["audit", "coverage", "STORE", "--out", "learned.py"], "another place with --out"),
         (["audit", "coverage", "STORE", "--out", "learned.py/in"], "another place with --out"),
         (["audit", "coverage", "learned.py"], "a file, and not a data set"),
-        (["audit", "coverage", "STORE", "--density-factor", "inf"], "wrong density factor"),
+        (["audit", "coverage", "STORE", "--density-factor", "inf"], "a density factor is"),
         (["audit", "coverage", "STORE", "--allow", "nan"], "--allow"),
         (
             ["audit", "split", "STORE", "--folds", "2", "--density-factor", "nan"],
@@ -264,7 +264,7 @@ def test_a_damaged_store_is_an_error_and_no_verdict(
         (["audit", "split", "STORE", "--folds", "2", "--allow", "nan"], "--allow"),
         (["audit", "split", "STORE"], "ask for one thing"),
         (["audit", "split", "STORE", "--test-scenes", "3"], "--test-scenes 1 or 2"),
-        (["audit", "split", "STORE", "--folds", "9"], "no such folds"),
+        (["audit", "split", "STORE", "--folds", "9"], "choose 2 to"),
         (["audit", "difficulty", "STORE", "--split", "tset"], "did you mean test"),
         (["audit", "difficulty", "STORE", "--noise", "inf"], "--noise"),
         (["audit", "difficulty", "STORE", "--noise", "0.5"], "--noise"),

@@ -1,6 +1,5 @@
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,14 +9,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.figures.style import (
-    COLOURS,
-    MARKERS,
     brightening,
     depth_span,
     legend_below,
     legend_beside,
     plain_text,
-    without_ticks,
     wrapped,
     write_figure,
 )
@@ -68,26 +64,6 @@ def test_a_legend_of_long_names_makes_the_figure_larger_and_stays_within_it(tmp_
     assert box.x0 >= 0
     assert box.x1 <= figure.get_figwidth() * figure.dpi + 1
     assert len(legend.get_texts()) == 7
-
-
-def test_every_figure_is_as_fine(tmp_path: Path) -> None:
-    write_figure(Figure(figsize=(3, 2)), tmp_path / "a.png")
-    image = cv2.imread(str(tmp_path / "a.png"))
-    assert image is not None
-    assert image.shape[:2] == (240, 360)
-
-
-def test_bare_axes_show_their_background() -> None:
-    figure = Figure()
-    axes = figure.subplots(1, 2)
-    without_ticks(axes, "0.75")
-    for axis in axes:
-        assert len(axis.get_xticks()) == len(axis.get_yticks()) == 0
-        assert axis.get_facecolor() == (0.75, 0.75, 0.75, 1.0)
-
-
-def test_colours_and_markers_tell_as_many_apart() -> None:
-    assert len(set(COLOURS)) == len(set(MARKERS)) == len(COLOURS) == len(MARKERS)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])

@@ -210,7 +210,7 @@ def test_a_build_in_an_object_store_ends_the_same(
 @pytest.mark.slow
 def test_a_registration_ends_the_same(captures: Path, tmp_path: Path) -> None:
     killer = Killer({"DFDBENCH_CACHE": str(tmp_path / "cache")})
-    command = "register k03 --source raw --fresh"
+    command = "rig register k03 --source raw --fresh"
 
     def laid_out(place: str) -> Path:
         folder = tmp_path / place

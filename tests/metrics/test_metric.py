@@ -14,11 +14,10 @@ from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.figures.comparison import lighting_figures
-from dfdbench.figures.groups import group_figures
-from dfdbench.figures.runs import panel_figure, score_figure
-from dfdbench.leaderboard.board_tables import lighting_table, standings_table
-from dfdbench.leaderboard.boards import Entry, boards
+from dfdbench.figures.comparisons import lighting_figures
+from dfdbench.figures.runs import group_figures, panel_figure, score_figure
+from dfdbench.leaderboard.ranking import Entry, boards
+from dfdbench.leaderboard.tables import lighting_table, standings_table
 from dfdbench.metrics import metric
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric
 from dfdbench.metrics.protocol import PROTOCOLS, metrics_of
@@ -66,7 +65,7 @@ def test_a_metric_more_is_in_every_table_figure_and_page(tiny_store: Store, tmp_
     ]
     summary = summarise(result, "valid")
     scores, extremes, _ = run_tables(summary)
-    (board,) = [b for b in boards([Entry(result, folder / RESULT, None)]) if b.protocol == "valid"]
+    (board,) = [b for b in boards([Entry.of(result, folder / RESULT)]) if b.protocol == "valid"]
     standings = standings_table(board, tmp_path)
     by_scene = scene_tables(summary, scenes)
     assert len(by_scene) == 2
@@ -100,7 +99,7 @@ def test_a_metric_more_is_in_every_table_figure_and_page(tiny_store: Store, tmp_
 @pytest.mark.usefixtures("with_a_fourth")
 def test_a_metric_more_is_in_what_experiments_show() -> None:
     pytest.importorskip("torch", reason="needs the extra nets")
-    from dfdbench.figures.training import experiment_figure, training_figure
+    from dfdbench.figures.trainings import experiment_figure, training_figure
     from dfdbench.training.checkpoint import Log
     from dfdbench.training.experiments import experiment_table, find_experiment
     from tests.methods.made_weights import card
@@ -130,7 +129,7 @@ def test_in_metres_every_table_figure_and_page_shows_their_metrics(
     for protocol, wanted in (("metric", headings), ("aligned", [headings[0], *headings[2:]])):
         summary = summarise(result, protocol)
         assert len(summary.ranked) == len(result.pairs)
-        found = boards([Entry(result, folder / RESULT, None)])
+        found = boards([Entry.of(result, folder / RESULT)])
         (board,) = [each for each in found if each.protocol == protocol]
         scores, extremes, _ = run_tables(summary)
         for table in (scores, extremes, spread_table(summary), standings_table(board, tmp_path)):

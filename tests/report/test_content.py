@@ -1,9 +1,10 @@
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.report.content import Content, gather
+from dfdbench.report.content import Content, Section, gather, write_plots
 from dfdbench.results.record import Result
 from dfdbench.results.saved_run import SavedRun
 from tests.made_results import limited, make_result
@@ -51,3 +52,23 @@ def test_a_limited_run_has_no_empty_table(tmp_path: Path) -> None:
 def test_a_run_that_was_not_scored_so_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="valid"):
         gathered(tmp_path, make_result(PAIRS), protocol="valid")
+
+
+def content() -> Content:
+    plots = {"seconds per pair": Figure(), "by scene": Figure()}
+    section = Section("demo-1", "0" * 64, (), (), plots)
+    return Content("title", "thesis", (), (), (section, section), (), ())
+
+
+def test_each_plot_is_written_in_each_form_and_the_first_is_named(tmp_path: Path) -> None:
+    written = write_plots(content(), tmp_path, ("png", "svg"))
+    assert written == [
+        [("seconds per pair", f"{n}-seconds-per-pair.png"), ("by scene", f"{n}-by-scene.png")]
+        for n in (1, 2)
+    ]
+    assert len(list(tmp_path.glob("*.png"))) == len(list(tmp_path.glob("*.svg"))) == 4
+
+
+def test_no_form_no_file(tmp_path: Path) -> None:
+    assert write_plots(content(), tmp_path, ()) == [[], []]
+    assert not list(tmp_path.iterdir())

@@ -36,9 +36,9 @@ def test_a_matrix_may_be_given_outright(tmp_path: Path) -> None:
     ("text", "told"),
     [
         ("", "too few pairs"),
-        ("matrix = [[1, 2], [3, 4]]", "not a projective matrix"),
+        ("matrix = [[1, 2], [3, 4]]", "field is missing"),
         ("matrix = [[0, 0, 0], [0, 0, 0], [0, 0, 0]]", "not a projective matrix"),
-        ("[[pairs]]\nlidar = [1, 2]\nimage = [1]\n" * 4, "not a point"),
+        ("[[pairs]]\nlidar = [1, 2]\nimage = [1]\n" * 4, "field is missing"),
         ("[[pairs]]\nlidar = [1, 2]\nimage = [1, 2]\n" * 4, "share a point"),
         ("pairs = ", "cannot read"),
     ],

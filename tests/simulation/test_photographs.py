@@ -23,7 +23,7 @@ def test_a_grey_photograph_has_three_equal_channels() -> None:
 
 
 def test_a_photograph_that_is_not_shipped_is_told() -> None:
-    with pytest.raises(SourceError, match="a photograph is missing") as caught:
+    with pytest.raises(SourceError, match="a photograph of scikit-image is missing") as caught:
         photograph("nobody")
     assert "nobody.png" in caught.value.problems[0].where
 

@@ -4,6 +4,8 @@ import csv
 import io
 import json
 import re
+import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +13,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dfdbench.tables.render import as_latex, as_markdown, render
+from dfdbench.tables.render import (
+    as_latex,
+    as_markdown,
+    latex_label,
+    latex_text,
+    render,
+    spelt_out,
+    spelt_out_json,
+)
 from dfdbench.tables.table import Format, Link, Marked, Table
 
 TABLE = Table(
@@ -162,3 +172,74 @@ def test_a_spreadsheet_takes_no_text_for_a_formula() -> None:
     lines = render([replace(table, records=())], Format.csv).splitlines()[1:]
     assert lines == ["'=cmd|calc:x", "'+1+1", "'-1+1", "'@a", "' =1", "-2.5", "+3", "plain"]
     assert render([table], Format.csv) == "a\n-0.5\n"
+
+
+NAMES = ("Łódź's Übung", "🐟 fish", "日本", "a_b%&#$~^\\{}", "[3pt]", "-0.5 to -.25", "\u200bx\x07")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("-0.5 (-0.1 to +0.2)", "$-$0.5 ($-$0.1 to +0.2)"),
+        ("demo-1, 2005-2006, 1e-3", "demo-1, 2005-2006, 1e-3"),
+        ("δ < 1.25², 1.25³", r"$\delta$ $<$ 1.25$^2$, 1.25$^3$"),
+        ("é ß ą 🐟", "é ß {[}U+0105{]} {[}U+1F41F{]}"),
+    ],
+)
+def test_minus_signs_and_foreign_letters(text: str, shown: str) -> None:
+    assert latex_text(text) == shown
+
+
+@given(st.text(max_size=40))
+def test_nothing_is_left_that_latex_takes_for_a_command(text: str) -> None:
+    found = latex_text(text)
+    assert all(letter == " " or letter.isprintable() for letter in found)
+    assert max(found, default=" ") <= "\u017e"
+    bare = re.sub(
+        r"\\[a-z]+\{\}|\$\\?[a-z<>|-]+\$|\$\^(?:\\circ|[23])\$|\\[{}$&#%_]|\{\[\}|\{\]\}", "", found
+    )
+    assert not set(bare) & set("\\{}$&#%_^~")
+
+
+def test_a_label_is_a_word() -> None:
+    assert latex_label("A: x (a=1), B: y; demo-1") == "tab:a-x-a-1-b-y-demo-1"
+    assert re.fullmatch(r"tab:[a-z0-9-]*", latex_label("🐟 \\ }" * 50))
+
+
+def test_a_long_label_ends_with_a_whole_word() -> None:
+    assert latex_label("fingerprint " * 9) == "tab:" + "-".join(["fingerprint"] * 5)
+    assert latex_label("a" * 99) == "tab:" + "a" * 60
+
+
+@pytest.mark.skipif(not shutil.which("pdflatex"), reason="no pdflatex here")
+def test_latex_takes_any_name_and_no_table_is_too_wide(tmp_path: Path) -> None:
+    table = Table(
+        "\\input{x} & co",
+        ("name", "long"),
+        tuple((Marked(name, mark), "w " * 60) for name in NAMES for mark in ("best", "second")),
+        "lr",
+        ("a note, 50 %",),
+        parts=((0,), (0, 1)),
+    )
+    text = as_latex(table)
+    packages = re.findall(r"% \\usepackage\{(.*)\}", text)[0]
+    (tmp_path / "t.tex").write_text(
+        rf"\documentclass{{article}}\usepackage{{{packages}}}\begin{{document}}{text}\end{{document}}",
+        encoding="utf-8",
+    )
+    command = ("pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex")
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    told = ran.stdout.decode("utf-8", "replace")
+    assert ran.returncode == 0, told
+    assert "Overfull" not in told
+
+
+@given(st.text())
+def test_nothing_that_cannot_be_seen_is_left_and_json_says_the_same(text: str) -> None:
+    left = "".join(spelt_out(text).split())
+    assert left.isprintable()
+    assert json.loads(spelt_out_json(json.dumps(text, ensure_ascii=False))) == text
+
+
+def test_what_can_be_seen_stays() -> None:
+    assert spelt_out("Größe ≤ 5 %\t–\n深度") == "Größe ≤ 5 %\t–\n深度"

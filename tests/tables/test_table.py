@@ -1,15 +1,9 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dfdbench.tables.table import Link, Table, least_width
+from dfdbench.tables.table import Table, as_html, least_width
 
 WORDS = st.text("abc ", max_size=12)
-
-
-def test_a_link_is_its_text_and_keeps_its_address() -> None:
-    link = Link("Art", "page.html#art")
-    assert link == "Art"
-    assert link.target == "page.html#art"
 
 
 def test_words_wrap_and_numbers_do_not() -> None:
@@ -32,3 +26,11 @@ def test_no_word_and_no_number_is_broken(rows: list[tuple[str, str, str]]) -> No
     assert inside >= numbers + sum(words)
     whole = [max(len(row[at]) for row in [*rows, table.columns]) for at in range(3)]
     assert inside <= sum(whole)
+
+
+def test_cells_stand_under_their_headings_on_their_side_with_notes_below() -> None:
+    text = as_html(Table("T & U", ("a", "n"), (("x", "1"), ("y", "2")), "lr", ("a note",)))
+    assert "<b>T &amp; U</b>" in text
+    assert text.count("<tr>") == 3
+    assert '<td style="text-align:right">2</td>' in text
+    assert text.index("</table>") < text.index("a note")

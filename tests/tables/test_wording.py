@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from dfdbench.tables.wording import counted, listed
+from dfdbench.tables.wording import listed
 
 
 @pytest.mark.parametrize(
@@ -11,7 +11,3 @@ from dfdbench.tables.wording import counted, listed
 )
 def test_a_list_is_whole_or_says_how_much_is_left(count: int, most: int | None, text: str) -> None:
     assert listed(range(count), most) == text
-
-
-def test_one_is_one() -> None:
-    assert [counted(number, "pair") for number in (0, 1, 2)] == ["0 pairs", "1 pair", "2 pairs"]

@@ -14,9 +14,8 @@ from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.image_files import Image, average_frames, image_problems, read_rgb
 from dfdbench.datasets.manifest import Capture
 from dfdbench.errors import Problem, SourceError
-from dfdbench.rig.depth_map import depth_image, warp
-from dfdbench.rig.geometry import Rig
-from dfdbench.rig.lidar import Beams, average_scans
+from dfdbench.rig.geometry import CaptureRig
+from dfdbench.rig.lidar import Beams, average_scans, depth_image, warp
 from dfdbench.rig.lidar_files import read_beams, read_ranges
 from dfdbench.rig.registration_file import NAME as REGISTRATION
 from dfdbench.rig.registration_file import read_registration
@@ -97,7 +96,7 @@ class RawScene:
         self.folder = folder
         self._capture = capture
         height, width = capture.frame_size
-        self.rig = Rig(frame_size=(height, width), crop_size=capture.crop_size)
+        self.rig = CaptureRig(frame_size=(height, width), crop_size=capture.crop_size)
         self._depth: Depth | None = None
 
     def exposures(self) -> tuple[int, ...]:

@@ -19,11 +19,9 @@ from dfdbench.building.sources.realworld import as_told
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.lens_table import read_lens_table
-from dfdbench.rig.board_pose import Sighting
-from dfdbench.rig.board_rays import Rays
-from dfdbench.rig.depth_map import depth_image, warp
-from dfdbench.rig.geometry import Pose, Rig
-from dfdbench.rig.lidar import average_scans
+from dfdbench.rig.board import Rays, Sighting
+from dfdbench.rig.geometry import CaptureRig, Pose
+from dfdbench.rig.lidar import average_scans, depth_image, warp
 from dfdbench.rig.lidar_files import read_beams
 from dfdbench.rig.registration import register, sight
 from dfdbench.simulation.board_scene import SCENES, SimulatedScene, defocus
@@ -68,7 +66,7 @@ class SimulatedRig:
         self._manifest = manifest
         self._capture = manifest.capture
         height, width = self._capture.frame_size
-        self._rig = Rig(frame_size=(height, width), crop_size=self._capture.crop_size)
+        self._rig = CaptureRig(frame_size=(height, width), crop_size=self._capture.crop_size)
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -165,7 +163,7 @@ class SimulatedRig:
         return average_scans([simulated.scan(beams, number) for number in scans])
 
 
-def _rounded(rays: Rays, pose: Pose, rig: Rig) -> Floats:
+def _rounded(rays: Rays, pose: Pose, rig: CaptureRig) -> Floats:
     turned = Pose(*(round(angle / _ANGLE_STEP) * _ANGLE_STEP for angle in astuple(pose)))
     corners = rays.corners()
     target = cv2.perspectiveTransform(corners[np.newaxis], rays.matrix(turned, rig))[0]

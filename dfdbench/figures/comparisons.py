@@ -1,0 +1,253 @@
+"""Figures over several runs: scores by scene and lighting, times, changes, scores on tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from dfdbench.blur.tracks import CLEAN
+from dfdbench.datasets.pair_images import PairImages
+from dfdbench.figures.style import (
+    COLOURS,
+    ERROR_LIMIT,
+    MARKERS,
+    SKY,
+    brightened,
+    brightening,
+    legend_below,
+    marks,
+    plain_text,
+    without_ticks,
+    wrapped,
+)
+from dfdbench.metrics.metric import find_metric
+from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
+from dfdbench.results.differences import PairChange
+from dfdbench.results.record import PairResult
+from dfdbench.results.saved_run import SavedRun
+from dfdbench.results.summary import median_seconds
+
+_COLUMNS = 4
+_WIDTH, _HEIGHT = 2.7, 2.4
+# For methods beyond the number of colours.
+_LINES = ("-", "--", ":")
+
+
+def lighting_figures(runs: Sequence[SavedRun], protocol: str) -> dict[str, Figure]:
+    """Draw runs on the same data: each metric by scene and exposure, a figure an illumination.
+
+    As the thesis's Figs 4.5, 4.7, 4.8, 5.11 to 5.13 and, with several methods, 5.15 to 5.17. The
+    key says what a figure shows; without illuminations there is one.
+    """
+    dataset = runs[0].result.dataset
+    pairs = [pair for run in runs for pair in run.result.pairs if pair.status == "ok"]
+    if not pairs:
+        return {}
+    if dataset.rows is None:
+        return {"scores by scene": _scene_figure(runs, pairs, protocol, None)}
+    values = sorted({pair.coordinates[dataset.rows] for pair in pairs})
+    return {
+        f"{dataset.rows} {value}": _scene_figure(runs, pairs, protocol, value) for value in values
+    }
+
+
+def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
+    """Draw the seconds per pair of each method as boxes on a logarithmic axis."""
+    times = [
+        (run.label, [pair.seconds for pair in run.result.pairs if pair.seconds]) for run in runs
+    ]
+    timed = [(label, seconds) for label, seconds in times if seconds]
+    if not timed:
+        return None
+    figure = Figure(figsize=(9, 1.4 + 0.45 * len(timed)), layout="constrained")
+    axis = figure.subplots()
+    axis.boxplot(
+        [seconds for _, seconds in timed],
+        orientation="horizontal",
+        patch_artist=True,
+        boxprops={"facecolor": SKY, "alpha": 0.7},
+        widths=0.6,
+        whis=(0, 100),
+    )
+    names = [wrapped(plain_text(label), 40) for label, _ in timed]
+    axis.set_yticks(range(1, len(timed) + 1), names)
+    axis.invert_yaxis()
+    axis.set_xscale("log")
+    axis.set_xlabel("seconds per pair: quartiles and extremes")
+    axis.grid(axis="x", alpha=0.3)
+    return figure
+
+
+def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
+    """Draw the ranking metric against the seconds per pair, a mark a method; both logarithmic.
+
+    Runs that are incomplete or whose seconds cannot be compared are left out; None if all are.
+    """
+    name = ranked_by(protocol)[0]
+    found = [
+        (run.label, seconds, score)
+        for run in runs
+        if (score := (run.result.averages or {}).get(protocol, {}).get(name))
+        and (seconds := median_seconds([run.result]))
+    ]
+    if not found:
+        return None
+    figure = Figure(figsize=(7, 4.2), layout="constrained")
+    axis = figure.subplots()
+    for number, (label, seconds, score) in enumerate(found):
+        marker = MARKERS[(number + number // len(COLOURS)) % len(MARKERS)]
+        style = {**marks(number), "marker": marker, "markersize": 9}
+        axis.plot(seconds, score, label=plain_text(label), **style)
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_formatter("{x:g}")
+    axis.yaxis.set_minor_formatter("{x:g}")
+    axis.set_xlabel("seconds per pair, median")
+    axis.set_ylabel(find_metric(name).heading)
+    axis.set_title(f"{runs[0].result.dataset.name}, protocol {title_of(protocol)}", fontsize=11)
+    axis.grid(which="both", alpha=0.3)
+    legend_below(figure, axis)
+    return figure
+
+
+def change_figure(
+    first: SavedRun, second: SavedRun, found: Sequence[PairChange], metric: str
+) -> Figure | None:
+    """Draw truth, both predictions and both errors, a row a pair; None without depth maps."""
+    rows = []
+    for change in found:
+        before, after = first.images(change.first), second.images(change.second)
+        if before is not None and after is not None:
+            rows.append((change, before[0], before[1], after[1]))
+    if not rows:
+        return None
+    figure = Figure(figsize=(15, 1.9 * len(rows) + 0.9), layout="constrained")
+    grid = figure.subplots(len(rows), 6, squeeze=False)
+    names = [plain_text(run.label) for run in (first, second)]
+    figure.suptitle(f"A: {names[0]}    B: {names[1]}    changed much, scene by scene")
+    heads = ("in-focus", "ground truth", "A", "B", "A − truth", "B − truth")
+    for axis, head in zip(grid[0], heads, strict=True):
+        axis.set_title(head, fontsize=10)
+    for axes, (change, images, *predictions) in zip(grid, rows, strict=True):
+        _draw_maps(figure, axes, images, predictions)
+        axes[0].set_ylabel(change.first.id.replace("/", "\n"), fontsize=8)
+        axes[5].set_xlabel(f"{find_metric(metric).title} {change.difference:+.4f}", fontsize=9)
+    figure.supxlabel("grey: depth unknown", fontsize=8)
+    return figure
+
+
+def _draw_maps(
+    figure: Figure, axes: NDArray[Any], images: PairImages, predictions: Sequence[NDArray[Any]]
+) -> None:
+    known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
+    levels: dict[str, Any] = {"cmap": "viridis", "interpolation": "nearest"}
+    levels |= {"vmin": np.nanmin(known), "vmax": np.nanmax(known)}
+    errors: dict[str, Any] = {"cmap": "PuOr", "interpolation": "nearest"}
+    errors |= {"vmin": -ERROR_LIMIT, "vmax": ERROR_LIMIT}
+    times = brightening(images.infocus)
+    axes[0].imshow(brightened(images.infocus, times))
+    if times > 1:
+        axes[0].set_xlabel(f"shown {times} times brighter", fontsize=8)
+    for axis, depth in zip(axes[1:4], (known, *predictions), strict=True):
+        shown = axis.imshow(depth, **levels)
+    for axis, depth in zip(axes[4:], predictions, strict=True):
+        error = axis.imshow(depth - known, **errors)
+    without_ticks(axes, "0.75")
+    figure.colorbar(shown, ax=axes[3], label="depth level", fraction=0.05)
+    figure.colorbar(error, ax=axes[5], label="levels", fraction=0.05, extend="both")
+
+
+def _scene_figure(
+    runs: Sequence[SavedRun], pairs: Sequence[PairResult], protocol: str, value: int | None
+) -> Figure:
+    dataset = runs[0].result.dataset
+    levels = sorted({pair.coordinates[dataset.blocks] for pair in pairs})
+    scenes = list(dict.fromkeys(pair.scene for pair in pairs))
+    width = max(3.2, 0.3 * len(scenes) + 1.5)
+    # One exposure alone would leave no room for the names below it.
+    whole = max(width * len(levels), 8.0)
+    metrics = metrics_of(protocol)
+    figure = Figure(figsize=(whole, 2.5 * len(metrics)), layout="constrained")
+    grid = figure.subplots(len(metrics), len(levels), squeeze=False, sharey="row", sharex=True)
+    for line, metric in enumerate(metrics.values()):
+        for column, level in enumerate(levels):
+            axis = grid[line][column]
+            for number, run in enumerate(runs):
+                place = {dataset.blocks: level}
+                if dataset.rows and value is not None:
+                    place[dataset.rows] = value
+                found = _scores(run, protocol, metric.name, place)
+                offset = (number - (len(runs) - 1) / 2) * 0.6 / len(runs)
+                style = {**marks(number), "color": COLOURS[number % (len(COLOURS) - 1)]}
+                at = [scenes.index(scene) + offset for scene, _ in found]
+                scores = [score for _, score in found]
+                axis.plot(at, scores, label=plain_text(run.label), **style)
+            axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
+            axis.grid(alpha=0.3)
+            if column == 0:
+                axis.set_ylabel(metric.axis_label)
+            if line == 0:
+                axis.set_title(f"{dataset.blocks} {level}")
+    legend_below(figure, grid[0][0])
+    return figure
+
+
+def _scores(
+    run: SavedRun, protocol: str, metric: str, place: dict[str, int]
+) -> list[tuple[str, float]]:
+    return [
+        (pair.scene, score)
+        for pair in run.result.pairs
+        if pair.status == "ok"
+        and place.items() <= pair.coordinates.items()
+        and (score := pair.score(protocol, metric)) is not None
+    ]
+
+
+def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -> Figure:
+    """Draw a metric against severity, a panel a track, a line a method.
+
+    Parameters
+    ----------
+    scores : mapping of str to DataFrame
+        By method: a row a track, a column a severity, 0 for clean images; see
+        `dfdbench.results.track_tables.track_means`.
+    metric : str
+        Its name.
+    title : str
+        Above all panels.
+    """
+    tracks = list(dict.fromkeys(track for means in scores.values() for track in means.index))
+    rows = -(-len(tracks) // _COLUMNS)
+    columns = min(_COLUMNS, len(tracks))
+    figure = Figure((_WIDTH * columns, _HEIGHT * rows + 0.5), layout="constrained")
+    axes = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    for axis in axes.flat[len(tracks) :]:
+        axis.set_axis_off()
+    for track, axis in zip(tracks, axes.flat, strict=False):
+        longest = 0
+        for number, (method, means) in enumerate(scores.items()):
+            values = means.loc[track].tolist() if track in means.index else []
+            longest = max(longest, len(values))
+            line = _LINES[number // len(COLOURS) % len(_LINES)]
+            style = {**marks(number), "linestyle": line, "markersize": None}
+            axis.plot(range(len(values)), values, label=plain_text(method), **style)
+        axis.set_title(track, fontsize=10)
+        axis.set_xlabel("severity")
+        axis.set_xticks(range(longest), [CLEAN, *map(str, range(1, longest))])
+        axis.grid(alpha=0.3)
+    for axis in axes[:, 0]:
+        axis.set_ylabel(find_metric(metric).heading)
+    # Only now is the height of the shared axis known.
+    axes.flat[0].set_ylim(bottom=0)
+    figure.suptitle(plain_text(title), fontsize=11)
+    if len(scores) > 1:
+        handles, labels = axes.flat[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure

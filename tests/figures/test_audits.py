@@ -1,0 +1,72 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dfdbench.audit.coverage import Verdict, compare_depths
+from dfdbench.audit.depth_errors import DepthErrors
+from dfdbench.audit.run_errors import LevelErrors, join_errors
+from dfdbench.audit.sides import sides_of
+from dfdbench.datasets.depth_scale import DepthScale
+from dfdbench.datasets.store import Store
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.run import run_method
+from dfdbench.figures.audits import (
+    coverage_figure,
+    depth_error_figure,
+    level_error_figure,
+    mask_figure,
+)
+
+
+def test_offending_ranges_are_marked(tiny_store: Store) -> None:
+    record = compare_depths(*sides_of(tiny_store))
+    figure = coverage_figure(record)
+    top, middle, _ = figure.axes
+    assert len(top.patches) == len(middle.patches) == len(record.ranges)
+    assert middle.get_yscale() == "log"
+
+
+def test_masks_lie_over_the_errors_of_the_worst_pair_of_each_scene(
+    tiny_store: Store, tmp_path: Path
+) -> None:
+    run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
+    record = compare_depths(*sides_of(tiny_store))
+    join = join_errors(tiny_store, run.result, run.folder, record)
+    figure = mask_figure(tiny_store, run.result, run.folder, join)
+    rows = [axis.get_ylabel() for axis in figure.axes if axis.get_ylabel().startswith("T")]
+    assert sorted(row.split("\n")[0] for row in rows) == ["Three", "Two"]
+    bars = level_error_figure(join, "title").axes[0].containers
+    present = join.total.pixels > 0
+    kinds = [kind for kind in Verdict if (join.levels[kind] & present).any()]
+    assert len(bars) == len(kinds)
+    assert np.isclose(join.total.pixels.sum(), sum(e.pixels.sum() for e in join.pairs.values()))
+
+
+def errors_of(name: str, told: int) -> DepthErrors:
+    """A hundred pixels at each of the levels 40 to 79, all answered by one level."""
+    pixels, answers = np.zeros(256, np.int64), np.zeros((256, 256), np.int64)
+    pixels[40:80] = 100
+    answers[40:80, told] = 100
+    off = np.asarray(np.abs(np.arange(256.0) - told) * pixels, np.float64)
+    return DepthErrors(name, ("a",), LevelErrors(pixels, off, np.square(off)), None, answers)
+
+
+def test_each_run_has_a_curve_and_a_panel_of_its_answers() -> None:
+    found = [errors_of("near", 70), errors_of("$far$", 41)]
+    figure = depth_error_figure("title", found, DepthScale(near=0.5, far=5.0))
+    top, *panels = figure.axes
+    assert [line.get_label() for line in top.lines] == ["near", r"\$far\$"]
+    levels, means = top.lines[0].get_data()
+    shown = ~np.isnan(np.asarray(means))
+    assert np.asarray(levels)[shown].tolist() == [*np.arange(41.5, 80, 4)]
+    assert np.asarray(means)[shown][0] == pytest.approx(70 - 41.5)
+    metres = top.child_axes[0]
+    named = [text.get_text() for text in metres.get_xticklabels()]
+    # 2.5 m would be left of the levels that occur.
+    assert named == ["2", "1.5"]
+    assert len(panels) == 2
+    # All of a true level's pixels lie on the one answer; where there are none it is blank.
+    image = np.asarray(panels[0].images[0].get_array())
+    assert image[70 // 4, 40 // 4] == 1
+    assert image.sum() == 10
