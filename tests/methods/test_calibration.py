@@ -159,7 +159,7 @@ def test_a_method_that_is_fitted_finds_depth_where_no_line_would(name: str) -> N
     law = BlurLaw(tuple(FOCUSED.tolist()), exponent=8.0)
     method = load_method(name, {"recipe": None}, {})
     assert isinstance(method.predict, Calibrated)
-    with pytest.raises(MethodError, match="knows no blur yet"):
+    with pytest.raises(MethodError, match="the method knows no blur yet"):
         method.predict(*scene(9)[:1] * 2)
     assert method.fit is not None
     method.predict.restore(dict(found_of(law).as_learned()))
