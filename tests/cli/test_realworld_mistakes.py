@@ -29,7 +29,11 @@ def test_depth_maps_without_a_known_pixel_are_not_built(dfdbench: Command) -> No
         ),
         (pairs_of((10, 10), (500, 10), (10, 500), (10, 500)), "two pairs share a point"),
         (pairs_of((math.nan, 3), (500, 10), (10, 500), (500, 500)), "a finite number"),
-        ("matrix = [[1,0,0],[0,1,0],[0,0,1]]\npairs = []\n", "a matrix and pairs"),
+        (
+            "matrix = [[1,0,0],[0,1,0],[0,0,1]]\n"
+            + pairs_of((10, 10), (500, 10), (10, 500), (500, 500)),
+            "a matrix and pairs",
+        ),
     ):
         registration.write_text(content)
         done = dfdbench(*build)
