@@ -18,7 +18,7 @@ from dfdbench.blur.tracks import CLEAN
 from dfdbench.building.build import build_store
 from dfdbench.building.obtaining import obtain
 from dfdbench.building.plan import plan_build
-from dfdbench.datasets.catalog import find_manifest, released_manifests, typed_name
+from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.pair_images import PairImages
 from dfdbench.datasets.store import Store
 from dfdbench.datasets.store import open_store as _open_store
@@ -302,7 +302,7 @@ def list_datasets(cache: Path | None = None) -> pd.DataFrame:
     """
     rows = [
         {
-            "name": typed_name(manifest),
+            "name": manifest.short,
             "scenes": manifest.scene_count,
             "pairs": manifest.pair_count,
             "splits": ", ".join(split.name for split in manifest.splits),

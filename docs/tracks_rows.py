@@ -11,16 +11,15 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from matplotlib.figure import Figure
+import pandas as pd
 
-from dfdbench.blur.tracks import CLEAN, TRACKS
+from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.figures.comparisons import tracks_figure
 from dfdbench.figures.style import write_figure
-from dfdbench.leaderboard.folder import LEADERBOARD
-from dfdbench.leaderboard.track_boards import TracksEntry, collect_tracks
-from dfdbench.leaderboard.tracks_submission import HEADLINE
+from dfdbench.leaderboard.board import leaderboard
+from dfdbench.leaderboard.ranking import TRACKS_PROTOCOL, ScoreBoard
 from dfdbench.metrics.metric import RANKED_BY
-from dfdbench.results.track_tables import severities
+from dfdbench.results.track_tables import track_means
 from dfdbench.results.wording import NOTHING, score_text
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown
@@ -37,78 +36,85 @@ BEGIN, END = "<!-- written by docs/tracks_rows.py -->\n", "<!-- end -->"
 
 def main(place: str) -> None:
     """Write each page's table between its two marks, and draw the picture."""
-    places: dict[str, dict[str, TracksEntry]] = {}
-    for entry in collect_tracks(LEADERBOARD):
-        places.setdefault(_place(entry), {})[entry.label] = entry
-    entries = places.get(place, {})
-    there = [name for name in METHODS if name in entries]
-    if lacking := [name for name in METHODS if name not in entries]:
+    boards = {
+        f"{board.result.dataset.name}-{board.result.dataset.split}": board
+        for board in leaderboard().boards
+        if board.suite in SUITES
+    }
+    means = means_of(boards[place]) if place in boards else {}
+    there = {name: means[name] for name in METHODS if name in means}
+    if lacking := [name for name in METHODS if name not in means]:
         print(f"no runs on tracks of {place}: {', '.join(lacking)}", file=sys.stderr)
     if not there:
         sys.exit("nothing is written; dfdbench tracks --method NAME --submit")
-    _write_between(PAGE, table_of([entries[name] for name in there], place))
-    _write_between(SUMMARY, summary_of(places))
-    write_figure(picture_of(list(entries.values()), place), PICTURE)
+    _write_between(PAGE, table_of(there, place))
+    _write_between(SUMMARY, summary_of(boards))
+    title = f"{place}, protocol {TRACKS_PROTOCOL}, best mean first"
+    write_figure(tracks_figure(means, RANKED_BY, title), PICTURE)
 
 
-def table_of(entries: list[TracksEntry], place: str) -> Table:
-    """Return a row a track and severity, a column a method."""
-    rows = [(CLEAN, *(_score(entry, CLEAN) for entry in entries))]
-    for track in TRACKS.values():
-        for severity in range(1, len(track.severities) + 1):
-            label = f"{track.name}-{severity}"
-            rows.append((label, *(_score(entry, label) for entry in entries)))
-    columns = ("", *(entry.label for entry in entries))
-    title = f"NRMSE, {place}, protocol {HEADLINE}"
-    return Table(title, columns, tuple(rows), "l" + "r" * len(entries))
+def means_of(board: ScoreBoard) -> dict[str, pd.DataFrame]:
+    """Return the means by track and severity of the methods with a complete set, best first."""
+    overall = overall_of(board)
+    rows = {standing.entry.label: row for row, standing in enumerate(board.standings)}
+    return {
+        label: track_means(
+            board.scores[board.scores["row"] == rows[label]], TRACKS_PROTOCOL, RANKED_BY
+        )
+        for label in sorted(overall, key=overall.__getitem__)
+    }
 
 
-def summary_of(places: dict[str, dict[str, TracksEntry]]) -> Table:
+def overall_of(board: ScoreBoard) -> dict[str, float]:
+    """Return the mean over all tracks of the methods with a complete set."""
+    return {
+        standing.entry.label: score
+        for standing in board.standings
+        if (score := standing.scores[RANKED_BY]) is not None
+    }
+
+
+def summary_of(boards: dict[str, ScoreBoard]) -> Table:
     """Return a row a method, best mean first: clean, hardest and mean, for each data set."""
+    overall = {place: overall_of(board) for place, board in boards.items()}
+    means = {place: means_of(board) for place, board in boards.items()}
 
     def order(label: str) -> tuple[bool, float]:
-        means = [found[label].mean(RANKED_BY) for found in places.values() if label in found]
-        return GIVEN in label, min((mean for mean in means if mean is not None), default=1)
+        return GIVEN in label, min(each[label] for each in overall.values() if label in each)
 
-    def cells(entry: TracksEntry | None) -> tuple[str, ...]:
-        if entry is None:
+    def cells(place: str, label: str) -> tuple[str, ...]:
+        if label not in means[place]:
             return (NOTHING,) * 3
-        return _score(entry, CLEAN), _score(entry, HARDEST), score_text(entry.mean(RANKED_BY))
+        found, (track, severity) = means[place][label], HARDEST.split("-")
+        scores = found[0].iloc[0], found[int(severity)][track], overall[place][label]
+        return tuple(map(score_text, scores))
 
-    labels = sorted({label for found in places.values() for label in found}, key=order)
+    labels = sorted({label for found in overall.values() for label in found}, key=order)
     rows = [
-        (label, *(cell for found in places.values() for cell in cells(found.get(label))))
-        for label in labels
+        (label, *(cell for place in boards for cell in cells(place, label))) for label in labels
     ]
-    heads = [f"{place}: {CLEAN}" for place in places]
+    heads = [f"{place}: {CLEAN}" for place in boards]
     columns = ("", *(text for head in heads for text in (head, HARDEST, "mean of tracks")))
     align = "l" + "r" * (len(columns) - 1)
-    return Table(f"NRMSE, protocol {HEADLINE}", columns, tuple(rows), align)
+    return Table(f"NRMSE, protocol {TRACKS_PROTOCOL}", columns, tuple(rows), align)
 
 
-def picture_of(entries: list[TracksEntry], place: str) -> Figure:
-    """Return the metric against severity, a panel a track, a line a method, best mean first."""
-    whole = [(mean, entry) for entry in entries if (mean := entry.mean(RANKED_BY)) is not None]
-    scores = {
-        entry.label: severities(entry.results, HEADLINE, RANKED_BY)
-        for _, entry in sorted(whole, key=lambda found: found[0])
-    }
-    return tracks_figure(scores, RANKED_BY, f"{place}, protocol {HEADLINE}, best mean first")
-
-
-def _place(entry: TracksEntry) -> str:
-    return f"{entry.clean.dataset.name}-{entry.clean.dataset.split}"
+def table_of(means: dict[str, pd.DataFrame], place: str) -> Table:
+    """Return a row a track and severity, a column a method."""
+    first = next(iter(means.values()))
+    rows = [(CLEAN, *(score_text(found[0].iloc[0]) for found in means.values()))]
+    for track in first.index:
+        for severity in first.columns[1:]:
+            scores = (score_text(found[severity][track]) for found in means.values())
+            rows.append((f"{track}-{severity}", *scores))
+    title = f"NRMSE, {place}, protocol {TRACKS_PROTOCOL}"
+    return Table(title, ("", *means), tuple(rows), "l" + "r" * len(means))
 
 
 def _write_between(page: Path, table: Table) -> None:
     before, _, rest = page.read_text("utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)
     write_whole(page, f"{before}{BEGIN}\n{as_markdown(table)}\n{END}{after}")
-
-
-def _score(entry: TracksEntry, label: str) -> str:
-    result = entry.results.get(label)
-    return score_text(((result and result.averages) or {}).get(HEADLINE, {}).get(RANKED_BY))
 
 
 if __name__ == "__main__":

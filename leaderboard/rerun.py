@@ -14,9 +14,10 @@ from pathlib import Path
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.store import Store, open_store
+from dfdbench.datasets.store import open_store
 from dfdbench.errors import StoreError
-from dfdbench.leaderboard.folder import LEADERBOARD, RESULTS
+from dfdbench.leaderboard.board import LEADERBOARD
+from dfdbench.leaderboard.row_file import RESULTS
 
 HERE = Path(__file__).parent
 #: How the rows of each kind are run.
@@ -52,7 +53,9 @@ def main(rows: Path) -> int:
                     left_out.append(f"{name}, split {split}, {method}: failed, see above")
             run_here[name, split] = None
     for name, split in run_here:
-        _verify(open_store(name), split)
+        board = f"{open_store(name).manifest.stem}-{split}"
+        files = sorted((LEADERBOARD / RESULTS / board).glob("*.json"))
+        _dfdbench("leaderboard", "verify", *map(str, files))
     status = _dfdbench("leaderboard")
     for text in left_out:
         print(f"left out     {text}", file=sys.stderr)
@@ -68,11 +71,6 @@ def _lacking(name: str, split: str) -> str:
     there = set(store.pairs(split))
     missing = [pair.id for pair in store.manifest.pairs(split) if pair not in there]
     return f"the store lacks {', '.join(missing)}" if missing else ""
-
-
-def _verify(store: Store, split: str) -> None:
-    files = sorted((LEADERBOARD / RESULTS / f"{store.manifest.stem}-{split}").glob("*/*.json"))
-    _dfdbench("leaderboard", "verify", "--record", *map(str, files))
 
 
 def _dfdbench(*words: str) -> int:

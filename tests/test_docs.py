@@ -11,7 +11,7 @@ import pytest
 from dfdbench.datasets.store import Store
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.leaderboard.tracks_submission import submit_tracks
+from dfdbench.leaderboard.submission import submit
 from dfdbench.methods.registry import built_in_methods
 from tests.leaderboard.made_tracks import make_tracks
 
@@ -149,7 +149,7 @@ def test_what_tracks_cost_is_written_between_its_marks_and_drawn(
             assert f"no runs on tracks of demo-1-test: {', '.join(names[1:])}" in told
             assert "| noise-1 | 0.1000 |" in page.read_text("utf-8")
         runs = make_tracks(name, 0.1 + 0.01 * number, entry=entry, source_sha256="5" * 64)
-        submit_tracks(runs, Path("leaderboard"))
+        submit(list(runs.values()), Path("leaderboard"))
     for _ in range(2):
         main("demo-1-test")
         rows = [line for line in page.read_text("utf-8").splitlines() if "| 0.16" in line]

@@ -19,19 +19,18 @@ import pytest
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
+from dfdbench.blur.tracks import SUITES
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.store import Store
-from dfdbench.leaderboard.boards import mean_over
-from dfdbench.leaderboard.submission import load_submission
-from dfdbench.leaderboard.track_boards import collect_tracks
-from dfdbench.leaderboard.verification_file import SUFFIX
+from dfdbench.leaderboard.board import leaderboard
+from dfdbench.leaderboard.row_file import read_row
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.mrf import Energy, Quality, expansion, split
 from dfdbench.methods.registry import built_in_methods
-from dfdbench.metrics.metric import RANKED_BY
+from dfdbench.metrics.metric import RANKED_BY, mean_of
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.metrics.scores import nmae, nrmse, ssim
-from dfdbench.results.record import Result
+from dfdbench.results.record import PairResult, Result
 from dfdbench.results.told import told
 from dfdbench.results.wording import score_text
 from tests.methods.test_graph_cuts import PROGRAM
@@ -110,10 +109,18 @@ class Column:
 @functools.cache
 def results(board: str, protocol: str) -> dict[str, Result]:
     """Return the results of a data set and split by method and parameters."""
-    folder = ROOT / "leaderboard/results" / board / protocol
-    paths = [path for path in folder.glob("*.json") if not path.name.endswith(SUFFIX)]
-    found = [load_submission(path, ROOT / "leaderboard") for path in paths]
-    return {key(result.method.name, result.method.parameters): result for result in found}
+    rows = [read_row(path) for path in (ROOT / "leaderboard/results" / board).glob("*.json")]
+    return {
+        key(result.method.name, result.method.parameters): result
+        for row in rows
+        if "clean" in row.suites
+        for result in row.results
+        if result.dataset.degradation == "clean" and protocol in result.protocol_names
+    }
+
+
+def mean(pairs: list[PairResult], protocol: str, metric: str) -> float | None:
+    return mean_of(pair.score(protocol, metric) for pair in pairs)
 
 
 def key(name: str, parameters: object) -> str:
@@ -178,7 +185,7 @@ def methods(quoted: Quoted, rows: list[list[str]]) -> Iterator[tuple[str, list[s
 def expected(result: Result, column: Column, cell: str, scenes: list[str]) -> str:
     def mean(of: list[str]) -> float | None:
         pairs = [pair for pair in result.pairs if pair.scene in of]
-        return mean_over(pairs, column.protocol, column.metric)
+        return mean_of(pair.score(column.protocol, column.metric) for pair in pairs)
 
     by_scene = [score for scene in scenes if (score := mean([scene])) is not None]
     over_scenes = f"{score_text(min(by_scene))} to {score_text(max(by_scene))}"
@@ -234,7 +241,7 @@ def test_the_readmes_table_is_what_make_demo_prints() -> None:
     for name, given, *shown in rows:
         result = results(quoted.board, quoted.protocol)[name.strip("`")]
         pairs = [pair for pair in result.pairs if pair.scene == split]
-        scores = [score_text(mean_over(pairs, "thesis", metric)) for metric in METRICS.values()]
+        scores = [score_text(mean(pairs, "thesis", metric)) for metric in METRICS.values()]
         assert (given, shown) == (told(result), scores), name
 
 
@@ -250,13 +257,13 @@ def test_the_folds_of_photographs_are_printed_and_sealed() -> None:
         fold, _, scenes = name.partition(": ")
         assert printed.split(" / ") == published("5.7", "DfD-Net", f"fold {fold}")
         pairs = [pair for pair in result.pairs if pair.scene in scenes.split(", ")]
-        means = [mean_over(pairs, protocol, metric) for metric in METRICS.values()]
+        means = [mean(pairs, protocol, metric) for metric in METRICS.values()]
         assert own.split(" / ") == list(map(score_text, means))
 
 
 def test_the_floor_of_ssim_is_that_of_a_constant() -> None:
     means = [
-        mean_over(results(board, "thesis")["constant"].pairs, "thesis", "ssim")
+        mean(results(board, "thesis")["constant"].pairs, "thesis", "ssim")
         for board in ("demo-1-test", "middlebury-default-1-test")
     ]
     floors = {f"{mean:.2f}" for mean in means}
@@ -302,14 +309,18 @@ def test_the_page_on_the_thesis_names_the_published_tables() -> None:
 def test_what_the_page_on_tracks_concludes_is_so_on_the_board() -> None:
     means: dict[tuple[str, str], float] = {}
     on: dict[tuple[str, str, str], float] = {}
-    for entry in collect_tracks(ROOT / "leaderboard"):
-        board = entry.clean.dataset.name.partition("-")[0]
-        if (mean := entry.mean(RANKED_BY)) is not None:
-            means[board, entry.label] = mean
-        for label, result in entry.results.items():
-            score = (result.averages or {})["valid"][RANKED_BY]
-            assert score is not None
-            on[board, entry.label, label] = score
+    for ranking in leaderboard(ROOT / "leaderboard").boards:
+        if ranking.suite not in SUITES:
+            continue
+        board = ranking.result.dataset.name.partition("-")[0]
+        for standing in ranking.standings:
+            label = standing.entry.label
+            if (overall := standing.scores[RANKED_BY]) is not None:
+                means[board, label] = overall
+            for result in standing.entry.runs:
+                score = (result.averages or {})["valid"][RANKED_BY]
+                assert score is not None
+                on[board, label, result.dataset.degradation] = score
     network = "dfd-net (weights={})"
     for board in ("demo", "middlebury"):
         rounded, cuts = "graph-cuts-rounded", "graph-cuts"

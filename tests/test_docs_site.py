@@ -13,11 +13,9 @@ import pytest
 
 from dfdbench.cli.verbs import VERBS
 from dfdbench.leaderboard.submission import submit
-from dfdbench.leaderboard.tracks_submission import submit_tracks
 from dfdbench.results.record import PairResult, Result
-from tests.leaderboard.made_boards import WHEN, add
+from tests.leaderboard.made_boards import add, scored
 from tests.leaderboard.made_tracks import make_tracks
-from tests.leaderboard.test_scored_table import scored
 from tests.report import test_browser
 
 chromium = test_browser.chromium
@@ -68,11 +66,8 @@ def test_every_row_of_the_leaderboard_is_there_with_its_file(made: Any) -> None:
     results = {
         path.relative_to(ROOT / "leaderboard").as_posix()
         for path in (ROOT / "leaderboard/results").rglob("*.json")
-        if not path.name.endswith(".reproduced.json")
     }
-    # Files that gave way to newer ones of their method are told on the page of all tables.
-    assert files <= results
-    assert len(results - files) <= 3
+    assert files == results
     for board in boards:
         assert all(len(row["scores"]) == len(board["metrics"]) for row in board["rows"])
     demo = next(b for b in boards if (b["set"], b["protocol"]) == ("demo-1, split test", "thesis"))
@@ -83,14 +78,14 @@ def test_every_row_of_the_leaderboard_is_there_with_its_file(made: Any) -> None:
 
 def test_what_was_not_run_has_a_board_of_its_own_and_no_rank(made: Any, tmp_path: Path) -> None:
     add(tmp_path, "mine", 0.2)
-    submit(scored("elsewhere", 0.01), tmp_path, WHEN)
+    submit(scored("elsewhere", 0.01), tmp_path)
     (text,) = re.findall(r'id="board-data">(.*?)</script>', made("board").board_page(tmp_path))
     found = {
-        board["protocol"]: [(row["rank"], row["method"], row["status"]) for row in board["rows"]]
+        board["protocol"]: [(row["rank"], row["method"]) for row in board["rows"]]
         for board in json.loads(text)
     }
-    assert found["thesis"] == [(1, "mine", "rerun")]
-    assert found["thesis: scored, not run"] == [(None, "elsewhere (scored, not run)", "unverified")]
+    assert found["thesis"] == [(1, "mine")]
+    assert found["thesis: scored, not run"] == [(None, "elsewhere (scored, not run)")]
 
 
 def test_pages_link_to_the_repository_once_its_address_is_filled_in(
@@ -113,7 +108,7 @@ def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_
         method = runs[label].method.model_copy(update=fitted)
         pairs = [pair.model_copy(update={"seconds": 2.0}) for pair in runs[label].pairs]
         runs[label] = runs[label].model_copy(update={"method": method, "pairs": pairs})
-    submit_tracks(runs, tmp_path, WHEN)
+    submit(list(runs.values()), tmp_path)
     (text,) = re.findall(r'id="board-data">(.*?)</script>', made("board").board_page(tmp_path))
     (row,) = [row for board in json.loads(text) for row in board["rows"]]
     assert (row["told"], row["seconds"]) == ("blur fitted", 2.0)

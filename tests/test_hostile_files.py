@@ -24,11 +24,8 @@ from dfdbench.evaluation.fitting import FIT, read_fit
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.prediction_files import find_predictions
 from dfdbench.evaluation.run import run_method
-from dfdbench.leaderboard.folder import known_fingerprints
 from dfdbench.leaderboard.published import load_published
-from dfdbench.leaderboard.submission import load_submission
-from dfdbench.leaderboard.tracks_submission import read_tracks
-from dfdbench.leaderboard.verification_file import load_verification
+from dfdbench.leaderboard.row_file import known_fingerprints, read_row
 from dfdbench.methods.parameters import read_fields
 from dfdbench.optics.lens_table import read_lens_table
 from dfdbench.results.folder import PREDICTIONS, read_prediction
@@ -143,12 +140,10 @@ def _experiment(path: Path) -> object:
 #: The name that a file has, and what reads it.
 READERS: dict[str, Callable[[Path], object]] = {
     RESULT: load_result,
-    "result.json of the board": lambda path: load_submission(path, path.parent),
-    "tracks.json": read_tracks,
+    "row.json": read_row,
     "run/result.json": lambda path: open_run(path.parent),
     "published/table.json": lambda path: load_published(path.parents[1]),
     "fingerprints.json": lambda path: known_fingerprints(path.parent),
-    "mine.reproduced.json": lambda path: load_verification(None, path.parent / "mine.json"),  # type: ignore[arg-type]
     "mine.toml": read_manifest,
     "recipe.toml": read_fields,
     "lens.csv": read_lens_table,

@@ -53,9 +53,8 @@ def test_what_is_not_built_is_left_out_by_name(
         "middlebury-default, split test, constant",
     ]
     assert all("dfdbench build middlebury-default" in line for line in left_out)
-    row = tmp_path / "leaderboard/results/demo-1-Market/thesis/constant"
-    assert row.with_suffix(".json").exists()
-    assert row.with_suffix(".reproduced.json").exists()
+    assert (tmp_path / "leaderboard/results/demo-1-Market/constant.json").exists()
+    assert "verified     leaderboard/results/demo-1-Market/constant.json" in done.stdout
     assert "constant" in (tmp_path / "leaderboard/README.md").read_text("utf-8")
 
 

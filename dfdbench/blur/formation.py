@@ -1,4 +1,4 @@
-"""Make both images of a pair as a track's formation says."""
+"""Make both images of a pair by a track's formation, and express the formation as a law."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def normal_numbers(shape: tuple[int, ...], *key: str | int) -> NDArray[np.float6
 
 
 def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
-    """Return the blur law that tells a track's formation as far as a law can.
+    """Express a track's formation as a blur law, as far as a law can.
 
     Parameters
     ----------
@@ -281,7 +281,7 @@ def move(image: Floats, down: float, right: float) -> Floats:
     >>> int(move(image, 0, 1)[0, :, 0].argmax())
     5
     """
-    # Here: it takes half a second, and who only runs a method that is told the blur moves nothing.
+    # Imported here: it takes half a second, and most runs move nothing.
     from scipy.ndimage import correlate1d
 
     for axis, distance in enumerate((down, right)):

@@ -15,9 +15,9 @@ from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.errors import InputError, Problem
 
-#: The field that tells a law from a recipe.
+#: The field that only a law has, and no recipe.
 SIGMAS = "sigmas"
-#: At how many grey levels a measured law tells its noise.
+#: At how many grey levels a measured law has its noise.
 GREYS = 17
 #: Variance of rounding to whole grey levels.
 ROUNDING_VARIANCE = 1 / 12
@@ -160,7 +160,7 @@ def law_of_fields(given: Mapping[str, Any]) -> BlurLaw:
     Raises
     ------
     InputError
-        Where a field is unknown, of the wrong type or out of range, or `sigmas` is lacking.
+        If a field is unknown, of the wrong type or out of range, or `sigmas` is lacking.
 
     Examples
     --------

@@ -37,7 +37,7 @@ def point_spread_functions(
     Raises
     ------
     InputError
-        Where a sigma, the size or the exponent is out of range.
+        If a sigma, the size or the exponent is out of range.
 
     Notes
     -----

@@ -98,13 +98,11 @@ class BlurRecipe:
             raise InputError.of(problems)
         largest = self.sigma_min + (self.levels - 1) * self.sigma_step
         if largest > size:
-            raise InputError(
-                "wrong blur recipe",
-                where=f"sigma_min + {self.levels - 1} * sigma_step",
-                expected=f"at most the kernel_size, {size} pixels",
-                got=f"{largest:g}",
-                fix="a smaller sigma, or a larger kernel_size",
+            what = (
+                f"sigma_min + {self.levels - 1} * sigma_step, {largest:g}, is above the kernel_size"
             )
+            fix = "a smaller sigma, or a larger kernel_size"
+            raise InputError(what, where="kernel_size", fix=fix)
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
@@ -150,9 +148,9 @@ def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:
     Raises
     ------
     UnknownNameError
-        Where no recipe has that name.
+        If no recipe has that name.
     InputError
-        Where a parameter is unknown, lacking, of the wrong type or out of range.
+        If a parameter is unknown, lacking, of the wrong type or out of range.
 
     Examples
     --------
@@ -176,7 +174,7 @@ def find_recipe(recipe: str | Mapping[str, Any] | BlurRecipe) -> BlurRecipe:
         for field in fields(BlurRecipe)
         if field.default is MISSING and field.name not in recipe
     ]
-    # Fields that are there are looked at too, so that all is told at once.
+    # Check the other fields too, so that all problems are reported at once.
     problems += _wrong_values(recipe) if problems else []
     if problems:
         raise InputError.of(problems)

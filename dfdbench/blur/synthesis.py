@@ -71,29 +71,16 @@ def gather_problems(
     if image.ndim not in (2, 3) or image.shape[:2] != levels.shape or levels.size == 0:
         problems.append(
             Problem(
-                "sizes differ",
-                where="levels",
-                expected=f"{image.shape[:2]}, as the image",
-                got=str(levels.shape),
+                f"sizes differ, {image.shape[:2]} of the image and {levels.shape}", where="levels"
             )
         )
     if kernels.ndim != 3 or kernels.shape[1] != kernels.shape[2] or kernels.shape[1] % 2 == 0:
         problems.append(
-            Problem(
-                "wrong shape",
-                where="kernels",
-                expected="(level, size, size), an odd size",
-                got=str(kernels.shape),
-            )
+            Problem(f"wrong shape {kernels.shape}, not (level, odd, odd)", where="kernels")
         )
     elif levels.size and not 0 <= levels.min() <= levels.max() < len(kernels):
         problems.append(
-            Problem(
-                "a level has no kernel",
-                where="levels",
-                expected=f"0 to {len(kernels) - 1}",
-                got=f"{levels.min()} to {levels.max()}",
-            )
+            Problem(f"a level of {levels.min()}..{levels.max()} has no kernel", where="levels")
         )
     return problems
 
@@ -225,19 +212,14 @@ def input_problems(image: Any, depth: Any, recipe: BlurRecipe) -> list[Problem]:
     if image.shape[:2] != depth.shape:
         problems.append(
             Problem(
-                "sizes differ",
-                where="depth",
-                expected=f"{image.shape[:2]}, as the image",
-                got=str(depth.shape),
+                f"sizes differ, {image.shape[:2]} of the image and {depth.shape}", where="depth"
             )
         )
     if int(depth.max()) >= recipe.levels:
         problems.append(
             Problem(
-                "depth has no blur level",
+                f"depth {int(depth.max())} is beyond the levels, 0 to {recipe.levels - 1}",
                 where="depth",
-                expected=f"0 to {recipe.levels - 1}",
-                got=f"up to {int(depth.max())}",
             )
         )
     return problems

@@ -1,4 +1,4 @@
-"""Tracks: the same scenes made harder in a way that a method is not told."""
+"""Tracks: the same scenes made harder, in a way that a method does not know."""
 
 from __future__ import annotations
 
@@ -188,6 +188,17 @@ _ALL = (
 
 #: The tracks by name.
 TRACKS: Mapping[str, Track] = MappingProxyType({track.name: track for track in _ALL})
+#: What rows of the leaderboard are ranked over, by name: tracks at their severities. A suite never
+#: changes, so that rows keep their ranks when there are more tracks; those make the next suite.
+SUITES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "tracks-1": tuple(
+            f"{name}-{severity}"
+            for name in ("noise", "psf", "law", "occlusion", "shift", "gain", "camera")
+            for severity in (1, 2, 3)
+        )
+    }
+)
 
 
 def find_degradation(label: str) -> Degradation:
@@ -196,7 +207,7 @@ def find_degradation(label: str) -> Degradation:
     Raises
     ------
     UnknownNameError
-        Where there is no such track or no such severity; near misses are named.
+        If there is no such track or no such severity; near misses are named.
 
     Examples
     --------
@@ -219,12 +230,9 @@ def find_degradation(label: str) -> Degradation:
     # The whole of it is matched: of "noise1" the track alone would be half an answer.
     near = difflib.get_close_matches(label.casefold(), known, n=1, cutoff=0.6)
     fix = f"did you mean {near[0]}? " if near else ""
-    raise UnknownNameError(
-        what="unknown track",
-        expected=f"TRACK-SEVERITY, of: {', '.join(TRACKS)}",
-        got=label or "nothing",
-        fix=f"{fix}`dfdbench list` shows them all.",
-    )
+    what = f"unknown track {label!r}"
+    fix = f"{fix}`dfdbench list` shows them all."
+    raise UnknownNameError(what, expected=f"TRACK-SEVERITY, of: {', '.join(TRACKS)}", fix=fix)
 
 
 def _unknown_severity(track: Track, label: str, severity: str) -> UnknownNameError:

@@ -13,7 +13,7 @@ from dfdbench.blur.tracks import TRACKS
 from dfdbench.cli.completion import data_sets
 from dfdbench.cli.options import Cache, Workers, pool_of
 from dfdbench.cli.screen import print_table, progress, say
-from dfdbench.datasets.catalog import find_manifest, released_manifests, typed_name
+from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_place import default_store, own_stores
 from dfdbench.datasets.tracked import part_name
@@ -35,7 +35,7 @@ def list_datasets(
     from dfdbench.methods.registry import method_words, registered_methods
 
     rows = [
-        _listed(manifest, typed_name(manifest), default_store(manifest, cache).exists())
+        _listed(manifest, manifest.short, default_store(manifest, cache).exists())
         for manifest in released_manifests()
     ]
     rows += _own(cache)
@@ -103,7 +103,7 @@ def verify(
     if not found.sound:
         usual = str(store.path) == str(default_store(store.manifest, cache))
         place = "" if usual else f" --store {store.path}"
-        build = f"dfdbench build {typed_name(store.manifest)}{place}"
+        build = f"dfdbench build {store.manifest.short}{place}"
         say(
             f"error: the store is not what was built\n"
             f"  fix       {build}, with the options it was "

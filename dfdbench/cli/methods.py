@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dfdbench.cli.completion import data_sets, methods
-from dfdbench.cli.options import Cache, FigureFormats, Scheduler, pool_of_processes, values_of
+from dfdbench.cli.options import (
+    Cache,
+    FigureFormats,
+    Replace,
+    Scheduler,
+    Submit,
+    pool_of_processes,
+    values_of,
+)
 from dfdbench.cli.run_answer import (
     print_run_tables,
     tell_overall,
@@ -85,10 +93,8 @@ def run(
     scheduler: Scheduler = None,
     cache: Cache = None,
     figure_format: FigureFormats = None,
-    submit: Annotated[
-        bool,
-        typer.Option("--submit", help="Write the result into leaderboard/, for a pull request."),
-    ] = False,
+    submit: Submit = False,
+    replace: Replace = False,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run is resumed."""
     from dfdbench.datasets.store import open_store
@@ -124,7 +130,7 @@ def run(
     print_run_tables(summary, data.manifest, format)
     tell_where_it_lies(done, figures=bool(forms))
     if submit:
-        submit_run(done.result)
+        submit_runs([done.result], replace)
     tell_overall(summary)
     if any(pair.status == "failed" for pair in done.result.pairs):
         raise typer.Exit(1)
@@ -180,7 +186,7 @@ def _keep_law(calibration: Any, folder: Path, forms: Sequence[str]) -> None:
 
 def refuse_what_cannot_be_submitted(limit: int | None) -> None:
     """Refuse a run that the leaderboard would refuse, and a place without a leaderboard."""
-    from dfdbench.leaderboard.folder import LEADERBOARD, require_leaderboard
+    from dfdbench.leaderboard.board import LEADERBOARD, require_leaderboard
 
     # Before the run: it may take hours.
     if limit:
@@ -196,7 +202,7 @@ def refuse_what_cannot_be_submitted(limit: int | None) -> None:
 def refuse_unfit_to_submit(method: Method, store: Store, split: str) -> None:
     """Refuse a damaged store, and a method whose weights were trained on scenes of the test."""
     from dfdbench.datasets.integrity import require_sound
-    from dfdbench.leaderboard.training_problems import training_problems
+    from dfdbench.leaderboard.row_file import training_problems
 
     require_sound(store)
     trained_on, weights = method.trained_on, method.weights_sha256
@@ -207,14 +213,13 @@ def refuse_unfit_to_submit(method: Method, store: Store, split: str) -> None:
         raise InputError.of(problems)
 
 
-def submit_run(result: Result) -> None:
-    """Write a run into the leaderboard of the clone that this is called in."""
-    from dfdbench.leaderboard.folder import LEADERBOARD
+def submit_runs(results: Sequence[Result], replace: bool) -> None:
+    """Write runs of a method into the leaderboard of the clone that this is called in."""
+    from dfdbench.leaderboard.board import LEADERBOARD
     from dfdbench.leaderboard.submission import submit
 
-    for path in submit(result, LEADERBOARD):
-        say(f"submission   {path}")
-    if not result.complete:
+    say(f"submission   {submit(results, LEADERBOARD, replace)}")
+    if not all(result.complete for result in results):
         say("not every pair was evaluated: the leaderboard lists this run without a rank")
 
 

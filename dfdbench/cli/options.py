@@ -47,6 +47,13 @@ FigureFormats = Annotated[
     list[FigureFormat] | None,
     typer.Option("--figure-format", help="Figures as PDF or SVG too, for papers; repeatable."),
 ]
+Submit = Annotated[
+    bool, typer.Option("--submit", help="Write the result into leaderboard/, for a pull request.")
+]
+Replace = Annotated[
+    bool,
+    typer.Option("--replace", help="With --submit: write the row anew, whatever method's it is."),
+]
 
 
 def values_of(given: list[str] | None, option: str) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from dfdbench.cli.screen import PICTURES, print_table, progress, save_figure, sa
 from dfdbench.errors import InputError
 from dfdbench.figures.comparisons import accuracy_figure, change_figure
 from dfdbench.figures.style import write_figure
-from dfdbench.leaderboard.folder import file_stems
+from dfdbench.leaderboard.row_file import file_stem
 from dfdbench.metrics.protocol import find_protocol, ranked_by
 from dfdbench.report.html import write_html
 from dfdbench.report.markdown import write_markdown
@@ -200,7 +200,7 @@ def _draw_changes(
 
 def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
     if out is None:
-        a, b = (file_stems(run.label, run.result.dataset.fingerprint)[0] for run in (first, second))
+        a, b = (file_stem(run.label) for run in (first, second))
         dataset = first.result.dataset
         return Path("results") / f"compare-{dataset.name}-{dataset.split}-{a}-vs-{b}.png"
     if out.is_dir() or not out.suffix:

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 import typer
 
 from dfdbench.cli.completion import data_sets
-from dfdbench.cli.methods import folder_name, protocol_of_tables, submit_run
-from dfdbench.cli.options import Cache, FigureFormats
+from dfdbench.cli.methods import folder_name, protocol_of_tables, submit_runs
+from dfdbench.cli.options import Cache, FigureFormats, Replace, Submit
 from dfdbench.cli.run_answer import print_run_tables, tell_overall, tell_where_it_lies
 from dfdbench.cli.screen import progress, say
 from dfdbench.results.output_place import output_place
@@ -52,17 +52,15 @@ def score(
     format: Annotated[Format, typer.Option(help="How the tables are printed.")] = Format.table,
     cache: Cache = None,
     figure_format: FigureFormats = None,
-    submit: Annotated[
-        bool,
-        typer.Option("--submit", help="Write the result into leaderboard/, for a pull request."),
-    ] = False,
+    submit: Submit = False,
+    replace: Replace = False,
 ) -> None:
     """Score depth maps that were made elsewhere, one file per pair; nothing is run."""
     from dfdbench.datasets.integrity import require_sound
     from dfdbench.datasets.store import open_store
     from dfdbench.evaluation.scored import score_predictions
     from dfdbench.figures.runs import draw_run
-    from dfdbench.leaderboard.folder import LEADERBOARD, require_leaderboard
+    from dfdbench.leaderboard.board import LEADERBOARD, require_leaderboard
     from dfdbench.metrics.protocol import find_protocol
     from dfdbench.results.summary import summarise
 
@@ -86,5 +84,5 @@ def score(
     print_run_tables(summary, data.manifest, format)
     tell_where_it_lies(done, figures=True)
     if submit:
-        submit_run(done.result)
+        submit_runs([done.result], replace)
     tell_overall(summary)

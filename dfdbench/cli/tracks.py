@@ -16,8 +16,9 @@ from dfdbench.cli.methods import (
     refuse_unfit_to_submit,
     refuse_what_cannot_be_submitted,
     require_shown,
+    submit_runs,
 )
-from dfdbench.cli.options import Cache, FigureFormats, values_of
+from dfdbench.cli.options import Cache, FigureFormats, Replace, Submit, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.metrics.protocol import metrics_of, ranked_by
 from dfdbench.results.output_place import output_place
@@ -65,10 +66,8 @@ def tracks(
     ] = 0,
     cache: Cache = None,
     figure_format: FigureFormats = None,
-    submit: Annotated[
-        bool,
-        typer.Option("--submit", help="Write the result into leaderboard/, for a pull request."),
-    ] = False,
+    submit: Submit = False,
+    replace: Replace = False,
 ) -> None:
     """Run a method over all tracks and severities; a stopped call is resumed."""
     from dfdbench.evaluation.tracks import run_over_tracks, without_track
@@ -106,7 +105,7 @@ def tracks(
     _show(results, shown, format, method, place, ("png", *(figure_format or ())))
     say(f"results      {place}")
     if submit:
-        _submit(results)
+        submit_runs(list(results.values()), replace)
     if any(pair.status == "failed" for result in results.values() for pair in result.pairs):
         raise typer.Exit(1)
 
@@ -120,22 +119,17 @@ def _show(
     forms: Sequence[str],
 ) -> None:
     from dfdbench.figures.comparisons import tracks_figure
-    from dfdbench.results.track_tables import severities, tracks_table
+    from dfdbench.results.frame import scores_of
+    from dfdbench.results.track_tables import track_means, tracks_table
     from dfdbench.tables.render import render
 
-    table = tracks_table(results, protocol)
+    table = tracks_table(list(results.values()), protocol)
     print_table(table) if format is Format.table else print(render([table], format), end="")
     metric = ranked_by(protocol)[0]
-    figure = tracks_figure({method: severities(results, protocol, metric)}, metric, table.title)
+    means = track_means(scores_of(list(results.values())), protocol, metric)
+    figure = tracks_figure({method: means}, metric, table.title)
     for form in forms:
         save_figure(figure, folder / f"tracks.{form}")
-
-
-def _submit(results: dict[str, Result]) -> None:
-    from dfdbench.leaderboard.folder import LEADERBOARD
-    from dfdbench.leaderboard.tracks_submission import submit_tracks
-
-    say(f"submission   {submit_tracks(results, LEADERBOARD)}")
 
 
 def _tell_score(label: str, result: Result, protocol: str) -> None:

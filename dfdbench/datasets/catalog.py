@@ -20,7 +20,7 @@ def released_manifests() -> tuple[Manifest, ...]:
     --------
     >>> [manifest.stem for manifest in released_manifests()]
     ['demo-1', 'dfd-indoor-1', 'middlebury-default-1', 'middlebury-third-1', 'realworld-1', \
-'realworld-2', 'realworld-sim-1', 'realworld-synthetic-1', 'realworld-synthetic-2']
+'realworld-sim-1', 'realworld-synthetic-1']
     """
     folder = resources.files("dfdbench.manifests")
     files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]
@@ -29,7 +29,7 @@ def released_manifests() -> tuple[Manifest, ...]:
 
 
 def find_manifest(name: str) -> Manifest:
-    """Return the manifest with this name, the newest version where none is said.
+    """Return the manifest with this name.
 
     Parameters
     ----------
@@ -85,17 +85,3 @@ def _find(name: str) -> Manifest:
         fix = "`dfdbench list` shows them; one of your own is named by its manifest, NAME.toml"
         raise unknown_name("data set", name, by_name, fix)
     return by_name[name]
-
-
-def typed_name(manifest: Manifest) -> str:
-    """Return what to type for this very manifest: its short name, unless a newer one has it.
-
-    Examples
-    --------
-    >>> typed_name(find_manifest("realworld-1")), typed_name(find_manifest("realworld-2"))
-    ('realworld-1', 'realworld')
-    """
-    newest = max(
-        (known.version for known in released_manifests() if known.name == manifest.name), default=0
-    )
-    return manifest.short if manifest.version >= newest else manifest.stem

@@ -15,7 +15,7 @@ from upath import UPath
 from zarr.errors import GroupNotFoundError
 
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
-from dfdbench.datasets.catalog import find_manifest, typed_name
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.damage import DAMAGED, LONGEST, check_attributes, require_fit
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
 from dfdbench.datasets.pair_images import PairImages
@@ -251,12 +251,12 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
         return Store(place)
     manifest = _manifest_of(name)
     if not (default := default_store(manifest, cache)).exists():
-        typed = name if name.endswith(".toml") else typed_name(manifest)
+        typed = name if name.endswith(".toml") else manifest.short
         more = " --source DIR" * bool(manifest.files)
         if manifest.short != "demo":
             more += ", or start with the small set: `dfdbench build demo`, then `--dataset demo`"
         raise StoreError(
-            f"data set {typed_name(manifest)} is not built",
+            f"data set {manifest.short} is not built",
             where=str(default),
             fix=f"dfdbench build {typed}{more}",
         )

@@ -195,7 +195,7 @@ def read_fit(folder: Path) -> Fit:
                 raise ValueError(f"it took {seconds} seconds")
             return Fit(str(arrays["fitted_on"]), seconds, learned)
     except MethodError as error:
-        raise _damaged(path, "; ".join(problem.got for problem in error.problems)) from error
+        raise _damaged(path, "; ".join(problem.what for problem in error.problems)) from error
     except UNREADABLE as error:
         raise _damaged(path, "a file that is damaged, or another kind of file") from error
 

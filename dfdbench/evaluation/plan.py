@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from dfdbench.datasets.catalog import typed_name
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store import Store
 from dfdbench.datasets.store_place import default_store
@@ -193,6 +192,6 @@ def require_what_was_built(store: Store, split: str) -> None:
 
 
 def _as_built(store: Store) -> str:
-    name = typed_name(store.manifest) + " --source DIR" * bool(store.manifest.files)
+    name = store.manifest.short + " --source DIR" * bool(store.manifest.files)
     at_home = str(store.path) == str(default_store(store.manifest))
     return name if at_home else f"{name} --store {store.path}"

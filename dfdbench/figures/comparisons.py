@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -209,21 +210,20 @@ def _scores(
     ]
 
 
-def tracks_figure(
-    scores: Mapping[str, Mapping[str, Sequence[float | None]]], metric: str, title: str
-) -> Figure:
+def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -> Figure:
     """Draw a metric against severity, a panel a track, a line a method.
 
     Parameters
     ----------
-    scores : mapping
-        By method, then by track: the score on clean images and at each severity, if any.
+    scores : mapping of str to DataFrame
+        By method: a row a track, a column a severity, 0 for clean images; see
+        `dfdbench.results.track_tables.track_means`.
     metric : str
         Its name.
     title : str
         Above all panels.
     """
-    tracks = list(dict.fromkeys(track for by_track in scores.values() for track in by_track))
+    tracks = list(dict.fromkeys(track for means in scores.values() for track in means.index))
     rows = -(-len(tracks) // _COLUMNS)
     columns = min(_COLUMNS, len(tracks))
     figure = Figure((_WIDTH * columns, _HEIGHT * rows + 0.5), layout="constrained")
@@ -232,8 +232,8 @@ def tracks_figure(
         axis.set_axis_off()
     for track, axis in zip(tracks, axes.flat, strict=False):
         longest = 0
-        for number, (method, by_track) in enumerate(scores.items()):
-            values = [float("nan") if v is None else v for v in by_track.get(track, ())]
+        for number, (method, means) in enumerate(scores.items()):
+            values = means.loc[track].tolist() if track in means.index else []
             longest = max(longest, len(values))
             line = _LINES[number // len(COLOURS) % len(_LINES)]
             style = {**marks(number), "linestyle": line, "markersize": None}

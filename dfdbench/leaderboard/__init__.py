@@ -1,1 +1,1 @@
-"""Sealed results: collected, ranked, reproduced, told."""
+"""Rows of runs: submitted, ranked, verified, shown; printed numbers beside them."""

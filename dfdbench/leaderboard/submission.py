@@ -1,183 +1,129 @@
-"""A submission: one run under one protocol, sealed, in the leaderboard's folder."""
+"""Put a method's runs on the leaderboard: write its row, or update it."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
-from datetime import UTC, datetime, timedelta
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.errors import Problem, ResultError
-from dfdbench.leaderboard.data_set_problems import data_set_problems
-from dfdbench.leaderboard.folder import file_stems, place_of
-from dfdbench.metrics.protocol import label_of
-from dfdbench.results.record import Result, Submission
-from dfdbench.results.record_file import examine_result, load_result, seal_of
-from dfdbench.results.wording import method_label
+from dfdbench.leaderboard.row_file import (
+    CLEAN_SUITE,
+    read_row,
+    require_pairs,
+    row_of,
+    row_problems,
+    row_text,
+)
+from dfdbench.methods.registry import built_in_methods
+from dfdbench.results.record import Result
 from dfdbench.system.files import write_whole
-from dfdbench.system.record import Record
-
-TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
-#: How far ahead a submitter's clock may be.
-_CLOCKS_DIFFER = timedelta(days=1)
 
 
-def submit(result: Result, folder: Path, submitted: datetime | None = None) -> list[Path]:
-    """Write a run as the leaderboard takes it, a sealed file for each protocol; return them.
+def submit(results: Result | Sequence[Result], folder: Path, replace: bool = False) -> Path:
+    """Write runs into their row of the leaderboard, and return its file.
 
-    A result of the same method, parameters and data set that is there already is replaced, but
-    a complete one not by one of a partial run.
+    Runs that the row has on other tracks stay, provided that they are of the same method.
 
     Parameters
     ----------
-    result : Result
-        The run.
+    results : Result or sequence of Result
+        Runs of one method on one split, on clean images, on tracks, or both.
     folder : Path
         The leaderboard's folder.
-    submitted : datetime, optional
-        When; default: now.
+    replace : bool
+        Write the row anew, whatever is there.
 
     Raises
     ------
     ResultError
-        Where the run is not one of a released data set's split, or is a partial run and a
-        complete one is there. Nothing is written then.
+        If a run is not on a released data set's split, the runs are not of one method, another
+        method's row is there, or a complete run would give way to a partial one. Nothing is
+        written then.
     """
-    problems = data_set_problems(result, folder, "this run")
-    if problems:
+    runs = [results] if isinstance(results, Result) else list(results)
+    labels = {run.dataset.degradation for run in runs}
+    _require_one_method(runs)
+    row = row_of(runs, [CLEAN_SUITE])
+    require_pairs(row, "this run")
+    if problems := list(row_problems(row, folder, "this run")):
         raise ResultError.of(problems)
-    parts = [under_protocol(result, protocol) for protocol in result.protocol_names]
-    places = [_free_place(part, folder) for part in parts]
-    problems = [_partial(result, path) for path in places if not result.complete and _whole(path)]
-    if problems:
-        raise ResultError.of(problems)
-    when = submitted or datetime.now(UTC)
-    for narrowed, path in zip(parts, places, strict=True):
-        content = sealed(narrowed, when)
-        write_whole(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
-    return places
-
-
-def sealed(record: Record, submitted: datetime) -> dict[str, Any]:
-    """Return what the file of a record with a field `submission` says, its seal included."""
-    unsealed = Submission(submitted=submitted.strftime(TIME_FORMAT), seal="0" * 64)
-    content: dict[str, Any] = json.loads(
-        record.model_copy(update={"submission": unsealed}).model_dump_json()
-    )
-    content["submission"]["seal"] = seal_of(content)
-    return content
-
-
-def under_protocol(result: Result, protocol: str) -> Result:
-    """Return a result with the scores of one protocol only."""
-    pairs = [
-        pair.model_copy(
-            update={"scores": {name: s for name, s in pair.scores.items() if name == protocol}}
-        )
-        for pair in result.pairs
-    ]
-    averages = {protocol: result.averages[protocol]} if result.averages else None
-    chosen = [known for known in result.protocols if label_of(known) == protocol]
-    return result.model_copy(
-        update={"pairs": pairs, "averages": averages, "protocols": chosen, "submission": None}
-    )
-
-
-def load_submission(path: Path, folder: Path) -> Result:
-    """Read one file of the leaderboard and hold it to its data set, protocol and place.
-
-    Raises
-    ------
-    ResultError
-        With every problem that was found.
-    """
-    result, problems = examine_result(path)
-    stems = file_stems(method_label(result.method), result.dataset.fingerprint)
-    if result.submission is None:
-        problems.append(
-            Problem(
-                "not a submission",
-                where=str(path),
-                expected="a sealed result of one protocol",
-                fix="write it with `dfdbench run ... --submit`",
-            )
-        )
-    elif len(result.protocols) != 1 or path.parent != _place(result, folder):
-        problems.append(
-            Problem(
-                "result in the wrong folder",
-                where=str(path),
-                expected=str(_place(result, folder)),
-                got=str(path.parent),
-            )
-        )
-    elif path.stem not in stems:
-        problems.append(
-            Problem(
-                "the file's name is not its method's",
-                where=str(path),
-                expected=f"{stems[0]}.json",
-                got=path.name,
-                fix="write it with `dfdbench run ... --submit`",
-            )
-        )
-    problems += data_set_problems(result, folder, str(path))
-    problems += future_problems(result.submission, str(path))
-    if problems:
-        raise ResultError.of(problems)
-    return result
-
-
-def future_problems(
-    submission: Submission | None, where: str, now: datetime | None = None
-) -> Iterator[Problem]:
-    """Tell where a submission is from the future: it would be the newest for ever.
-
-    Parameters
-    ----------
-    submission : Submission or None
-        What the file says.
-    where : str
-        The file.
-    now : datetime, optional
-        Default: the clock's.
-    """
-    latest = ((now or datetime.now(UTC)) + _CLOCKS_DIFFER).strftime(TIME_FORMAT)
-    if submission and submission.submitted > latest:
-        yield Problem(
-            "submitted in the future",
-            where=f"{where}: submission.submitted",
-            expected=f"at most {latest}",
-            got=submission.submitted,
-            fix="set the clock, and submit the run again: `dfdbench run ... --submit`",
-        )
-
-
-def _place(result: Result, folder: Path) -> Path:
-    return place_of(result.dataset, next(iter(result.protocol_names), "PROTOCOL"), folder)
-
-
-def _free_place(result: Result, folder: Path) -> Path:
-    stem, longer = file_stems(method_label(result.method), result.dataset.fingerprint)
-    path = _place(result, folder) / f"{stem}.json"
-    if path.exists():
-        there = load_result(path)
-        if file_stems(method_label(there.method), there.dataset.fingerprint)[1] != longer:
-            return path.with_stem(longer)
+    path = row.place(folder)
+    suites: list[str] = []
+    if path.exists() and not replace:
+        there = read_row(path)
+        _require_same_method(there.results[0], runs[0], path)
+        _require_no_less(there.results, runs, path)
+        runs += [run for run in there.results if run.dataset.degradation not in labels]
+        suites = there.suites
+    # Clean images that were run along with tracks do not enter the ranking of clean images.
+    entered = [CLEAN_SUITE] if labels == {CLEAN} else _suites({r.dataset.degradation for r in runs})
+    order = [CLEAN_SUITE, *SUITES]
+    row = row_of(runs, sorted({*suites, *entered}, key=order.index))
+    write_whole(path, row_text(row))
     return path
 
 
-def _whole(path: Path) -> bool:
-    return path.exists() and load_result(path).complete
+def _suites(labels: set[str]) -> list[str]:
+    whole = [name for name, suite in SUITES.items() if labels.issuperset(suite)]
+    return whole or list(SUITES)[-1:]
 
 
-def _partial(result: Result, path: Path) -> Problem:
-    dataset = result.dataset
-    return Problem(
-        "a partial run does not take the place of a complete one",
-        where=str(path),
-        expected=f"{dataset.expected} pairs",
-        got=f"{dataset.evaluated} pairs",
-        fix="run the rest: the same command goes on where it stopped",
-    )
+def _facts(result: Result) -> dict[str, Any]:
+    """Return what makes two runs those of one method on one split."""
+    method, dataset = result.method, result.dataset
+    facts = {
+        "name": method.name,
+        "parameters": method.parameters,
+        "split": dataset.split,
+        "manifest_sha256": dataset.manifest_sha256,
+        "entry": method.entry,
+        "weights_sha256": method.weights_sha256,
+        "files_sha256": method.files_sha256,
+        "seed": result.seed,
+    }
+    # Ours may change in ways that do not matter; `verify` sees if they do.
+    if method.entry not in built_in_methods().values():
+        facts["source_sha256"] = method.source_sha256
+    return facts
+
+
+def _require_one_method(runs: Sequence[Result]) -> None:
+    problems = [
+        Problem(
+            "the runs are not of one method on one split",
+            where=f"{run.dataset.degradation}: {name}",
+            expected=f"{_facts(runs[0])[name]}, as on {runs[0].dataset.degradation}",
+            got=str(value),
+        )
+        for run in runs
+        for name, value in _facts(run).items()
+        if value != _facts(runs[0])[name]
+    ]
+    if problems:
+        raise ResultError.of(problems)
+
+
+def _require_same_method(there: Result, new: Result, path: Path) -> None:
+    found, own = _facts(there), _facts(new)
+    others = [name for name in own if found.get(name) != own[name]]
+    if others:
+        raise ResultError(
+            f"another method of this name is there: its {others[0]} is "
+            f"{found.get(others[0])}, not {own[others[0]]}",
+            where=str(path),
+            fix="give your method another name or, if that row is to go, add --replace",
+        )
+
+
+def _require_no_less(there: Sequence[Result], new: Sequence[Result], path: Path) -> None:
+    whole = {run.dataset.degradation for run in there if run.complete}
+    for run in new:
+        if run.dataset.degradation in whole and not run.complete:
+            raise ResultError(
+                f"a partial run on {run.dataset.degradation}, {run.dataset.evaluated} of "
+                f"{run.dataset.expected} pairs, would replace a complete one",
+                where=str(path),
+                fix="run the rest: the same command continues where it stopped",
+            )

@@ -1,4 +1,4 @@
-"""Bring the defocus image of a pair to the in-focus image's place and brightness."""
+"""Align the images of a pair: the unit to compare them in, their shift and their gain."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ Array = NDArray[Any]
 
 # Rounding's standard deviation: a law may be measured on too few pixels to show even that.
 ROUNDING = ROUNDING_VARIANCE**0.5
-# Over this sigma the defocus image is smoothed where it tells how much noise to expect: by its own
-# noise a pixel would choose its own weight.
+# Sigma by which the defocus image is smoothed before its noise is looked up by grey level: else
+# a pixel's own noise would choose its weight.
 
 
 def light_of(image: Array, linear: bool) -> NDArray[np.float32]:
@@ -182,7 +182,7 @@ def find_alignment(
         factors = np.linalg.lstsq(columns, aim, rcond=None)[0]
         step = factors[1:3] / factors[0] if factors[0] > 0 else np.full(2, np.inf)
         if not (np.abs(place - step) <= _FARTHEST).all():
-            # Images without texture, or of two scenes: nothing tells their place.
+            # Images without texture, or of two scenes, cannot be aligned.
             return Alignment(0.0, 0.0, 1.0)
         place -= step
     total, other = (float(image[inner][known].sum(dtype=np.float64)) for image in (sharp, here))

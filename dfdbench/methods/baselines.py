@@ -37,10 +37,7 @@ class Constant:
     def __init__(self, training_mean: float) -> None:
         if not 0 <= training_mean <= 255:
             raise MethodError(
-                "wrong parameter",
-                where="training_mean",
-                expected="0 to 255",
-                got=str(training_mean),
+                f"training_mean must be 0 to 255, not {training_mean}", where="training_mean"
             )
         self._level = training_mean
 
@@ -59,8 +56,8 @@ class Local(Calibrated):
     Parameters
     ----------
     recipe : BlurRecipe, BlurLaw or None
-        How the defocus images were made; in a run, the data set's recipe. Where that is not told,
-        the method is fitted: see `dfdbench.methods.calibration`.
+        How the defocus images were made; in a run, the data set's recipe. Without one the
+        method is fitted: see `dfdbench.methods.calibration`.
     window : int
         Side of the square window in pixels, odd.
 

@@ -183,7 +183,7 @@ _MUCH_BETTER = 0.8
 _ROUNDS = 3
 # In grey levels; less is taken for none.
 _LEAST_OFFSET = 0.5
-# Fewer pixels tell nothing of the noise at a grey level.
+# Fewer pixels do not show the noise at a grey level.
 _FEW_PIXELS = 200
 
 
@@ -241,7 +241,7 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     Raises
     ------
     MethodError
-        Where no pixel of known depth shows any blur.
+        If no pixel of known depth shows any blur.
 
     Notes
     -----

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import writable
-from dfdbench.methods.importing import describe, place_of
+from dfdbench.methods.importing import describe, where_raised
 from dfdbench.methods.method import Image, Predict, Prediction
 from dfdbench.methods.process_state import process_kept
 from dfdbench.methods.torch_method import without_gradient
@@ -67,7 +67,7 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
     except KeyboardInterrupt:
         raise
     except BaseException as raised:
-        error = f"raised {describe(raised)}{place_of(raised)}"
+        error = f"raised {describe(raised)}{where_raised(raised)}"
         seconds = time.perf_counter() - begin
     else:
         depth, error = _checked(returned, infocus.shape[:2])

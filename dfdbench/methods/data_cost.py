@@ -80,7 +80,7 @@ def data_cost(
     Raises
     ------
     InputError
-        If a shape, type or value is not as above.
+        If an image or `out` is not as above.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def data_cost(
     """
     sharp, blurred = np.asarray(infocus), np.asarray(defocus)
     values = np.asarray(sigmas, np.float64)
-    _check(sharp, blurred, values, weight, limit, kernel_size)
+    _check(sharp, blurred)
     radius = kernel_size // 2
     nodes, mixture = _mixture(values, radius)
     kernels = _kernels(nodes, radius)
@@ -121,9 +121,7 @@ def data_cost(
     return unary, int(offset)
 
 
-def _check(
-    infocus: Array, defocus: Array, sigmas: Array, weight: float, limit: int, kernel_size: int
-) -> None:
+def _check(infocus: Array, defocus: Array) -> None:
     for name, image in (("infocus", infocus), ("defocus", defocus)):
         if image.ndim != 3 or 0 in image.shape or image.shape[2] > 4:
             raise InputError(
@@ -133,16 +131,6 @@ def _check(
             raise InputError(f"{name}: expected uint8 or float32, got {image.dtype}")
     if infocus.shape != defocus.shape:
         raise InputError(f"defocus: expected the shape {infocus.shape}, got {defocus.shape}")
-    if sigmas.ndim != 1 or not 2 <= len(sigmas) <= 65536:
-        raise InputError(f"sigmas: expected 2 to 65536 values, got shape {sigmas.shape}")
-    if not np.all(np.isfinite(sigmas)) or sigmas[0] <= 0 or np.any(np.diff(sigmas) <= 0):
-        raise InputError(f"sigmas: expected ascending values above 0, got {sigmas}")
-    if not 0 < weight <= 5000:
-        raise InputError(f"weight: expected above 0, at most 5000 (int32 costs), got {weight}")
-    if not 0 < limit <= 65535:
-        raise InputError(f"limit: expected 1 to 65535, got {limit}")
-    if kernel_size < 1 or kernel_size % 2 == 0:
-        raise InputError(f"kernel_size: expected odd and positive, got {kernel_size}")
 
 
 def _kernels(sigmas: Array, radius: int) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dfdbench.errors import MethodError
 from dfdbench.methods.fit import Learned, TrainingPair
 from dfdbench.methods.fitted import (
+    REFIT,
     Image,
     evenly_spread,
     learned_array,
@@ -156,11 +157,7 @@ class FavaroSoatto:
         sharp, blurred = self._sides
         if operators.shape != (self._depths.size, blurred**2 - 1, sharp**2 + blurred**2):
             raise MethodError(
-                "operators of other patches",
-                where=_NAME,
-                expected=f"{blurred**2 - 1} x {sharp**2 + blurred**2} numbers for each depth",
-                got=f"shape {operators.shape}",
-                fix="fit the method again",
+                "operators of other patches", where=_NAME, got=f"shape {operators.shape}", fix=REFIT
             )
         # Up to a multiple of four with zeros, as the loops want it.
         spare = -operators.shape[2] % 4

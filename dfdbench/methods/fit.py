@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import DfdbenchError, MethodError, Problem
-from dfdbench.methods.importing import describe, place_of
+from dfdbench.methods.importing import error_of
 from dfdbench.methods.method import Method
 from dfdbench.methods.process_state import process_kept, seeded
 
@@ -94,12 +94,8 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
     """
     fit = method.fit
     if not callable(fit):
-        raise MethodError(
-            "fit cannot be called",
-            where=method.entry,
-            expected="fit(pairs), or None where nothing is to be fitted",
-            got=type(fit).__name__,
-        )
+        what = f"fit cannot be called, it is a {type(fit).__name__}"
+        raise MethodError(what, where=method.entry, expected="fit(pairs), or None")
     try:
         with (
             process_kept(),
@@ -113,11 +109,7 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
     except DfdbenchError:
         raise
     except (Exception, SystemExit) as error:
-        raise MethodError(
-            "the method cannot be fitted",
-            where=f"{method.entry}: fit",
-            got=describe(error) + place_of(error),
-        ) from error
+        raise error_of("the method cannot be fitted", f"{method.entry}: fit", error) from error
     learned = None if returned is None else check_learned(returned, method.entry)
     if learned is not None:
         restore(method, learned)
@@ -134,13 +126,9 @@ def restore(method: Method, learned: Learned) -> None:
     """
     give = method.attribute("restore")
     if not callable(give):
-        raise MethodError(
-            "the method's fit returns what it learned, and nothing takes it back",
-            where=method.entry,
-            expected="restore(learned), called in each process and when a run goes on",
-            got=type(give).__name__,
-            fix="add it, or let fit return None and keep what it learned in the object",
-        )
+        what = "the method's fit returns what it learned, and nothing takes it back"
+        fix = "add restore(learned), or let fit return None and keep it in the object"
+        raise MethodError(what, where=method.entry, fix=fix)
     copies = {
         name: value.copy() if isinstance(value, np.ndarray) else value
         for name, value in learned.items()
@@ -151,10 +139,8 @@ def restore(method: Method, learned: Learned) -> None:
     except DfdbenchError:
         raise
     except (Exception, SystemExit) as error:
-        raise MethodError(
-            "the method does not take back what it learned",
-            where=f"{method.entry}: restore",
-            got=describe(error) + place_of(error),
+        raise error_of(
+            "the method does not take back what it learned", f"{method.entry}: restore", error
         ) from error
 
 
@@ -175,20 +161,12 @@ def check_learned(returned: Any, entry: str) -> Learned:
     {'sigma': 0.5, 'levels': array([1, 2])}
     """
     if not isinstance(returned, Mapping):
-        raise MethodError(
-            "what the fit learned cannot be kept",
-            where=f"{entry}: fit",
-            expected=_EXPECTED,
-            got=type(returned).__name__,
-        )
+        what = f"what the fit learned cannot be kept: a {type(returned).__name__}"
+        raise MethodError(what, where=f"{entry}: fit", expected=_EXPECTED)
     try:
         items = list(returned.items())
     except (Exception, SystemExit) as error:
-        raise MethodError(
-            "what the fit learned cannot be read",
-            where=f"{entry}: fit",
-            got=describe(error) + place_of(error),
-        ) from error
+        raise error_of("what the fit learned cannot be read", f"{entry}: fit", error) from error
     learned: Learned = {}
     problems = []
     for name, value in items:
@@ -207,25 +185,13 @@ def _what_is_wrong(
     name: object, value: object, array: NDArray[Any] | None, entry: str
 ) -> Problem | None:
     if not isinstance(name, str) or not name:
-        return Problem(
-            "what the fit learned has no name to be kept by",
-            where=f"{entry}: fit",
-            expected="a text as name",
-            got=repr(name),
-        )
+        return Problem(f"what the fit learned has no text as name: {name!r}", where=f"{entry}: fit")
     if array is None:
-        return Problem(
-            "what the fit learned cannot be kept",
-            where=f"{entry}: fit, {name!r}",
-            expected=_EXPECTED,
-            got=type(value).__name__,
-        )
+        what = f"what the fit learned cannot be kept: a {type(value).__name__}"
+        return Problem(what, where=f"{entry}: fit, {name!r}", expected=_EXPECTED)
     if array.size and not np.isfinite(array).any():
         return Problem(
-            "what the fit learned is no number",
-            where=f"{entry}: fit, {name!r}",
-            expected="finite numbers",
-            got=str(array.flat[0]),
+            f"what the fit learned is not finite: {array.flat[0]}", where=f"{entry}: fit, {name!r}"
         )
     return None
 

@@ -1,7 +1,4 @@
-"""Shared by our methods with a `fit`: which pairs they look at, and what they say is wrong.
-
-Who calls `fit`, ours or another's, is `fit.py`; a fit that measures the blur is `calibrated.py`.
-"""
+"""What our own methods with a `fit` share; `fit.py` calls the `fit` of any method."""
 
 from __future__ import annotations
 
@@ -21,11 +18,10 @@ if TYPE_CHECKING:
 
 
 def least_label(costs: NDArray[Any]) -> NDArray[np.float64]:
-    """Return each pixel's label of least cost, with the fraction that its neighbours tell.
+    """Return each pixel's label of least cost, refined to a fraction of a label.
 
-    Through the least cost and those beside it goes a parabola; its minimum lies within half a
-    label. The first and the last label stay as they are, and so does one whose neighbours cost
-    the same.
+    The fraction is the minimum of a parabola through the least cost and those beside it. The
+    first and the last label stay whole, and so does one whose neighbours cost the same.
 
     Parameters
     ----------
@@ -57,7 +53,7 @@ def least_label(costs: NDArray[Any]) -> NDArray[np.float64]:
 
 
 class Calibrated:
-    """A method that has to know the blur: it is told, or measures it on training pairs.
+    """A method that needs the blur: it is given, or measured on training pairs.
 
     Parameters
     ----------
@@ -67,24 +63,24 @@ class Calibrated:
 
     def __init__(self, recipe: BlurRecipe | BlurLaw | None) -> None:
         self._told = recipe
-        #: What the fit measured; None where the blur was told, or before the fit.
+        #: What the fit measured; None if the blur was given, or before the fit.
         self.calibration: Calibration | None = None
 
     @property
     def fit(self) -> Callable[[Sequence[TrainingPair]], Learned] | None:
-        """Measures the blur law of training pairs; None where the blur was told."""
+        """Measures the blur law of training pairs; None if the blur was given."""
         return self._fit if self._told is None else None
 
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""
-        # Here and in the fit: it brings half of scipy, which nobody needs who was told the blur.
+        # Imported here and in the fit: it loads half of scipy, for the fit alone.
         from dfdbench.methods.calibration import Calibration
 
         self.calibration = Calibration.of(learned)
 
     @property
     def levels(self) -> int:
-        """How many depth levels the blur tells apart."""
+        """The number of depth levels of the blur."""
         return LEVELS if self._told is None else self._told.levels
 
     @property
@@ -94,16 +90,12 @@ class Calibrated:
         Raises
         ------
         MethodError
-            Where it was neither told nor measured.
+            If it was neither given nor measured.
         """
         if self._told is not None:
             return self._told
         if self.calibration is None:
-            raise MethodError(
-                "the method was not told the blur, and was not fitted",
-                where=type(self).__name__,
-                expected="a recipe, or fit(pairs) and restore(learned) before the first pair",
-            )
+            raise not_fitted(type(self).__name__)
         return self.calibration.law
 
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
@@ -118,6 +110,7 @@ Fit = Callable[[Sequence[TrainingPair]], Learned]
 
 #: At most so many training pairs are read, evenly spread over all.
 MOST_PAIRS = 64
+REFIT = "fit the method again"
 # The largest default.
 _SMALL_WINDOW = 9
 # Entries of a table of depths, and pixels of a pair that go into it.
@@ -138,13 +131,10 @@ def evenly_spread(count: int, most: int = MOST_PAIRS) -> list[int]:
 
 
 def not_fitted(method: str) -> MethodError:
-    """Return the error of a method that was neither told the blur nor fitted."""
-    return MethodError(
-        "the method knows no blur yet",
-        where=method,
-        expected="a recipe, or a fit to training pairs",
-        fix="give recipe=NAME, or call restore(fit(pairs)) first",
-    )
+    """Return the error of a method that was neither given the blur nor fitted."""
+    what = "the method knows no blur yet"
+    fix = "give recipe=NAME, or call restore(fit(pairs)) first"
+    return MethodError(what, where=method, fix=fix)
 
 
 def nothing_to_fit(method: str, expected: str, got: str) -> MethodError:
@@ -158,17 +148,12 @@ def learned_array(learned: Learned, name: str, method: str, dimensions: int) -> 
     Raises
     ------
     MethodError
-        Where it is not there, of other dimensions, or not finite.
+        If it is not there, of other dimensions, or not finite.
     """
     found = np.asarray(learned.get(name, ()), np.float64)
     if found.ndim != dimensions or not found.size or not np.isfinite(found).all():
-        raise MethodError(
-            "not what this method learns",
-            where=f"{method}: {name}",
-            expected=f"finite numbers, {dimensions} dimensions",
-            got=f"shape {found.shape}" if name in learned else "nothing",
-            fix="fit the method again",
-        )
+        what = f"not what this method learns: {dimensions} dimensions of finite numbers"
+        raise MethodError(what, where=f"{method}: {name}", fix=REFIT)
     return found
 
 
@@ -198,7 +183,7 @@ def depth_table(
     Raises
     ------
     MethodError
-        Where no pair has a pixel of known depth.
+        If no pair has a pixel of known depth.
     """
     measures, depths = [], []
     for index in evenly_spread(len(pairs)):
@@ -235,7 +220,7 @@ def require_window_fits(window: int, image: Image, method: str) -> None:
     Raises
     ------
     MethodError
-        Where a side of the image is shorter; windows of up to 9 pixels pass, so that with the
+        If a side of the image is shorter; windows of up to 9 pixels pass, so that with the
         defaults any image has a depth map.
 
     Examples
@@ -244,12 +229,8 @@ def require_window_fits(window: int, image: Image, method: str) -> None:
     """
     height, width = image.shape[:2]
     if window > max(min(height, width), _SMALL_WINDOW):
-        raise MethodError(
-            "the window is larger than the image",
-            where=f"{method}: window",
-            expected=f"at most {min(height, width)}, of an image of {height} x {width} pixels",
-            got=str(window),
-        )
+        what = f"the window is larger than the image, {window} of {height} x {width} pixels"
+        raise MethodError(what, where=f"{method}: window")
 
 
 def number_within(name: str, value: Any, low: float, high: float) -> list[Problem]:

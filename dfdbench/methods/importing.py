@@ -32,9 +32,7 @@ def import_entry(entry: str) -> tuple[Any, ModuleType]:
     place, _, attribute = entry.rpartition(":")
     if not place or not attribute:
         raise MethodError(
-            "not a method's name",
-            where=entry,
-            expected="module:function or path/to/file.py:function",
+            "not a method's name: give module:function or path/to/file.py:function", where=entry
         )
     module = _import_file(Path(place)) if place.endswith(".py") else _import_module(place)
     found: Any = module
@@ -45,11 +43,7 @@ def import_entry(entry: str) -> tuple[Any, ModuleType]:
             public = [key for key in names if not key.startswith("_")] or ["nothing to call"]
             near = unknown_name("attribute", part, public).problems[0]
             raise MethodError(
-                f"{place} has no {part}",
-                where=entry,
-                expected=near.expected,
-                got=part,
-                fix=near.fix,
+                f"{place} has no {part}", where=entry, expected=near.expected, fix=near.fix
             )
         found = below
     return found, module
@@ -87,11 +81,7 @@ def attribute_of(target: Any, name: str, entry: str, default: Any = None) -> Any
 
 def unreadable(entry: str, name: str, error: BaseException) -> MethodError:
     """Return the error that says why an attribute of what a user wrote cannot be read."""
-    return MethodError(
-        "an attribute of the method cannot be read",
-        where=f"{entry}: {name}",
-        got=describe(error) + place_of(error),
-    )
+    return error_of("an attribute of the method cannot be read", f"{entry}: {name}", error)
 
 
 def near_entry(name: str) -> str:
@@ -138,12 +128,9 @@ def _import_module(name: str) -> ModuleType:
         if extra:
             raise MethodError.of(absent(str(error.name), extra)) from error
         if error.name and (name == error.name or name.startswith(error.name + ".")):
-            raise MethodError(
-                f"no module named {error.name}",
-                where=name,
-                got=f"looked in {Path.cwd()} too",
-                fix="run from the module's folder, install it, or name its file: file.py:name",
-            ) from error
+            what = f"no module named {error.name}, neither installed nor in {Path.cwd()}"
+            fix = "run from the module's folder, install it, or name its file: file.py:name"
+            raise MethodError(what, where=name, fix=fix) from error
         raise MethodError(
             "the module cannot be imported", where=name, got=describe(error)
         ) from error
@@ -191,7 +178,12 @@ def describe(error: BaseException) -> str:
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
-def place_of(error: BaseException) -> str:
+def error_of(what: str, where: str, error: BaseException) -> MethodError:
+    """Return the error for an exception that a user's own code raised, with where it did."""
+    return MethodError(what, where=where, got=describe(error) + where_raised(error))
+
+
+def where_raised(error: BaseException) -> str:
     """Return where in a user's own code an exception arose, in brackets; empty where in none.
 
     The last frame that belongs neither to dfdbench nor to Python and its libraries; where there
@@ -199,7 +191,7 @@ def place_of(error: BaseException) -> str:
 
     Examples
     --------
-    >>> place_of(ValueError("never raised"))
+    >>> where_raised(ValueError("never raised"))
     ''
     """
     frames = list(_frames_of_others(error))

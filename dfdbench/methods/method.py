@@ -106,12 +106,8 @@ class Method:
         """
         digest = self._said("weights_sha256")
         if digest and not re.fullmatch("[0-9a-f]{64}", digest):
-            raise MethodError(
-                "not the SHA-256 of weights",
-                where=f"{self.name}: weights_sha256",
-                expected="64 hexadecimal digits, or None",
-                got=digest[:100],
-            )
+            what = f"not the SHA-256 of weights, nor None: {digest[:100]}"
+            raise MethodError(what, where=f"{self.name}: weights_sha256")
         return digest
 
     @functools.cached_property

@@ -7,6 +7,7 @@ import itertools
 import math
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,7 @@ def read_parameters(
     Raises
     ------
     UnknownNameError
-        Where no blur recipe has that name.
+        If no blur recipe has that name.
     MethodError
         Where fields of a recipe are unknown, lacking or wrong, or its file cannot be read; where
         a number is none, or a text is not UTF-8, which no result can keep.
@@ -102,12 +103,8 @@ def _recipe_of(given: Any, where: str) -> BlurRecipe | BlurLaw:
     if isinstance(given, BlurLaw):
         return given
     if not isinstance(given, str | Mapping | BlurRecipe):
-        raise MethodError(
-            what="not a blur recipe",
-            where=where,
-            expected=f"{', '.join(RECIPES)}, fields such as sigma_min, or FILE.toml",
-            got=repr(given),
-        )
+        known = f"{', '.join(RECIPES)}, fields such as sigma_min, or FILE.toml"
+        raise MethodError(f"not a blur recipe: {given!r}", where=where, expected=known)
     try:
         is_law = isinstance(given, Mapping) and SIGMAS in given
         return law_of_fields(given) if is_law else find_recipe(given)  # type: ignore[arg-type]
@@ -115,13 +112,7 @@ def _recipe_of(given: Any, where: str) -> BlurRecipe | BlurLaw:
         raise
     except DfdbenchError as error:
         raise MethodError.of(
-            Problem(
-                what=problem.what,
-                where=f"{where}: {problem.where}" if problem.where else where,
-                expected=problem.expected,
-                got=problem.got,
-                fix=problem.fix,
-            )
+            replace(problem, where=f"{where}: {problem.where}".removesuffix(": "))
             for problem in error.problems
         ) from error
 
@@ -132,9 +123,9 @@ def read_fields(file: str | Path) -> dict[str, Any]:
     Raises
     ------
     UnknownNameError
-        Where it is not called ``.toml``, and so is taken for a recipe's name.
+        If it is not called ``.toml``, and so is taken for a recipe's name.
     MethodError
-        Where it cannot be read.
+        If it cannot be read.
     """
     path = Path(file)
     if path.suffix != ".toml":
@@ -144,12 +135,9 @@ def read_fields(file: str | Path) -> dict[str, Any]:
     try:
         return parse_toml(read_text(path))
     except (OSError, ValueError) as error:
-        reason = reason_of(error)
+        what = f"cannot read the blur recipe: {reason_of(error)}"
         raise MethodError(
-            what="cannot read the blur recipe",
-            where=str(file),
-            expected="a TOML file with sigma_min, sigma_step, ..., with sigmas, or of a lens",
-            got=reason,
+            what, where=str(file), fix="name a TOML file of a recipe, law or lens"
         ) from error
 
 
@@ -178,14 +166,8 @@ def _require_kept(parameters: Mapping[str, Any]) -> None:
             expected = "text in UTF-8"
         else:
             continue
-        problems.append(
-            Problem(
-                "a parameter that no result can keep",
-                where=f"parameter {writable(name)}",
-                expected=expected,
-                got=writable(str(value))[:80],
-            )
-        )
+        what = f"a parameter that no result can keep: {writable(str(value))[:80]}"
+        problems.append(Problem(what, where=f"parameter {writable(name)}", expected=expected))
     if problems:
         raise MethodError.of(problems)
 
@@ -211,12 +193,8 @@ def _digest(path: Path) -> str:
     try:
         return _of_file(path) if path.is_file() else _of_folder(path)
     except OSError as error:
-        raise MethodError(
-            what="cannot read what a parameter names",
-            where=str(error.filename or path),
-            got=reason_of(error),
-            fix="a run keeps the SHA-256 of files and folders that parameters name",
-        ) from error
+        what = f"cannot read what a parameter names, to hash it: {reason_of(error)}"
+        raise MethodError(what, where=str(error.filename or path)) from error
 
 
 def _of_file(path: Path) -> str:
@@ -230,12 +208,9 @@ def _of_folder(folder: Path) -> str:
     some = list(itertools.islice(names, _MOST_FILES + 1))
     files = [path for path in some if path.is_file()] if len(some) <= _MOST_FILES else []
     if len(some) > _MOST_FILES or sum(path.stat().st_size for path in files) > _MOST_BYTES:
-        raise MethodError(
-            "a parameter names a folder that is too large to hash",
-            where=str(folder),
-            expected=f"at most {_MOST_FILES:,} files and {_MOST_BYTES / 1e9:.0f} GB",
-            got="more than that",
-            fix="name the folder or the file that the method reads",
-        )
+        most = f"{_MOST_FILES:,} files or {_MOST_BYTES / 1e9:.0f} GB"
+        what = f"a parameter names a folder that is too large to hash, above {most}"
+        fix = "name the folder or the file that the method reads"
+        raise MethodError(what, where=str(folder), fix=fix)
     lines = sorted(f"{_of_file(path)}  {path.relative_to(folder).as_posix()}\n" for path in files)
     return hashlib.sha256("".join(lines).encode("utf-8", "surrogateescape")).hexdigest()

@@ -10,12 +10,84 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from dfdbench.errors import MethodError, unknown_name
-from dfdbench.methods.importing import attribute_of, describe, import_entry, near_entry, place_of
-from dfdbench.methods.signature import check_parameters, is_class, parameters_of
+from dfdbench.methods.importing import attribute_of, error_of, import_entry, near_entry
 from dfdbench.system.plugins import offered_as
 
 if TYPE_CHECKING:
     from dfdbench.methods.method import Method, Predict
+import inspect
+
+from dfdbench.errors import Problem
+
+
+def is_class(target: object) -> bool:
+    """Return whether something is a class, by what it is and not by what it says that it is.
+
+    Examples
+    --------
+    >>> is_class(str), is_class("text")
+    (True, False)
+    """
+    return issubclass(type(target), type)
+
+
+def parameter_names(target: Callable[..., Any]) -> set[str]:
+    """Return the names of what a callable takes; none where it does not tell.
+
+    Examples
+    --------
+    >>> sorted(parameter_names(lambda infocus, defocus: None))
+    ['defocus', 'infocus']
+    """
+    try:
+        return set(inspect.signature(target).parameters)
+    except Exception:  # a signature of its own may raise anything
+        return set()
+
+
+def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[str, Any]) -> None:
+    """Do nothing where a callable takes these arguments, and a class needs no others.
+
+    Raises
+    ------
+    MethodError
+        Naming each parameter that is unknown, or is needed.
+    """
+    try:
+        signature = inspect.signature(target)
+    except Exception:
+        return
+    kinds = {parameter.kind for parameter in signature.parameters.values()}
+    names = [name for name in signature.parameters if name not in ("infocus", "defocus")]
+    unknown = [name for name in arguments if name not in signature.parameters]
+    if unknown and inspect.Parameter.VAR_KEYWORD not in kinds:
+        unknown = [name for name in unknown if name not in ("infocus", "defocus")]
+        if unknown:
+            expected = "one of: " + ", ".join(names) if names else "no parameters"
+            raise MethodError.of(
+                [
+                    Problem(f"unknown parameter {name}", where=entry, expected=expected)
+                    for name in unknown
+                ]
+            )
+    empty = inspect.Parameter.empty
+    missing = [
+        name
+        for name, parameter in signature.parameters.items()
+        if parameter.default is empty
+        and parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+        and name not in arguments
+    ]
+    if is_class(target) and missing:
+        raise MethodError.of(
+            [
+                Problem(
+                    "parameter is needed", where=entry, expected=name, fix=f"--param {name}=VALUE"
+                )
+                for name in missing
+            ]
+        )
+
 
 ENTRY_POINT_GROUP = "dfdbench.methods"
 _NO_FIT = object()
@@ -222,7 +294,7 @@ def make_method(
     if fits:
         offers = {**offers, **for_fits}
     if is_class(target):
-        accepted = parameters_of(target)
+        accepted = parameter_names(target)
         asked = [key for key in offers if key in accepted and key not in given]
         facts = {key: offers[key]() for key in asked}
         uses = tuple(key for key in asked if facts[key] is not None)
@@ -236,12 +308,9 @@ def make_method(
             check_parameters(entry, target, {"infocus": None, "defocus": None} | given)
             predict = functools.partial(predict, **given)
     if not callable(predict):
-        raise MethodError(
-            "not a method",
-            where=entry,
-            expected="something to call as predict(infocus, defocus)",
-            got=type(predict).__name__,
-        )
+        what = f"not a method: a {type(predict).__name__}"
+        expected = "something to call as predict(infocus, defocus)"
+        raise MethodError(what, where=entry, expected=expected)
     method = Method(name, entry, predict, recorded, uses, source)
     # Now, not after the hours of a run.
     method.require_readable()
@@ -254,9 +323,7 @@ def _constructed(entry: str, target: type, arguments: Mapping[str, Any]) -> Any:
     except MethodError:
         raise
     except (Exception, SystemExit) as error:
-        raise MethodError(
-            "the method cannot be constructed", where=entry, got=describe(error) + place_of(error)
-        ) from error
+        raise error_of("the method cannot be constructed", entry, error) from error
 
 
 def entry_of(target: Callable[..., Any]) -> str:
@@ -276,12 +343,7 @@ def entry_of(target: Callable[..., Any]) -> str:
     place, name = getattr(target, "__module__", ""), getattr(target, "__qualname__", "")
     module = sys.modules.get(place)
     if not getattr(module, "__file__", None) or getattr(module, name, None) is not target:
-        raise MethodError(
-            what="the method has no name under which it could be found again",
-            where=name or type(target).__name__,
-            expected="a name, or a function or class at the top of a module's file",
-            got=repr(target)[:80],
-            fix="put it into a file and pass 'file.py:name'; an object's class: its parameters "
-            "go beside it",
-        )
+        what = f"the method has no name under which it could be found again: {repr(target)[:80]}"
+        fix = "put it at the top of a file and pass 'file.py:name', of an object its class"
+        raise MethodError(what, where=name or type(target).__name__, fix=fix)
     return f"{place}:{name}"

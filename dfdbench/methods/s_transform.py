@@ -32,8 +32,8 @@ _MIDDLE_VARIANCE = 3.0
 class STransform:
     """Depth from the variance that the blur adds, in closed form.
 
-    Where an image is a cubic polynomial, a blur of variance v along each axis adds v / 2 times
-    its Laplacian, whatever the blur's shape. So the difference of the two images tells v: the
+    If an image is a cubic polynomial, a blur of variance v along each axis adds v / 2 times
+    its Laplacian, whatever the blur's shape. So the difference of the two images gives v: the
     least squares over a window of ``defocus - infocus = v / 2 * laplacian``, with the Laplacian of
     both images' mean.
 
@@ -88,19 +88,15 @@ class STransform:
             variances = np.square(recipe.sigmas)
             rises = np.diff(variances)
             if rises.min() < 0 < rises.max():
-                raise MethodError(
-                    "the blur neither rises nor falls with depth",
-                    where=_NAME,
-                    expected="one depth for a variance",
-                    fix="recipe=null fits a table of variance and depth",
-                )
+                what = "the blur neither rises nor falls with depth"
+                raise MethodError(what, where=_NAME, fix="recipe=null fits a table")
             levels = np.argsort(variances, kind="stable")
             self._variances = variances[levels]
             self._depths = recipe.depth_of_level(levels)
 
     @property
     def fit(self) -> Fit | None:
-        """What learns the table of variance and depth; None where a recipe tells it."""
+        """Learns the table of variance and depth; None if a recipe gives it."""
         if self._recipe is not None:
             return None
         return lambda pairs: depth_table(self.variance, pairs, _NAME)

@@ -153,15 +153,10 @@ class SemiGlobal(Calibrated):
         problems = number_within("small_step", small_step, 0, most)
         problems += number_within("large_step", large_step, 0, most)
         if not problems and large_step < small_step:
-            # Which of the two was set is not known here: the other may be the default.
-            steps = f"small_step {small_step:g}, large_step {large_step:g}"
-            expected = "small_step at most large_step"
             problems.append(
                 Problem(
-                    "wrong parameters",
-                    where="small_step and large_step",
-                    expected=expected,
-                    got=steps,
+                    f"small_step {small_step:g} is above large_step {large_step:g}",
+                    where="small_step",
                 )
             )
         problems += number_within("limit", limit, 0, most)

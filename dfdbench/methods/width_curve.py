@@ -48,7 +48,7 @@ def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
     Raises
     ------
     MethodError
-        Where no level tells its width.
+        If no level shows its width.
     """
     splines = CubicSpline(np.log(LADDER), sums, axis=1)
     # To begin with, neighbouring levels stand together.
@@ -59,11 +59,9 @@ def width_curve(sums: Array, pixels: Array) -> NDArray[np.float64]:
     unit = 2 * max(float(least.sum()) / max(float((near @ pixels).sum()), 1.0), ROUNDING**2)
     known = (pixels > 0) & (sharpness / unit > _LEAST_SHARPNESS)
     if not known.any():
-        raise MethodError(
-            "the training pairs do not show how their blur depends on depth",
-            expected="texture at known depth, away from jumps in depth and from the border",
-            got=f"{int(pixels.sum())} pixels that count",
-        )
+        what = "the training pairs do not show how their blur depends on depth"
+        fix = "add pairs with texture at known depth, away from jumps in depth and from the border"
+        raise MethodError(what, fix=fix)
     sigmas, strength = smooth_curve(widths, np.where(known, sharpness / unit, 0))
     for _ in range(_STEPS):
         sigmas = np.clip(sigmas, LADDER[0], LADDER[-1])

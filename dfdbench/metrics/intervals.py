@@ -40,7 +40,7 @@ def scene_interval(
     Returns
     -------
     tuple of float, or None
-        None where there is only one scene.
+        None if there is only one scene.
 
     Examples
     --------

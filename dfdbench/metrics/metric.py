@@ -1,7 +1,6 @@
 """What a metric is, and all that there are, each defined here once.
 
-Whatever shows or checks scores loops over those of its protocol, which
-`dfdbench.metrics.protocol.metrics_of` tells.
+Tables, figures and checks loop over `dfdbench.metrics.protocol.metrics_of` a protocol.
 """
 
 from __future__ import annotations
@@ -114,7 +113,7 @@ def find_metric(name: str) -> Metric:
 
 
 def mean_of(scores: Iterable[float | None]) -> float | None:
-    """Return the mean of the scores that are defined; None where there are none.
+    """Return the mean of the scores that are defined; None if there are none.
 
     It does not depend on their order, so that it is the same wherever it is taken.
 

@@ -16,7 +16,7 @@ from dfdbench.errors import InputError, UnknownNameError, unknown_name
 from dfdbench.metrics.metres import aligned
 from dfdbench.metrics.metric import IN_METRES, METRICS, RANKED_BY, TIES_BY, Metric
 
-Crop = Literal["whole", "network", "network-of-16"]
+Crop = Literal["whole", "network-of-16"]
 # The published networks halve their images four times, so their program cuts images to this.
 _NETWORK_MULTIPLE = 16
 
@@ -26,7 +26,7 @@ def window_of(crop: Crop, shape: tuple[int, ...], side: int) -> tuple[slice, ...
 
     Parameters
     ----------
-    crop : {"whole", "network", "network-of-16"}
+    crop : {"whole", "network-of-16"}
         As of a `dfdbench.metrics.protocol.Protocol`.
     shape : tuple of int
         Of the image.
@@ -40,8 +40,7 @@ def window_of(crop: Crop, shape: tuple[int, ...], side: int) -> tuple[slice, ...
     """
     if crop == "whole":
         return tuple(slice(0, extent) for extent in shape)
-    if crop == "network-of-16":
-        shape = tuple(extent - extent % _NETWORK_MULTIPLE for extent in shape)
+    shape = tuple(extent - extent % _NETWORK_MULTIPLE for extent in shape)
     starts = (max(extent - side, 0) // 2 for extent in shape)
     return tuple(
         slice(start, min(start + side, extent)) for start, extent in zip(starts, shape, strict=True)
@@ -86,7 +85,7 @@ def score_distances(
     Raises
     ------
     InputError
-        Where there is no scale.
+        If there is no scale.
     """
     if scale is None:
         raise InputError("nothing says how levels become metres", where="scale")
@@ -109,8 +108,7 @@ def protocols_of(in_metres: bool) -> dict[str, Protocol]:
     >>> list(protocols_of(False)), list(protocols_of(True))[3:]
     (['thesis', 'thesis-networks-2', 'valid'], ['metric', 'aligned'])
     """
-    newest = {label: p for label, p in RELEASED.items() if p.superseded_by is None}
-    return {label: p for label, p in newest.items() if in_metres or not p.metrics}
+    return {label: p for label, p in RELEASED.items() if in_metres or not p.metrics}
 
 
 def metrics_of(label: str) -> Mapping[str, Metric]:
@@ -164,9 +162,9 @@ class Protocol:
     divisor : {"own-range", "255", "none"}
         What NRMSE and NMAE are divided by: the ground truth's range over the pixels that
         count, or 255. A protocol without them says none.
-    crop : {"whole", "network", "network-of-16"}
-        The whole image; the centre square of the data set's `network_crop`; or that square of
-        the image cut to multiples of 16, at its lower and right edge.
+    crop : {"whole", "network-of-16"}
+        The whole image; or the centre square of the data set's `network_crop`, of the image cut
+        to multiples of 16 at its lower and right edge.
     source : str
         Where the definition comes from.
     metrics : tuple of str
@@ -190,29 +188,6 @@ class Protocol:
         """What results and folders call it, see `label_of`."""
         return label_of(self.as_dict())
 
-    @property
-    def superseded_by(self) -> Protocol | None:
-        """The newest version, where this is an older one."""
-        newest = _newest(self.name)
-        return None if newest.version == self.version else newest
-
-    @property
-    def title(self) -> str:
-        """What tables call it; of an older version it says that there is a newer one.
-
-        Examples
-        --------
-        >>> find_protocol("thesis-networks").title
-        'thesis-networks, version 2'
-        >>> find_protocol("thesis-networks-1").title
-        'thesis-networks, version 1: superseded by version 2'
-        """
-        newest = _newest(self.name)
-        if newest.version == 1:
-            return self.name
-        version = f"{self.name}, version {self.version}"
-        return version if self == newest else f"{version}: superseded by version {newest.version}"
-
     def as_dict(self) -> dict[str, Any]:
         """Return the definition by name, fit for JSON.
 
@@ -230,14 +205,6 @@ _ALL = (
         "own-range",
         "whole",
         "Emerson 2019, Eq. 3.11, 3.13, 3.14; unknown pixels count as depth 0",
-    ),
-    Protocol(
-        "thesis-networks",
-        1,
-        "all",
-        "255",
-        "network",
-        "the scoring code published with the thesis's networks",
     ),
     Protocol(
         "thesis-networks",
@@ -272,47 +239,36 @@ _ALL = (
 )
 
 
-def _newest(name: str) -> Protocol:
-    return max((p for p in _ALL if p.name == name), key=lambda protocol: protocol.version)
-
-
-_CURRENT = {protocol.label: protocol for protocol in _ALL if protocol == _newest(protocol.name)}
-#: The protocols that every run scores under, by label: the newest version of each.
+#: Every protocol, by label.
+RELEASED: Mapping[str, Protocol] = MappingProxyType({protocol.label: protocol for protocol in _ALL})
+#: The protocols that every run scores under, by label.
 PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
-    {label: protocol for label, protocol in _CURRENT.items() if not protocol.metrics}
-)
-#: Every protocol that was ever released, by label; the current ones first.
-RELEASED: Mapping[str, Protocol] = MappingProxyType(
-    {**_CURRENT, **{protocol.label: protocol for protocol in _ALL}}
+    {label: protocol for label, protocol in RELEASED.items() if not protocol.metrics}
 )
 
 
 def find_protocol(name: str) -> Protocol:
-    """Return the newest protocol of that name or, of ``NAME-VERSION``, that version.
+    """Return the protocol with this name or label.
 
     Raises
     ------
     UnknownNameError
-        Where there is none; near misses are named.
+        If there is none; near misses are named.
 
     Examples
     --------
-    >>> find_protocol("thesis-networks").version, find_protocol("thesis-networks-1").version
-    (2, 1)
+    >>> find_protocol("thesis-networks").label
+    'thesis-networks-2'
     """
     for protocol in _ALL:
-        if name == f"{protocol.name}-{protocol.version}":
+        if name in (protocol.name, protocol.label):
             return protocol
-    names = {protocol.name for protocol in _ALL}
-    if name not in names:
-        versions = {f"{p.name}-{p.version}" for p in _ALL if _newest(p.name).version > 1}
-        raise unknown_name("protocol", name, names | versions)
-    return _newest(name)
+    raise unknown_name("protocol", name, {protocol.name for protocol in _ALL})
 
 
 def title_of(label: str) -> str:
-    """Return what tables call a result's protocol: `Protocol.title`, where it is a released one."""
-    return RELEASED[label].title if label in RELEASED else label
+    """Return what tables call a result's protocol: its name, if it is a released one."""
+    return RELEASED[label].name if label in RELEASED else label
 
 
 def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
@@ -330,30 +286,15 @@ def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
     Raises
     ------
     UnknownNameError
-        Where `label` is not among `scored`; another version that is gets named.
+        If `label` is not among `scored`.
     """
     there = tuple(scored)
     if label in there:
         return
     asked = RELEASED.get(label)
-    for other in (RELEASED[found] for found in there if found in RELEASED):
-        if asked and other.name == asked.name:
-            raise UnknownNameError(
-                what=f"scored under another version of protocol {asked.name}",
-                where=whose,
-                expected=asked.title,
-                got=other.title,
-                fix=f"`dfdbench run` scores under version {_newest(asked.name).version}; "
-                f"--protocol {other.name}-{other.version} shows what is there",
-            )
     if asked and asked.metrics:
-        raise UnknownNameError(
-            what="not scored in metres",
-            where=whose,
-            expected="a data set whose manifest says how levels become metres",
-            got=f"--protocol {label}",
-            fix=f"one of: {', '.join(there)}",
-        )
+        what = f"not scored in metres, which {label} takes"
+        raise UnknownNameError(what, where=whose, expected=f"one of: {', '.join(there)}")
     raise unknown_name(f"protocol of {whose}", label, there)
 
 
@@ -386,7 +327,7 @@ def score(
     Returns
     -------
     dict of str to float
-        Each of the protocol's metrics by name, NaN where it is undefined. All are where nothing
+        Each of the protocol's metrics by name, NaN if it is undefined. All are where nothing
         is left to score: ``network-of-16`` on fewer than 16 rows or columns, an image that the
         published networks cannot take either.
 

@@ -69,7 +69,7 @@ def nrmse(
     Returns
     -------
     float
-        NaN where it is undefined: a flat ground truth without `data_range`, or no pixel counts.
+        NaN if it is undefined: a flat ground truth without `data_range`, or no pixel counts.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def ssim(
     Returns
     -------
     float
-        NaN where it is undefined: no pixel counts, or the image is smaller than the window.
+        NaN if it is undefined: no pixel counts, or the image is smaller than the window.
 
     Raises
     ------
@@ -216,12 +216,7 @@ def checked(
     truth, test = arrays
     if not problems and truth.shape != test.shape:
         problems.append(
-            Problem(
-                "sizes differ",
-                where="image_test",
-                expected=f"{truth.shape}, as image_true",
-                got=str(test.shape),
-            )
+            Problem(f"sizes differ, {truth.shape} and {test.shape}", where="image_test")
         )
     if problems:
         raise InputError.of(problems)

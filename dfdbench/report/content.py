@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from dfdbench.figures.comparisons import accuracy_figure, lighting_figures, time_figure
 from dfdbench.figures.runs import group_figures
 from dfdbench.figures.style import write_forms
-from dfdbench.leaderboard.board_tables import lighting_table, runs_table, standings_table
-from dfdbench.leaderboard.boards import Entry, ScoreBoard, boards
+from dfdbench.leaderboard.ranking import Entry, ScoreBoard, boards
+from dfdbench.leaderboard.tables import lighting_table, runs_table, standings_table
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import ranked_by, require_scored
 from dfdbench.results.record import PairResult
@@ -79,7 +79,7 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
     """
     for run in runs:
         require_scored(protocol, run.result.protocol_names, str(run.path))
-    found = boards([Entry(run.result, run.path, None, run.place) for run in runs])
+    found = boards([Entry.of(run.result, run.path, run.place) for run in runs])
     sections, sentences = [], []
     shown: list[tuple[SavedRun, RunSummary]] = []
     for board in found:
@@ -127,7 +127,7 @@ def _section_of(
         plots["accuracy and seconds"] = accuracy
     ranking = standings_table(board, folder)
     tables = (ranking, lighting_table(board), runs_table(board))
-    return Section(ranking.title, board.fingerprint, tables, details, plots)
+    return Section(ranking.title, board.result.dataset.fingerprint, tables, details, plots)
 
 
 def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:

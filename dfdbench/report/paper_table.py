@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from dfdbench.errors import unknown_name
-from dfdbench.leaderboard.boards import Entry, ScoreBoard, Standing, boards
+from dfdbench.leaderboard.ranking import Entry, ScoreBoard, Standing, boards
 from dfdbench.metrics.protocol import metrics_of, require_scored, title_of
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.told import told
@@ -28,8 +28,7 @@ def paper_tables(
     Parameters
     ----------
     runs : sequence of SavedRun
-        At least one; of two with the same label on the same data the newer one counts: see
-        `dfdbench.results.run_names.told_apart`.
+        At least one; `dfdbench.results.run_names.told_apart` tells those of one method apart.
     protocol : str
         The protocol.
     columns : sequence of str
@@ -47,7 +46,7 @@ def paper_tables(
         if name not in there:
             raise unknown_name("metric", name, there)
     shown = tuple(dict.fromkeys(columns or there))
-    found = boards([Entry(run.result, run.path, None, run.place) for run in runs])
+    found = boards([Entry.of(run.result, run.path, run.place) for run in runs])
     tables = [_table(board, shown) for board in found if board.protocol == protocol]
     # LaTeX refuses a label twice: another build of a set has the same name and other data.
     labels = [table.label for table in tables]
@@ -67,32 +66,32 @@ def _table(board: ScoreBoard, names: Sequence[str]) -> Table:
         for n, standing in enumerate(board.standings)
     )
     headings = ("seconds per pair" if name == SECONDS else metrics[name].heading for name in names)
+    dataset = board.result.dataset
     pairs = max(standing.entry.result.dataset.expected for standing in board.standings)
     return Table(
-        f"{board.dataset}, split {board.split} "
+        f"{dataset.name}, split {dataset.split} "
         f"({counted(pairs, 'pair')} of {counted(board.scenes, 'scene')}), "
-        f"protocol {title_of(board.protocol)}, data {board.fingerprint[:_DIGITS]}, "
+        f"protocol {title_of(board.protocol)}, data {dataset.fingerprint[:_DIGITS]}, "
         f"dfdbench {PACKAGE_VERSION}",
         ("method", "told", *headings),
         rows,
         "ll" + "r" * len(names),
         tuple(_notes(board, names)),
         records=tuple(_record(board, standing, names) for standing in board.standings),
-        label=f"{board.dataset} {board.split} {board.protocol}",
+        label=f"{dataset.name} {dataset.split} {board.protocol}",
     )
 
 
 def _cells(board: ScoreBoard, name: str) -> list[str]:
     """Return a column: the best of the ranked marked, means of incomplete runs in brackets."""
-    texts = [_text(board, standing, name) for standing in board.standings]
+    texts = [_text(board, row, name) for row in range(len(board.standings))]
     if name == SECONDS:
         return texts
     metric = metrics_of(board.protocol)[name]
     ranked = {
         score_text(value): value
         for standing in board.standings
-        if standing.rank is not None
-        and (value := standing.entry.score(board.protocol, name)) is not None
+        if standing.rank is not None and (value := standing.scores.get(name)) is not None
     }
     # Equal as printed is equal: a reader sees no more digits.
     order = sorted(ranked, key=lambda text: ranked[text], reverse=metric.larger_is_better)
@@ -103,11 +102,10 @@ def _cells(board: ScoreBoard, name: str) -> list[str]:
     ]
 
 
-def _text(board: ScoreBoard, standing: Standing, name: str) -> str:
-    entry = standing.entry
+def _text(board: ScoreBoard, row: int, name: str) -> str:
     if name == SECONDS:
-        return seconds_text(entry.seconds)
-    return entry.shown_score(board.protocol, name)
+        return seconds_text(board.standings[row].entry.seconds)
+    return board.shown(row, name)
 
 
 def _notes(board: ScoreBoard, names: Sequence[str]) -> list[str]:
@@ -132,14 +130,13 @@ def _record(board: ScoreBoard, standing: Standing, names: Sequence[str]) -> Mapp
     entry = standing.entry
     dataset = entry.result.dataset
     scores = {
-        name: entry.seconds if name == SECONDS else entry.score(board.protocol, name)
-        for name in names
+        name: entry.seconds if name == SECONDS else standing.scores.get(name) for name in names
     }
     return {
-        "dataset": board.dataset,
-        "split": board.split,
+        "dataset": dataset.name,
+        "split": dataset.split,
         "protocol": board.protocol,
-        "fingerprint": board.fingerprint,
+        "fingerprint": dataset.fingerprint,
         "rank": standing.rank,
         "method": entry.label,
         "told": told(entry.result),

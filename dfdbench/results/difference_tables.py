@@ -72,7 +72,8 @@ def difference_table(
     rules = set()
     for name, metric in metrics_of(protocol).items():
         for where, group in _parted(changes(first, second, protocol, name), first):
-            difference = paired_difference(group, name)
+            scenes_of = [change.first.scene for change in group]
+            difference = paired_difference([c.difference for c in group], scenes_of, name)
             if difference is None:
                 continue
             counts = (difference.wins, difference.losses, difference.ties)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dfdbench.errors import Problem, ResultError
@@ -119,20 +120,21 @@ def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[
 
 
 def paired_difference(
-    found: tuple[PairChange, ...], metric: str, seed: int = 0
+    values: Sequence[float], scenes: Sequence[str], metric: str, seed: int = 0
 ) -> PairedDifference | None:
-    """Return mean, interval, wins and losses of some changes; None where there are none.
+    """Return mean, interval, wins and losses of some differences; None where there are none.
 
     Parameters
     ----------
-    found : tuple of PairChange
-        From `changes`.
+    values : sequence of float
+        The second run's score less the first's, one a pair.
+    scenes : sequence of str
+        The scene of each.
     metric : str
         Which metric they are of: it says whether larger is better.
     seed : int
         Of the bootstrap.
     """
-    values = [change.difference for change in found]
     mean = mean_of(values)
     if mean is None:
         return None
@@ -140,7 +142,6 @@ def paired_difference(
     worse = sum(value < 0 for value in values)
     if not find_metric(metric).larger_is_better:
         better, worse = worse, better
-    scenes = [change.first.scene for change in found]
     low, high = scene_interval(values, scenes, seed) or (None, None)
     ties = len(values) - better - worse
     return PairedDifference(mean, low, high, better, worse, ties, len(set(scenes)))

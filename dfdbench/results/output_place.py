@@ -41,10 +41,7 @@ def output_place(
     True
     >>> output_place("photos/report", "photos")
     Traceback (most recent call last):
-    dfdbench.errors.InputError: this command would write into one of its inputs
-      where     --out photos/report
-      got       photos
-      fix       choose another place
+    dfdbench.errors.InputError: this command would write into one of its inputs ...
     """
     where = f"{option} {named}".lstrip()
     if not str(named).strip():

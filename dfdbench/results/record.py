@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping
-from datetime import datetime
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -218,29 +217,6 @@ class Environment(Record):
     versions: dict[str, str]
 
 
-def _a_date(text: str) -> str:
-    datetime.fromisoformat(text)
-    return text
-
-
-Time = Annotated[
-    str,
-    Field(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}Z$"),
-    AfterValidator(_a_date),
-]
-
-
-class Submission(Record):
-    """What makes a result fit for the leaderboard.
-
-    `submitted` tells which of two results of one method is the newer; `seal` is the SHA-256
-    of all else in the file, so that it cannot be edited without notice.
-    """
-
-    submitted: Time
-    seal: Sha256
-
-
 class Result(Record):
     """A run in full. `averages` is null unless every expected pair was evaluated.
 
@@ -257,7 +233,6 @@ class Result(Record):
     pairs: list[PairResult]
     averages: dict[Name, dict[str, Finite | None]] | None
     warnings: list[str] = Field(default_factory=list)
-    submission: Submission | None = None
 
     @property
     def protocol_names(self) -> tuple[str, ...]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -31,17 +29,6 @@ def save_result(result: Result, path: Path) -> None:
     write_whole(path, result.model_dump_json(indent=1) + "\n")
 
 
-def seal_of(content: dict[str, Any]) -> str:
-    """Return the SHA-256 of a result file's content, its seal left out, in canonical JSON.
-
-    Taken over what the file says, not over the model: fields that later versions add do not
-    break the seals of older files.
-    """
-    submission = {key: v for key, v in (content.get("submission") or {}).items() if key != "seal"}
-    text = json.dumps({**content, "submission": submission}, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def load_result(path: Path | str) -> Result:
     """Read a run's result, check it, and compute its averages anew.
 
@@ -55,25 +42,7 @@ def load_result(path: Path | str) -> Result:
     ResultError
         Where it cannot be read, is of another schema version, or contradicts itself.
     """
-    result, problems = examine_result(Path(path))
-    if problems:
-        raise ResultError.of(problems)
-    return result
-
-
-def examine_result(path: Path) -> tuple[Result, list[Problem]]:
-    """Read a run's result, and return in what it contradicts itself.
-
-    Parameters
-    ----------
-    path : Path
-        The result file, or the folder of the run.
-
-    Raises
-    ------
-    ResultError
-        Where it cannot be read or is of another schema version.
-    """
+    path = Path(path)
     path = path / RESULT if path.is_dir() else path
     content = read_json(path)
     found = content.get("schema_version") if isinstance(content, dict) else None
@@ -91,18 +60,9 @@ def examine_result(path: Path) -> tuple[Result, list[Problem]]:
     except ValidationError as error:
         problems = problems_of(error, "wrong value in the result", file=path)
         raise ResultError.of(problems) from error
-    problems = contradictions(result, str(path))
-    if result.submission and result.submission.seal != seal_of(content):
-        problems.append(
-            Problem(
-                "the file was edited after it was sealed",
-                where=f"{path}: submission.seal",
-                expected="the SHA-256 of the file's content",
-                got=result.submission.seal,
-                fix="submit the run again: `dfdbench run ... --submit`",
-            )
-        )
-    return result, problems
+    if problems := _contradictions(result, str(path)):
+        raise ResultError.of(problems)
+    return result
 
 
 def read_json(path: Path) -> Any:
@@ -173,8 +133,7 @@ def _misplaced(result: Result, path: str) -> list[Problem]:
     return problems
 
 
-def contradictions(result: Result, path: str) -> list[Problem]:
-    """Return in what a result contradicts itself; `path` says where it stands."""
+def _contradictions(result: Result, path: str) -> list[Problem]:
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
     problems = [
         *_misplaced(result, path),

@@ -98,7 +98,7 @@ class TrainingConfiguration(Record):
     patience, shrink, minimum_learning_rate
         Of ``dlib`` and ``progress``: steps without progress, factor, and where training ends.
     steps : int, optional
-        Where training ends at the latest; ``cosine`` needs it.
+        If training ends at the latest; ``cosine`` needs it.
     warm_up : int
         Of ``cosine``: steps over which the learning rate rises.
     precision : {"float32", "bf16", "auto"}
@@ -194,7 +194,7 @@ class TrainingConfiguration(Record):
         Raises
         ------
         InputError
-            Where the configuration has a choice that the network does not have.
+            If the configuration has a choice that the network does not have.
 
         Examples
         --------

@@ -104,7 +104,7 @@ class Redraw:
     recipe : BlurRecipe
         How the data set's defocus images were made.
     lowest, highest : int
-        Where a patch's mean level may come to lie.
+        If a patch's mean level may come to lie.
     tilt : float
         The steepest slope added along rows and columns, in levels a pixel.
     unknown : int
@@ -227,7 +227,7 @@ class Cropper:
     Raises
     ------
     InputError
-        Where a patch is larger than an image.
+        If a patch is larger than an image.
     """
 
     def __init__(

@@ -90,7 +90,7 @@ def find_experiment(name: str) -> Experiment:
     Raises
     ------
     UnknownNameError
-        Where there is none; near misses are named.
+        If there is none; near misses are named.
     """
     known = experiments()
     if name not in known:
@@ -158,7 +158,7 @@ def trials(
     Raises
     ------
     InputError
-        Where a value is none that the configuration takes, or the network cannot be trained.
+        If a value is none that the configuration takes, or the network cannot be trained.
     """
     chosen = tuple(values or (experiment.values if isinstance(config, str) else config))
     if not isinstance(store, Store):
@@ -170,11 +170,8 @@ def trials(
             raise InputError(f"{experiment.name} varies the seed alone", where="--values")
         chosen = ("",)
     if experiment.varies in changes:
-        raise InputError(
-            f"{experiment.name} varies {experiment.varies} itself",
-            where="--set",
-            fix="choose its values with --values",
-        )
+        what = f"{experiment.name} varies {experiment.varies} itself"
+        raise InputError(what, where="--set", fix="choose its values with --values")
     found = []
     # A value given twice is one value: its trainings would be counted twice.
     for value in dict.fromkeys(chosen):
@@ -205,17 +202,14 @@ def run_trial(
     Raises
     ------
     InputError
-        Where the folder holds another training.
+        If the folder holds another training.
     """
     path = trial.folder / WEIGHTS
     if path.exists():
         card = load_weights(path, trial.task.method)[1]
         if not _is_of(card, trial.task, device):
-            raise InputError(
-                "the folder holds another training",
-                where=str(trial.folder),
-                fix="choose another with --out DIR",
-            )
+            what = "the folder holds another training"
+            raise InputError(what, where=str(trial.folder), fix="choose another with --out")
         ended = EndedBy.of(card.ended_by)
         more_time = max_seconds is None or card.seconds < max_seconds
         if not (ended and ended.early and more_time):

@@ -39,7 +39,7 @@ class Learner:
     architecture : dict
         The network's constructor arguments.
     started_from : str
-        Where the initial weights come from, for the card; empty for random ones.
+        If the initial weights come from, for the card; empty for random ones.
     cropper : Cropper
         What draws the patches.
     schedule : Schedule

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from statistics import fmean
 
@@ -55,7 +55,6 @@ def mean_scores(
     store: Store,
     pairs: Sequence[Pair],
     device: torch.device,
-    on_pair: Callable[[int, int], None] | None = None,
     readout: Readout = "mode",
 ) -> dict[str, dict[str, float]]:
     """Return the mean of each metric over pairs, under each protocol of `LOGGED`, by its label.
@@ -67,13 +66,11 @@ def mean_scores(
     network : nn.Module
         Left as it is: a copy is asked.
     store : Store
-        Where the pairs lie.
+        If the pairs lie.
     pairs : sequence of Pair
         Which pairs.
     device : torch.device
-        Where it runs.
-    on_pair : callable, optional
-        Called with (pairs done, pairs to do).
+        If it runs.
     readout : {"mode", "median"}
         Which level of a pixel's distribution is the answer.
     """
@@ -81,7 +78,7 @@ def mean_scores(
     values: dict[str, dict[str, list[float]]] = {
         protocol: {metric: [] for metric in METRICS} for protocol in LOGGED
     }
-    for done, pair in enumerate(pairs, 1):
+    for pair in pairs:
         images = store.read(pair)
         levels = predict(images.infocus, images.defocus).astype(np.float32)
         crop = store.manifest.network_crop
@@ -90,8 +87,6 @@ def mean_scores(
             for metric in METRICS:
                 if not math.isnan(scores[metric]):
                     found[metric].append(scores[metric])
-        if on_pair:
-            on_pair(done, len(pairs))
     return {
         protocol: {metric: fmean(scores) for metric, scores in found.items() if scores}
         for protocol, found in values.items()

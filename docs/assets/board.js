@@ -55,7 +55,6 @@
       falls: metric.falls,
     })),
     { title: "seconds per pair", of: (row) => row.seconds, text: (row) => seconds(row.seconds), right: true },
-    { title: "status", of: (row) => row.status, text: (row) => row.status },
     { title: "version", of: (row) => row.version, text: (row) => row.version },
   ];
 

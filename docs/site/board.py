@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from dfdbench.blur.tracks import TRACKS
-from dfdbench.leaderboard.boards import Entry, ScoreBoard, parted
-from dfdbench.leaderboard.readme import collect_all
-from dfdbench.leaderboard.track_boards import TracksBoard, TracksEntry, track_boards
-from dfdbench.metrics.metric import RANKED_BY, find_metric
-from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
+import pandas as pd
+
+from dfdbench.blur.tracks import CLEAN
+from dfdbench.leaderboard.board import leaderboard
+from dfdbench.leaderboard.ranking import Entry, ScoreBoard
+from dfdbench.leaderboard.tables import link_to, plain, tracks_of
+from dfdbench.metrics.metric import find_metric
+from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import SCORED, Result
-from dfdbench.results.summary import median_seconds
 from dfdbench.results.told import told
 from dfdbench.results.wording import machine_of
 
@@ -38,84 +39,50 @@ prints. [Add a row](../submit.md).
 
 def board_page(folder: Path) -> str:
     """Return the page: its text, and the rows as JSON."""
-    entries, tracked = collect_all(folder)
-    run, scored = parted(entries)
-    found = [_board(board, folder) for board in run]
-    found += [_without_ranks(_board(board, folder)) for board in scored]
-    found += [_tracks(board, folder) for board in track_boards(tracked)]
+    found = [_board(board, folder) for board in leaderboard(folder).boards]
     text = json.dumps(found, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return PAGE.replace("{data}", text.replace("<", "\\u003c"))
 
 
 def _board(board: ScoreBoard, folder: Path) -> dict[str, Any]:
-    metrics = metrics_of(board.protocol)
-    first = ranked_by(board.protocol)[0]
-    order = [first, *(name for name in metrics if name != first)]
+    dataset, metric = board.result.dataset, find_metric(board.metric)
+    protocol = title_of(board.protocol)
+    if board.result.method.scored:
+        protocol = f"{protocol}: {SCORED}"
+    if board.suite == CLEAN:
+        names = [board.metric, *(n for n in metrics_of(board.protocol) if n != board.metric)]
+        heads = [(find_metric(name).heading, find_metric(name).larger_is_better) for name in names]
+        scores = [[standing.scores.get(name) for name in names] for standing in board.standings]
+    else:
+        tracks = pd.DataFrame(tracks_of(board).xs(board.metric, level="metric"))
+        protocol = f"{protocol}, over {board.suite}"
+        heads = [(f"mean {metric.heading}", False), *((str(name), False) for name in tracks)]
+        scores = [
+            [standing.scores[board.metric], *map(plain, tracks.loc[row])]
+            for row, standing in enumerate(board.standings)
+        ]
     return {
-        "set": f"{board.label}, split {board.split}",
-        "protocol": title_of(board.protocol),
-        "metrics": [
-            {"title": metrics[name].heading, "falls": metrics[name].larger_is_better}
-            for name in order
-        ],
+        "set": f"{dataset.label}, split {dataset.split}",
+        "protocol": protocol,
+        "metrics": [{"title": title, "falls": falls} for title, falls in heads],
         "rows": [
-            _row(
-                standing.entry,
-                [standing.entry.result],
-                standing.rank,
-                [standing.entry.score(board.protocol, name) for name in order],
-                folder,
-            )
-            for standing in board.standings
+            {"rank": standing.rank, "scores": own, **_facts(standing.entry, folder)}
+            for standing, own in zip(board.standings, scores, strict=True)
         ],
     }
 
 
-def _without_ranks(board: dict[str, Any]) -> dict[str, Any]:
-    rows = [row | {"rank": None} for row in board["rows"]]
-    return board | {"protocol": f"{board['protocol']}: {SCORED}", "rows": rows}
-
-
-def _tracks(board: TracksBoard, folder: Path) -> dict[str, Any]:
-    title = find_metric(RANKED_BY).heading
+def _facts(entry: Entry, folder: Path) -> dict[str, Any]:
+    runs = entry.ranked_runs
     return {
-        "set": f"{board.dataset}, split {board.split}",
-        "protocol": "valid, over all tracks",
-        "metrics": [{"title": text, "falls": False} for text in (f"mean {title}", *TRACKS)],
-        "rows": list(_track_rows(board, folder)),
-    }
-
-
-def _track_rows(board: TracksBoard, folder: Path) -> Iterator[dict[str, Any]]:
-    for rank, entry in board.rows:
-        means = entry.means(RANKED_BY)
-        scores = [entry.mean(RANKED_BY), *(means[name] for name in TRACKS)]
-        yield _row(entry, entry.on_tracks, rank, scores, folder)
-
-
-def _row(
-    entry: Entry | TracksEntry,
-    runs: Sequence[Result],
-    rank: int | None,
-    scores: list[float | None],
-    folder: Path,
-) -> dict[str, Any]:
-    return {
-        "rank": rank,
         "method": entry.label,
         "told": "; ".join(_each(told, runs)),
-        "scores": scores,
-        "seconds": median_seconds(runs),
-        "status": entry.status,
+        "seconds": entry.seconds,
         "machines": _each(machine_of, runs),
         "version": "; ".join(_each(lambda run: run.environment.versions.get("dfdbench", ""), runs)),
-        "file": _file(entry.path, folder),
+        "file": link_to(entry.path, folder),
     }
 
 
 def _each(text_of: Callable[[Result], str], runs: Sequence[Result]) -> list[str]:
     return sorted({text_of(run) for run in runs})
-
-
-def _file(path: Path, folder: Path) -> str:
-    return path.relative_to(folder).as_posix()

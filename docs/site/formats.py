@@ -10,9 +10,8 @@ from typing import Any
 from pydantic import BaseModel
 
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.leaderboard.verification_file import Reproduction
+from dfdbench.leaderboard.row_file import Row
 from dfdbench.results.record import Result
-from dfdbench.results.tracks_record import TracksRecord
 from dfdbench.tables.render import escape_markdown
 from dfdbench.training.configuration import TrainingConfiguration
 
@@ -27,9 +26,8 @@ a scene, and `predictions.zarr`, a run's depth maps; xarray opens both as they a
 """
 FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
     ("A manifest", "`NAME-VERSION.toml`: what a data set consists of.", Manifest),
-    ("A result", "`result.json` of a run, and a row of the leaderboard.", Result),
-    ("Runs on tracks", "A method's row over all tracks, in one file.", TracksRecord),
-    ("A verification", "`METHOD.reproduced.json`, beside a row.", Reproduction),
+    ("A result", "`result.json` of a run.", Result),
+    ("A row of the leaderboard", "A method's runs on a split, in one file.", Row),
     ("A training configuration", "`dfdbench train --config FILE.toml`.", TrainingConfiguration),
 )
 

@@ -169,7 +169,7 @@ def test_it_is_whole_images_filtered_then_picked(kind: str) -> None:
     assert np.array_equal(grey, ours[..., 1])
 
 
-def test_threads_at_work_at_once_change_nothing_gather() -> None:
+def test_threads_at_work_at_once_change_no_blur_by_level() -> None:
     kernels = point_spread_functions(np.linspace(0.3, 2, 5), 9, 3)
     alone = blur_by_level(IMAGE, LEVELS, kernels)
     with ThreadPoolExecutor(4) as pool:
@@ -181,12 +181,12 @@ def test_threads_at_work_at_once_change_nothing_gather() -> None:
     ("image", "levels", "kernels", "told"),
     [
         (IMAGE, LEVELS[:4], np.ones((5, 3, 3)), "sizes differ"),
-        (IMAGE, LEVELS, np.ones((5, 4, 4)), "odd size"),
+        (IMAGE, LEVELS, np.ones((5, 4, 4)), "level, odd, odd"),
         (IMAGE, LEVELS, np.ones((4, 3, 3)), "no kernel"),
         (IMAGE, LEVELS - 1, np.ones((5, 3, 3)), "no kernel"),
     ],
 )
-def test_wrong_input_is_named_gather(
+def test_wrong_levels_and_kernels_are_named(
     image: NDArray[np.float64], levels: NDArray[Any], kernels: NDArray[np.float64], told: str
 ) -> None:
     with pytest.raises(InputError, match=told):

@@ -21,7 +21,7 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError, UnknownNameError
-from dfdbench.leaderboard.folder import known_fingerprints
+from dfdbench.leaderboard.row_file import known_fingerprints
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import ON_SERVERS, TINY_TOML
 

@@ -55,7 +55,7 @@ def test_only_a_split_and_nothing_is_overwritten(tiny_store: Store, tmp_path: Pa
 def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -> None:
     text = find_manifest("realworld" if captured else "realworld-synthetic").toml
     text = text.replace("[10, 20, 30, 40, 50, 60, 70]", "[10, 20]")
-    text = text.replace("\nversion = 2\n", "\nversion = 9\n")
+    text = text.replace("\nversion = 1\n", "\nversion = 9\n")
     for pairs, fewer in ((392, 112), (56, 16), (294, 84), (42, 12), (448, 128), (336, 96)):
         text = text.replace(f"pairs = {pairs}\n", f"pairs = {fewer}\n")
         text = text.replace(f"pair_count = {pairs}\n", f"pair_count = {fewer}\n")

@@ -67,11 +67,11 @@ def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -
     assert "--source DIR" in dfdbench(*command).err  # nothing was built before it was told
     done = dfdbench(*command, "--source", "site", "--format", "csv")
     assert done.status == 0, done.err
-    folder = Path("training/realworld-2-experiments/voltage-pairs-dfd-net")
+    folder = Path("training/realworld-1-experiments/voltage-pairs-dfd-net")
     assert {"135-129-seed0", "141-129-seed0"} < {path.name for path in folder.iterdir()}
     assert "135-129" in done.out
     assert "141-129" in done.out
     card = (folder / "135-129-seed0/weights.md").read_text()
-    assert "realworld-2, split train-pruned" in card
+    assert "realworld-1, split train-pruned" in card
     again = dfdbench(*command, "--format", "csv")  # the sets lie in the cache
     assert (again.status, again.out) == (0, done.out), again.err

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -21,18 +22,30 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     Path("leaderboard/results").mkdir(parents=True)
     submitted = dfdbench(*run, "constant", "--submit")
     assert submitted.status == 0
-    assert submitted.err.count("submission") == 3
-    path = "leaderboard/results/demo-1-test/thesis/constant.json"
+    path = "leaderboard/results/demo-1-test/constant.json"
+    assert f"submission   {path}" in submitted.err
     assert Path(path).exists()
     assert "stale" in dfdbench("leaderboard", "--check").err
     written = dfdbench("leaderboard", "--format", "csv")
     rows = list(csv.DictReader(io.StringIO(written.out)))
     assert [row["protocol"] for row in rows] == ["thesis", "thesis-networks-2", "valid"]
-    assert "3 results valid" in dfdbench("leaderboard", "--check").out
-    verified = dfdbench("leaderboard", "verify", path, "--pairs", "2", "--record")
-    assert "identical    2 of 2 depth maps" in verified.out
+    assert "1 row valid" in dfdbench("leaderboard", "--check").out
+    verified = dfdbench("leaderboard", "verify", path, "--pairs", "2")
+    assert verified.status == 0
+    assert verified.out.count("same depth map, scores at most 0 off") == 2
+    (seed,) = re.findall(r"drawn        2 of 54 pairs by --seed (\d+)", verified.out)
+    assert (
+        dfdbench("leaderboard", "verify", path, "--pairs", "2", "--seed", seed).out == verified.out
+    )
+    text = Path(path).read_text("utf-8")
+    halved = json.loads(text)
+    column = halved["runs"][0]["scores"]["thesis"]["nrmse"]
+    column[:] = [value / 2 for value in column]
+    Path(path).write_text(json.dumps(halved))
+    found_out = dfdbench("leaderboard", "verify", path, "--pairs", "2")
+    assert (found_out.status, found_out.out.count("DIFFERENT")) == (1, 2)
+    Path(path).write_text(text)
     assert "\\toprule" in dfdbench("leaderboard", "--format", "latex").out
-    assert "| reproduced |" in Path("leaderboard/README.md").read_text("utf-8")
     assert json.loads(dfdbench("leaderboard", "--format", "json").out)[0]["rows"][0]["rank"] == 1
     assert "constant" in dfdbench("leaderboard").out
 
@@ -41,17 +54,17 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
 def test_mistakes_are_told(dfdbench: Command) -> None:
     Path("leaderboard/results").mkdir(parents=True)
     dfdbench("run", "--dataset", "demo", "--method", "constant", "--submit", "--no-predictions")
-    result = "leaderboard/results/demo-1-test/thesis/constant.json"
-    other = "leaderboard/results/demo-1-test/valid/constant.json"
+    result = "results/demo-1-test/constant/result.json"
+    row = "leaderboard/results/demo-1-test/constant.json"
     Path("copy.json").write_bytes(Path(result).read_bytes())
     bare = dfdbench("compare", result, "copy.json")
     assert (bare.status, "no panels: no depth maps lie beside" in bare.err) == (0, True)
     for arguments, told in (
-        (("compare", result, other), "unknown protocol of constant's result"),
+        (("compare", result, row), "unknown field"),
         (("compare", "nowhere", result), "cannot read the result"),
-        (("report", result, "--out", "page", "--protocol", "valid"), "unknown protocol of"),
+        (("report", result, "--out", "page", "--protocol", "metric"), "not scored in metres"),
         (("compare", result, "copy.json", "--protocol", "thesys"), "did you mean thesis"),
-        (("leaderboard", "verify", "nowhere.json"), "cannot read the result"),
+        (("leaderboard", "verify", "nowhere.json"), "cannot read the row"),
         (("leaderboard", "--folder", "nowhere"), "no leaderboard"),
         (("leaderboard", "--check", "--format", "csv"), "--check prints no rankings"),
     ):
@@ -114,27 +127,29 @@ def test_verify_runs_others_code_only_with_consent(
     monkeypatch.delitem(sys.modules, "mymodule", raising=False)
     entry = "mymodule:predict"
     dfdbench("run", "--dataset", "demo", "--method", entry, "--submit", "--no-predictions")
-    path = "leaderboard/results/demo-1-test/thesis/mymodule_predict.json"
+    path = "leaderboard/results/demo-1-test/mymodule_predict.json"
     verify = ("leaderboard", "verify", path, "--pairs", "1")
     for more, told in (
-        ((), "only if you agree"),
-        (("--trust", "mymodule"), "only if you agree"),
-        (("--trust", entry, "--tolerance", "inf"), "not a tolerance"),
-        (("--trust", entry, "--tolerance", "nan"), "not a tolerance"),
-        (("--trust", entry, "--tolerance", "-1"), "not a tolerance"),
-        (("--trust", entry, "--tolerance", "0.5", "--record"), "released tolerance"),
+        ((), "only if you trust it"),
+        (("--trust", "mymodule"), "only if you trust it"),
+        (("--trust", entry, "--tolerance", "nan"), "a number from 0 to 1"),
     ):
         outcome = dfdbench(*verify, *more)
         assert (outcome.status, told in outcome.err) == (2, True), outcome.err
     assert dfdbench(*verify, "--trust", entry).status == 0
-    for stream in (sys.stdin, sys.stderr):
-        monkeypatch.setattr(stream, "isatty", lambda: True, raising=False)
-    for answer, status in ((False, 2), (True, 0)):
-        monkeypatch.setattr("typer.confirm", lambda *_, answer=answer, **__: answer)
-        outcome = dfdbench(*verify)
-        assert outcome.status == status
-        assert "its SHA-256" in outcome.err
-        assert "mymodule.py" in outcome.err
+
+
+@pytest.mark.usefixtures("built")
+def test_another_method_of_the_same_name_replaces_none_without_a_word(dfdbench: Command) -> None:
+    Path("leaderboard/results").mkdir(parents=True)
+    run = ("run", "--dataset", "demo", "--method", "mine.py:predict", "--submit", "--no-figures")
+    for answer in ("infocus[..., 0]", "infocus[..., 1]"):
+        Path("mine.py").write_text(f"def predict(infocus, defocus):\n    return {answer}\n")
+        outcome = dfdbench(*run)
+    assert outcome.status == 2
+    assert "another method of this name is there: its source_sha256 is" in outcome.err
+    assert "demo-1-test/mine.py_predict.json" in outcome.err
+    assert dfdbench(*run, "--replace").status == 0
 
 
 @pytest.mark.usefixtures("built")

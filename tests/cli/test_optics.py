@@ -57,7 +57,7 @@ def test_a_figure_replaces_no_other_file(dfdbench: Command) -> None:
 def test_a_lens_table_without_numbers_is_told(dfdbench: Command, cell: str) -> None:
     Path("lens.csv").write_text(f"step,1.5,1.8,2.2\n129,1,2,{cell}\n141,4,5,6\n")
     done = dfdbench("rig", "optics", "pairs", "--lens", "lens.csv")
-    assert (done.status, "not numbers of 0 to" in done.err) == (2, True)
+    assert (done.status, "not numbers of" in done.err) == (2, True)
     Path("lens.csv").write_text(f"step,1.5,{cell},2.2\n129,1,2,3\n141,4,5,6\n")
     assert dfdbench("rig", "optics", "pairs", "--lens", "lens.csv").status == 2
 

@@ -60,7 +60,7 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     ran = dfdbench(*run)
     assert ran.status == 0, ran.err
     parts = ("exposure_ms", "geometry", "texture")
-    figures = Path("results/realworld-2-test-pruned/mymodule-predict/figures")
+    figures = Path("results/realworld-1-test-pruned/mymodule-predict/figures")
     assert {f"by_{what}.png" for what in parts} < {path.name for path in figures.iterdir()}
     told = dfdbench("report", str(figures.parent), "--out", "page", "--format", "markdown")
     assert told.status == 0, told.err

@@ -28,12 +28,12 @@ def test_a_folder_named_by_info_is_scored_and_submitted(
     result = load_result(folder)
     assert (result.averages or {})["thesis"]["nrmse"] == 0
     assert (folder / "figures/worst.png").is_file()
-    sealed = sorted((tmp_path / "work/leaderboard/results").rglob("*.json"))
-    assert [path.name for path in sealed] == ["elsewhere-scored-not_run.json"] * 3
+    rows = sorted((tmp_path / "work/leaderboard/results").rglob("*.json"))
+    assert [path.name for path in rows] == ["elsewhere-scored-not_run.json"]
     board = dfdbench("leaderboard")
     assert board.status == 0
-    assert "unverified" in board.out
-    left = dfdbench("leaderboard", "verify", str(sealed[0]))
+    assert "elsewhere (scored, not run)" in board.out
+    left = dfdbench("leaderboard", "verify", str(rows[0]))
     assert "nothing to run again" in left.err
     assert "moved to" in dfdbench(*asked, "--method", "elsewhere").err
 

@@ -59,7 +59,7 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) 
         (["--bounds=crop=12:64", "--out=x"], "at most 24"),
         (["--as-thesis", "--hold-out=1"], "holds no scenes out"),
         (["--set=crop=16"], "chooses this itself"),
-        (["--split=train"], "too few training scenes"),
+        (["--split=train"], "too few to hold"),
         (["--scheduler=tcp://127.0.0.1:9", "--workers=2"], "own number of workers"),
         (["--max-time=30"], "as 90s, 30m, 1h30m"),
     ):
@@ -74,7 +74,7 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) 
     log.write_text("\n".join([rows[0], ",".join(cells), *rows[2:]]) + "\n")
     done = dfdbench(*search)
     assert done.status == 2
-    assert "a particle out of bounds" in done.err
+    assert "width_8 is 600.0, but this search comes to" in done.err
     assert "600" in log.read_text()
 
 

@@ -18,11 +18,9 @@ RELEASED = {
     "dfd-indoor-1": "917b99a070357c34bd064ef48cb0db34fd0e7c353f1cf26b2574804320f6760d",
     "middlebury-default-1": "f8d8ba91fae967c2b0363b69566ee7f323ada1be8ff12c52d2ee04b82475283d",
     "middlebury-third-1": "5efa8c101606001b3df58039f67e2311cf41cb67ace5abb14fbc90c0b51db3cc",
-    "realworld-1": "741267aff01aa194c306d188a55192cbbfb28fa0b27d3917916e00171c81b656",
-    "realworld-2": "88ab8a431c59102a33abc0f093d01d3b3bce06cb437be057dfca7c19664dd77e",
-    "realworld-sim-1": "e50e6dfee415f85c6c9b9c7444624a426ba4e900e98f01271e87b8366a1bc517",
-    "realworld-synthetic-1": "7ead23e57f88e9500ef1a5604051a8cbcc91d2ce117d81ba4493c50cb48e1cfe",
-    "realworld-synthetic-2": "21da5d7708784076e666132d0f4dfb887451c2ec1786522e178909908b367c26",
+    "realworld-1": "538e64a625824c6f5f691eaaeafcd76ee1025239cbc6df2bc4895b395c5d66b3",
+    "realworld-sim-1": "a8644ff74b48e71580a7ef6868d5a0c324d75953d6e56979a0c563d58137ce85",
+    "realworld-synthetic-1": "6009745258887c203497d30728c828c7c0f3f045180ea58be35e53262a4a1fcb",
 }
 
 

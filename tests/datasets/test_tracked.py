@@ -4,7 +4,7 @@ import pytest
 
 from dfdbench.building.fetching.checksums import lock_name
 from dfdbench.building.obtaining import download_folder
-from dfdbench.datasets.catalog import find_manifest, typed_name
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store_place import default_store, is_place
 from dfdbench.datasets.tracked import with_track
@@ -17,16 +17,9 @@ def test_a_set_on_a_track_is_the_same_but_for_its_name(typed: str) -> None:
     clean, tracked = find_manifest("demo"), find_manifest(typed)
     assert (tracked.stem, tracked.short) == ("demo-1@camera-2", "demo@camera-2")
     assert (tracked.degradation, tracked.on_track, clean.on_track) == ("camera-2", True, False)
-    assert typed_name(tracked) == "demo@camera-2"
     assert (tracked.sha256, tracked.name) == (clean.sha256, clean.name)
     assert tracked.pairs("test") == clean.pairs("test")
-    assert find_manifest(typed_name(tracked)) == tracked
-
-
-def test_an_older_version_keeps_its_own_on_a_track() -> None:
-    older = find_manifest("realworld-synthetic-1@psf-1")
-    assert typed_name(older) == "realworld-synthetic-1@psf-1"
-    assert find_manifest("realworld-synthetic@psf-1").stem == "realworld-synthetic-2@psf-1"
+    assert find_manifest(tracked.short) == tracked
 
 
 def test_severity_0_is_the_data_set_itself() -> None:

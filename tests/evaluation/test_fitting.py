@@ -247,7 +247,7 @@ def test_ctrl_c_in_a_fit_does_not_promise_to_go_on_from_there(
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"learned.level": np.array(np.nan)}, "got nan"),
+        ({"learned.level": np.array(np.nan)}, "not finite: nan"),
         ({"seconds": np.array(np.nan)}, "damaged"),
         ({"seconds": np.array(-1.0)}, "damaged"),
     ],

@@ -2,6 +2,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from dfdbench.figures.comparisons import (
     accuracy_figure,
@@ -20,6 +21,10 @@ VALUES: dict[tuple[str, int, int, int], float | None] = {
 
 def run(name: str) -> SavedRun:
     return SavedRun(Path("r.json"), make_result(VALUES, name), None, "none kept")
+
+
+def means(**tracks: list[float]) -> pd.DataFrame:
+    return pd.DataFrame.from_dict(tracks, orient="index")
 
 
 def test_a_figure_an_illumination_with_each_metric_by_scene_and_exposure() -> None:
@@ -80,9 +85,9 @@ def test_accuracy_and_seconds_are_a_mark_a_method() -> None:
 
 
 def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
-    scores: dict[str, dict[str, list[float | None]]] = {
-        "mine": {"gain": [0.1, 0.2, 0.3, 0.4], "noise": [0.1, 0.1, None, 0.3]},
-        "yours": {"gain": [0.2, 0.2, 0.2, 0.2]},
+    scores = {
+        "mine": means(gain=[0.1, 0.2, 0.3, 0.4], noise=[0.1, 0.1, np.nan, 0.3]),
+        "yours": means(gain=[0.2, 0.2, 0.2, 0.2]),
     }
     figure = tracks_figure(scores, "nrmse", "on demo")
     panels = [axis for axis in figure.axes if axis.axison]
@@ -97,21 +102,21 @@ def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
 
 
 def test_seven_tracks_stand_in_two_rows() -> None:
-    scores = {"mine": {f"track {number}": [0.1, 0.2] for number in range(7)}}
+    scores = {"mine": means(**{f"track {number}": [0.1, 0.2] for number in range(7)})}
     figure = tracks_figure(scores, "nrmse", "on demo")
     assert sum(axis.axison for axis in figure.axes) == 7
     assert not figure.legends
 
 
 def test_no_two_of_fifteen_methods_look_alike() -> None:
-    scores = {f"method {number}": {"gain": [0.1, 0.2]} for number in range(15)}
+    scores = {f"method {number}": means(gain=[0.1, 0.2]) for number in range(15)}
     lines = tracks_figure(scores, "nrmse", "on demo").axes[0].lines
     looks = {(line.get_color(), line.get_marker(), line.get_linestyle()) for line in lines}
     assert len(looks) == 15
 
 
 def test_no_score_lies_outside_its_panel() -> None:
-    scores = {"mine": {"gain": [0.1, 0.2], "camera": [0.1, 0.9]}}
+    scores = {"mine": means(gain=[0.1, 0.2], camera=[0.1, 0.9])}
     figure = tracks_figure(scores, "nrmse", "on demo")
     for axis in figure.axes[:2]:
         low, high = axis.get_ylim()

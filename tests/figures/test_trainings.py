@@ -40,6 +40,10 @@ def test_losses_rates_and_scores_are_drawn_by_step() -> None:
     assert all(heights(line) == [] for line in axes[4].lines)
 
 
+def test_a_training_without_scores_can_be_drawn() -> None:
+    training_figure(Log([{"step": 1, "learning_rate": 0.1, "loss": 2.0}], []), "title")
+
+
 def test_levels_are_shares_of_their_pixels() -> None:
     rows = [
         {"level": str(level), "trained": "30" if level == 7 else "0", "present": "1"}

@@ -41,7 +41,7 @@ _SOUND = {
     "test_dataset": ("tiny.zarr",),
     "method": ("constant", "local", "mine.py:predict", "mine.py:raises", "mine.py:Fitted"),
     "result": ("run", "run/result.json", "fitted"),
-    "results": ("run", "other", "board/results/demo-1-test/thesis/mine.json"),
+    "results": ("run", "other", "board/results/demo-1-test/mine.json"),
     "first": ("run",),
     "second": ("other",),
     "source": ("site", "mine"),

@@ -140,14 +140,13 @@ def _maps(bench: Bench, path: Path) -> None:
 
 
 def _board(bench: Bench, path: Path) -> None:
-    from dfdbench.leaderboard.tracks_submission import submit_tracks
+    from dfdbench.leaderboard.submission import submit
 
     shutil.copytree(_REPOSITORY / "leaderboard/published", path / "published")
     for name, score in (("mine", 0.1), ("other", 0.2)):
         add(path, name, score)
-    submit_tracks(make_tracks("tracked", 0.2, ["noise-1", "camera-2"]), path)
+    submit(list(make_tracks("tracked", 0.2, ["noise-1", "camera-2"]).values()), path)
     (path / "fingerprints.json").write_text('{"tiny-1": ["' + "2" * 64 + '"]}')
-    (path / "undefined.json").write_text("{}")
 
 
 def _weights(bench: Bench, path: Path) -> None:
@@ -205,7 +204,7 @@ def _folder(bench: Bench, path: Path) -> None:
 _MAKERS: dict[str, Callable[[Bench, Path], None]] = {
     "tiny-1.toml": _written(TINY_TOML),
     "demo-1.toml": _shipped("demo-1.toml"),
-    "realworld-2.toml": _shipped("realworld-2.toml"),
+    "realworld-1.toml": _shipped("realworld-1.toml"),
     "mine-1.toml": _written(FOLDER_TOML),
     "mine": _folder,
     "mine.py": _written(_METHODS),

@@ -9,7 +9,12 @@ from pathlib import Path
 import pytest
 
 from dfdbench.errors import ResultError
-from dfdbench.leaderboard.published import load_published, mean_over
+from dfdbench.leaderboard.published import (
+    _overall,
+    load_published,
+    published_summary,
+    published_table,
+)
 from dfdbench.methods.registry import registered_methods
 
 FOLDER = Path(__file__).parents[2] / "leaderboard"
@@ -64,8 +69,8 @@ def test_every_number_is_the_transcribed_one(reference: Path) -> None:
 
 def test_a_mean_needs_every_exposure() -> None:
     rows = TABLES["5.5"].rows
-    assert mean_over(rows, "graph-cuts", "nrmse") == pytest.approx(0.0840, abs=5e-5)
-    assert mean_over(rows, "nobody", "nrmse") is None
+    assert _overall(rows, "graph-cuts", "nrmse") == pytest.approx(0.0840, abs=5e-5)
+    assert _overall(rows, "nobody", "nrmse") is None
     assert rows[0].scores["nrmse"] == Decimal("0.0582")
 
 
@@ -127,7 +132,7 @@ def test_the_printed_gains_follow_from_d_3() -> None:
 def test_what_chapter_6_claims_is_put_beside_the_seeds_spread() -> None:
     spread = {row.at["statistic"]: row.scores["nrmse"] for row in TABLES["5.6"].rows}
     deviation = spread["standard deviation"]
-    gain = mean_over(TABLES["5.5"].rows, "dfd-net", "nrmse") - mean_over(  # type: ignore[operator]
+    gain = _overall(TABLES["5.5"].rows, "dfd-net", "nrmse") - _overall(  # type: ignore[operator]
         TABLES["6.1"].rows, "dfd-net-pso", "nrmse"
     )
     assert 0 < gain < deviation
@@ -160,3 +165,25 @@ def test_a_wrong_table_is_refused(tmp_path: Path, change: dict[str, object], tol
     with pytest.raises(ResultError, match=told) as raised:
         load_published(tmp_path)
     assert len(raised.value.problems) == 3
+
+
+def test_printed_digits_are_kept() -> None:
+    shown = published_table(TABLES["4.2"])
+    assert shown.rows[2][5] == "0.05600"
+    assert "Table 4.2 (section 4.2)" in shown.title
+
+
+def test_the_summary_is_in_order_and_bears_no_rank() -> None:
+    shown = published_summary(list(TABLES.values()), "middlebury-test")
+    assert [row[0] for row in shown.rows] == ["dfd-net-pso", "dfd-net", "graph-cuts", "u-net"]
+    assert "not ranked" in shown.title
+    # The thesis's text gives the mean of DfD-Net PSO: 0.0517, 0.0154, 0.9156.
+    assert shown.rows[0][1:4] == ("0.0517", "0.0154", "0.9156")
+    assert "10.029 (AMD Ryzen 7 1800X)" in shown.rows[1][7]
+
+
+def test_values_that_are_no_scores_are_shown_by_column() -> None:
+    shown = published_table(TABLES["D.1"])
+    assert shown.columns[:3] == ("statistic", "52", "48")
+    assert shown.rows[0][:3] == ("minimum", "33", "39")
+    assert shown.notes[0].startswith("Numbers: clusters found, by layer.")

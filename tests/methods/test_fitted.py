@@ -167,9 +167,8 @@ def test_a_window_larger_than_the_image_is_refused(name: str) -> None:
     assert method(pair.infocus, pair.defocus).shape == (64, 80)
     if hasattr(method, "warm_up"):
         method.warm_up(pair.infocus, pair.defocus)
-    with pytest.raises(MethodError, match="window is larger than the image") as caught:
+    with pytest.raises(MethodError, match="larger than the image, 255 of 64 x 80"):
         load(name, recipe="published", window=255)(pair.infocus, pair.defocus)
-    assert "at most 64, of an image of 64 x 80" in caught.value.problems[0].expected
 
 
 def test_that_holds_for_learned_operators_too() -> None:
@@ -214,7 +213,7 @@ def test_who_is_neither_told_nor_fitted_says_so() -> None:
     method = Calibrated(None)
     assert method.fit is not None
     assert method.levels == LEVELS
-    with pytest.raises(MethodError, match="not told the blur, and was not fitted"):
+    with pytest.raises(MethodError, match="the method knows no blur yet"):
         _ = method.blur
 
 

@@ -7,7 +7,14 @@ import pytest
 
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, UnknownNameError
-from dfdbench.methods.registry import load, load_method, registered_methods
+from dfdbench.methods.registry import (
+    check_parameters,
+    is_class,
+    load,
+    load_method,
+    parameter_names,
+    registered_methods,
+)
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 
@@ -131,3 +138,41 @@ def test_a_signature_that_raises_is_not_looked_at(tmp_path: Path) -> None:
     predict = load_method(f"{path}:predict", {"extra": 3}, {}).predict
     image = np.zeros((2, 2, 3), np.uint8)
     assert np.asarray(predict(image, image)).tolist() == [[3, 3], [3, 3]]
+
+
+class Takes:
+    def __init__(self, window: int, recipe: object = None) -> None:
+        pass
+
+
+class Lies:
+    __class__ = property(lambda self: 1 / 0)
+
+
+def test_what_something_is_does_not_depend_on_what_it_says() -> None:
+    assert is_class(Takes)
+    assert not is_class(Lies())
+    assert parameter_names(Takes) == {"window", "recipe"}
+
+
+def test_what_is_unknown_and_what_is_needed_is_named() -> None:
+    check_parameters("m:Takes", Takes, {"window": 3})
+    with pytest.raises(MethodError, match="unknown parameter") as told:
+        check_parameters("m:Takes", Takes, {"window": 3, "widnow": 4, "wind": 5})
+    assert [problem.what.split()[-1] for problem in told.value.problems] == ["widnow", "wind"]
+    with pytest.raises(MethodError, match="parameter is needed") as told:
+        check_parameters("m:Takes", Takes, {})
+    assert told.value.problems[0].fix == "--param window=VALUE"
+
+
+def test_a_callable_that_does_not_tell_takes_what_it_is_given() -> None:
+    class Silent:
+        @property
+        def __signature__(self) -> None:
+            raise RuntimeError("boom")
+
+        def __call__(self) -> None:
+            pass
+
+    assert parameter_names(Silent()) == set()
+    check_parameters("m:s", Silent(), {"anything": 1})

@@ -36,9 +36,8 @@ def test_wrong_parameters_are_all_named() -> None:
     assert named == ["small_step", "large_step", "limit"]
     # The one that was set may be either: the other is the default then.
     for small, large in ((20.0, 15.0), (0.5, 0.25)):
-        with pytest.raises(MethodError, match="small_step at most large_step") as both:
+        with pytest.raises(MethodError, match=r"small_step .* is above large_step"):
             SemiGlobal(small_step=small, large_step=large)
-        assert both.value.problems[0].where == "small_step and large_step"
 
 
 def by_definition(

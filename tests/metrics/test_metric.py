@@ -16,8 +16,8 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.comparisons import lighting_figures
 from dfdbench.figures.runs import group_figures, panel_figure, score_figure
-from dfdbench.leaderboard.board_tables import lighting_table, standings_table
-from dfdbench.leaderboard.boards import Entry, boards
+from dfdbench.leaderboard.ranking import Entry, boards
+from dfdbench.leaderboard.tables import lighting_table, standings_table
 from dfdbench.metrics import metric
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric
 from dfdbench.metrics.protocol import PROTOCOLS, metrics_of
@@ -65,7 +65,7 @@ def test_a_metric_more_is_in_every_table_figure_and_page(tiny_store: Store, tmp_
     ]
     summary = summarise(result, "valid")
     scores, extremes, _ = run_tables(summary)
-    (board,) = [b for b in boards([Entry(result, folder / RESULT, None)]) if b.protocol == "valid"]
+    (board,) = [b for b in boards([Entry.of(result, folder / RESULT)]) if b.protocol == "valid"]
     standings = standings_table(board, tmp_path)
     by_scene = scene_tables(summary, scenes)
     assert len(by_scene) == 2
@@ -129,7 +129,7 @@ def test_in_metres_every_table_figure_and_page_shows_their_metrics(
     for protocol, wanted in (("metric", headings), ("aligned", [headings[0], *headings[2:]])):
         summary = summarise(result, protocol)
         assert len(summary.ranked) == len(result.pairs)
-        found = boards([Entry(result, folder / RESULT, None)])
+        found = boards([Entry.of(result, folder / RESULT)])
         (board,) = [each for each in found if each.protocol == protocol]
         scores, extremes, _ = run_tables(summary)
         for table in (scores, extremes, spread_table(summary), standings_table(board, tmp_path)):

@@ -31,7 +31,6 @@ def test_the_released_definitions_never_change() -> None:
     hashes = {label: hashlib.sha256(text.encode()).hexdigest() for label, text in texts.items()}
     assert hashes == {
         "thesis": "d77b16d91f97ea9f8f7b9a7711d45c1a38c9148409810b8e5f040d040275887b",
-        "thesis-networks": "a44994ca32c094b70f717c5eccca6b51a43c2981ba1019004598570c245a91c5",
         "thesis-networks-2": "d06468007dae6608dc02122ae795196d6b7b5ef367cadff58297326ec9d1ea91",
         "valid": "71b74df0acd97c903374a774a33ce6fb1a6655dd2fc3314980dbdf9b8489ef9a",
         "metric": "30c6dfb2cabca02ee99e89b4caec52760a5a8715e2adf0a86e99edad74e4fe16",
@@ -39,30 +38,20 @@ def test_the_released_definitions_never_change() -> None:
     }
 
 
-def test_runs_score_under_the_newest_versions() -> None:
+def test_runs_score_under_all_protocols_of_their_depth() -> None:
     assert list(PROTOCOLS) == ["thesis", "thesis-networks-2", "valid"]
     assert list(protocols_of(in_metres=False)) == list(PROTOCOLS)
     assert list(protocols_of(in_metres=True)) == [*PROTOCOLS, "metric", "aligned"]
-    assert list(RELEASED) == [*PROTOCOLS, "metric", "aligned", "thesis-networks"]
+    assert list(RELEASED) == [*PROTOCOLS, "metric", "aligned"]
     assert find_protocol("thesis-networks") == find_protocol("thesis-networks-2")
-    assert find_protocol("thesis-networks-1") == RELEASED["thesis-networks"]
-    assert RELEASED["thesis-networks"].superseded_by == PROTOCOLS["thesis-networks-2"]
-    assert PROTOCOLS["thesis-networks-2"].superseded_by is None
-    assert find_protocol("thesis").title == "thesis"
 
 
-def test_a_result_of_another_version_says_so() -> None:
+def test_a_result_without_a_protocol_says_so() -> None:
     require_scored("valid", ["thesis", "valid"], "mine")
-    with pytest.raises(UnknownNameError) as raised:
-        require_scored("thesis-networks-2", ["thesis", "thesis-networks"], "mine")
-    assert "another version of protocol thesis-networks" in str(raised.value)
-    assert "version 1: superseded by version 2" in str(raised.value)
-    assert "--protocol thesis-networks-1 shows" in str(raised.value)
     with pytest.raises(UnknownNameError, match="unknown protocol of mine"):
         require_scored("valid", ["thesis"], "mine")
-    with pytest.raises(UnknownNameError, match="not scored in metres") as raised:
+    with pytest.raises(UnknownNameError, match="not scored in metres, which aligned takes"):
         require_scored("aligned", ["thesis"], "mine")
-    assert "whose manifest says how levels become metres" in str(raised.value)
 
 
 @pytest.mark.parametrize(
@@ -111,10 +100,6 @@ def test_each_protocol_scores_as_it_says() -> None:
     assert thesis["nrmse"] == nrmse(depth, test)
     assert thesis["nmae"] == nmae(depth, test)
     assert thesis["ssim"] == ssim(depth, test)
-    networks = score(RELEASED["thesis-networks"], depth, valid, test, 16)
-    crop = (slice(12, 28), slice(17, 33))
-    assert networks["nrmse"] == nrmse(depth[crop], test[crop], data_range=255)
-    assert networks["ssim"] == ssim(depth[crop], test[crop])
     cut = score(PROTOCOLS["thesis-networks-2"], depth, valid, test, 16)
     crop = (slice(8, 24), slice(16, 32))  # of 32 rows and 48 columns
     assert cut["nrmse"] == nrmse(depth[crop], test[crop], data_range=255)
@@ -125,10 +110,10 @@ def test_each_protocol_scores_as_it_says() -> None:
 
 
 def test_a_crop_larger_than_the_image_takes_it_whole() -> None:
-    depth = np.arange(600, dtype=np.uint8).reshape(20, 30)
+    depth = np.arange(512, dtype=np.uint8).reshape(16, 32)
     test = depth[::-1].astype(np.float32)
     valid = np.ones(depth.shape, bool)
-    scores = score(RELEASED["thesis-networks"], depth, valid, test, 624)
+    scores = score(PROTOCOLS["thesis-networks-2"], depth, valid, test, 624)
     assert scores["nrmse"] == nrmse(depth, test, data_range=255)
 
 
@@ -137,18 +122,15 @@ def test_a_flat_board_is_undefined_only_where_its_own_range_divides() -> None:
     depth, valid = np.full((20, 20), 90, np.uint8), np.ones((20, 20), bool)
     test = np.full((20, 20), 91, np.float32)
     assert math.isnan(score(PROTOCOLS["thesis"], depth, valid, test, 16)["nrmse"])
-    assert score(RELEASED["thesis-networks"], depth, valid, test, 16)["nrmse"] == pytest.approx(
+    assert score(PROTOCOLS["thesis-networks-2"], depth, valid, test, 16)["nrmse"] == pytest.approx(
         1 / 255
     )
 
 
-def test_an_unknown_protocol_shows_the_near_miss_and_the_versions() -> None:
+def test_an_unknown_protocol_shows_the_near_miss() -> None:
     with pytest.raises(UnknownNameError, match="did you mean thesis") as caught:
         find_protocol("thesys")
-    named = (
-        "one of: aligned, metric, thesis, thesis-networks, thesis-networks-1, thesis-networks-2, "
-        "valid"
-    )
+    named = "one of: aligned, metric, thesis, thesis-networks, valid"
     assert caught.value.problems[0].expected == named
 
 
@@ -156,8 +138,7 @@ def test_an_unknown_protocol_shows_the_near_miss_and_the_versions() -> None:
     ("crop", "rows", "columns"),
     [
         ("whole", (0, 370), (0, 463)),
-        ("network", (9, 361), (55, 407)),
-        # Cut to 368 x 448 first, so a pixel down and seven across from the one above.
+        # Cut to 368 x 448 first.
         ("network-of-16", (8, 360), (48, 400)),
     ],
 )
@@ -168,7 +149,7 @@ def test_each_crop_of_a_middlebury_image(
 
 
 def test_an_axis_shorter_than_the_square_is_taken_whole() -> None:
-    assert window_of("network", (100, 463), 352) == (slice(0, 100), slice(55, 407))
+    assert window_of("network-of-16", (100, 463), 352) == (slice(0, 96), slice(48, 400))
 
 
 SCALE = DepthScale(law="inverse", near=0.5, far=4.0)

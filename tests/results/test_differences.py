@@ -5,11 +5,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dfdbench.errors import ResultError, UnknownNameError
-from dfdbench.results.differences import changes, check_comparable, paired_difference
+from dfdbench.results.differences import (
+    PairChange,
+    PairedDifference,
+    changes,
+    check_comparable,
+    paired_difference,
+)
 from dfdbench.results.record import Result
 from tests.made_results import limited, make_result
 
 PLACES = [(scene, 1, i, e) for scene in "abcdefg" for i in (1, 2) for e in (0, 1)]
+
+
+def difference(found: tuple[PairChange, ...], metric: str) -> PairedDifference | None:
+    scenes = [change.first.scene for change in found]
+    return paired_difference([change.difference for change in found], scenes, metric)
 
 
 def result(value: float, name: str = "mine", scenes: str = "abcdefg") -> Result:
@@ -21,12 +32,12 @@ def result(value: float, name: str = "mine", scenes: str = "abcdefg") -> Result:
 
 def test_the_mean_difference_is_that_of_the_means() -> None:
     first, second = result(0.2), result(0.15)
-    found = paired_difference(changes(first, second, "thesis", "nrmse"), "nrmse")
+    found = difference(changes(first, second, "thesis", "nrmse"), "nrmse")
     assert found is not None
     assert found.mean == pytest.approx(-0.05)
     assert (found.wins, found.losses, found.ties) == (len(PLACES), 0, 0)
     assert found.verdict == "real"
-    ssim = paired_difference(changes(first, second, "thesis", "ssim"), "ssim")
+    ssim = difference(changes(first, second, "thesis", "ssim"), "ssim")
     assert ssim is not None
     assert ssim.mean == pytest.approx(0.05)
     assert ssim.wins == len(PLACES)
@@ -43,7 +54,7 @@ def test_the_mean_difference_is_that_of_the_means() -> None:
 )
 def test_below_six_scenes_there_is_no_verdict(scenes: str, verdict: str) -> None:
     both = (result(0.2, scenes=scenes), result(0.1, scenes=scenes))
-    found = paired_difference(changes(*both, "thesis", "nrmse"), "nrmse")
+    found = difference(changes(*both, "thesis", "nrmse"), "nrmse")
     assert found is not None
     assert found.verdict == verdict
     assert str(found).endswith(f", {verdict}")
@@ -51,7 +62,7 @@ def test_below_six_scenes_there_is_no_verdict(scenes: str, verdict: str) -> None
 
 
 def test_a_run_and_itself_are_the_same() -> None:
-    found = paired_difference(changes(result(0.2), result(0.2), "thesis", "nmae"), "nmae")
+    found = difference(changes(result(0.2), result(0.2), "thesis", "nmae"), "nmae")
     assert found is not None
     assert (found.mean, found.ties, found.verdict) == (0, len(PLACES), "may be chance")
 
@@ -60,8 +71,8 @@ def test_a_run_and_itself_are_the_same() -> None:
 def test_the_other_way_round_changes_the_sign(values: list[float]) -> None:
     first = result(0.5)
     second = make_result(dict(zip(PLACES, values, strict=True)))
-    there = paired_difference(changes(first, second, "thesis", "nrmse"), "nrmse")
-    back = paired_difference(changes(second, first, "thesis", "nrmse"), "nrmse")
+    there = difference(changes(first, second, "thesis", "nrmse"), "nrmse")
+    back = difference(changes(second, first, "thesis", "nrmse"), "nrmse")
     assert there is not None
     assert back is not None
     assert math.isclose(there.mean, -back.mean, abs_tol=1e-12)
@@ -76,7 +87,7 @@ def test_only_pairs_scored_in_both_count() -> None:
     assert len(changes(limited(result(0.2), 5), result(0.1), "thesis", "nrmse")) == 5
     undefined = make_result(dict.fromkeys(PLACES))
     assert changes(undefined, result(0.1), "thesis", "nrmse") == ()
-    assert paired_difference((), "nrmse") is None
+    assert paired_difference((), (), "nrmse") is None
 
 
 def test_other_data_and_other_protocols_are_not_compared() -> None:

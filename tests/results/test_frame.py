@@ -3,7 +3,9 @@ from typing import Any
 import pytest
 
 from dfdbench.errors import UnknownNameError
-from tests.made_results import make_result
+from dfdbench.results.frame import mean_scores, scores_of
+from tests.leaderboard.made_tracks import make_tracks
+from tests.made_results import limited, make_demo_result, make_result
 
 SCORES = {("One", 1, 1, 0): 0.2, ("One", 1, 1, 1): None, ("Two", 5, 1, 0): 0.1}
 
@@ -33,3 +35,27 @@ def test_pairs_that_were_not_run_are_there_without_numbers() -> None:
 def test_a_protocol_it_was_not_scored_under_is_refused() -> None:
     with pytest.raises(UnknownNameError, match="valid"):
         make_result(SCORES).to_frame("valid")
+
+
+def test_any_number_of_runs_are_one_long_table() -> None:
+    runs = make_tracks("solver", 0.5, ["camera-2"], parameters={"window": 9})
+    scores = scores_of([make_result(SCORES), *runs.values()])
+    assert scores.groupby("run").size().tolist() == [3 * 3, 54 * 3, 54 * 3]
+    last = scores.iloc[-1]
+    assert last[["dataset", "track", "severity", "method", "parameters"]].tolist() == [
+        "demo-1",
+        "camera",
+        2,
+        "solver (window=9)",
+        "window=9",
+    ]
+    assert last["coordinates"] == {"view": 5, "illumination": 3, "exposure": 2}
+    assert scores.loc[scores["metric"] == "nrmse", "value"].isna().sum() == 1
+
+
+def test_a_mean_leaves_out_what_is_undefined_and_needs_every_pair() -> None:
+    whole = mean_scores(scores_of([make_result(SCORES)]), "metric")
+    assert whole["nrmse"] == pytest.approx(0.15)
+    stopped = scores_of([limited(make_demo_result(lambda pair: 0.1), 53)])
+    means = mean_scores(stopped[stopped["metric"] == "nrmse"], "scene")
+    assert means.isna().tolist() == [False, False, True]

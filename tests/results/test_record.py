@@ -93,16 +93,7 @@ def test_an_impossible_score_is_refused(tmp_path: Path, name: str, value: float)
 
 
 @pytest.mark.parametrize(
-    ("tamper", "told"),
-    [
-        (lambda content: content["pairs"][0].update(seconds=-1), "seconds"),
-        (
-            lambda content: content.update(
-                submission={"submitted": "9999-99-99T99:99:99Z", "seal": "0" * 64}
-            ),
-            "submitted",
-        ),
-    ],
+    ("tamper", "told"), [(lambda content: content["pairs"][0].update(seconds=-1), "seconds")]
 )
 def test_an_impossible_time_is_refused(
     tmp_path: Path, tamper: Callable[[dict[str, Any]], None], told: str

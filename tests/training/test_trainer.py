@@ -201,7 +201,7 @@ def test_what_cannot_be_trained(tiny_store: Store, tmp_path: Path) -> None:
     for changes, message in (
         ({"crop": 18}, "a multiple of 4"),
         ({"crop": 64}, "at most 24"),
-        ({"kernels": [4] * 14}, "an odd number up to 9"),
+        ({"kernels": [4] * 14}, "odd, up to 9"),
         ({"learning_rate": 1e30}, "the loss became (nan|inf)"),
         ({"filters": [1, 2, 3]}, "18 positive numbers"),
     ):

@@ -29,6 +29,7 @@ from dfdbench.methods.networks.layers import (
     start_as_published,
     two_convolutions,
 )
+from dfdbench.tables.wording import listed
 
 
 @torch.no_grad()
@@ -120,7 +121,7 @@ class DfDNet(nn.Module):
     Raises
     ------
     InputError
-        Where a choice is none, or filters do not fit each other, naming the thesis's layers.
+        If a choice is none, or filters do not fit each other, naming the thesis's layers.
 
     Examples
     --------
@@ -149,10 +150,7 @@ class DfDNet(nn.Module):
         n = checked_normalized(normalized)
         if not 1 <= sampling_size <= 8:
             raise InputError(
-                "wrong filter size",
-                where="sampling_size",
-                expected="1 to 8",
-                got=str(sampling_size),
+                f"wrong filter size {sampling_size}, not 1 to 8", where="sampling_size"
             )
         #: Pixels beyond this distance do not change a pixel's answer.
         self.margin = reach_of(k, sampling_size)
@@ -206,7 +204,7 @@ class UNet(nn.Module):
     Raises
     ------
     InputError
-        Where `filters` are not five positive numbers, all but the first even.
+        If `filters` are not five positive numbers, all but the first even.
 
     Examples
     --------
@@ -227,12 +225,8 @@ class UNet(nn.Module):
         super().__init__()
         f = [int(number) for number in filters]
         if len(f) != len(UNET_FILTERS) or min(f) < 1 or any(number % 2 for number in f[1:]):
-            raise InputError(
-                "filters do not fit U-Net",
-                where="filters",
-                expected="5 numbers, the last four even",
-                got=", ".join(str(number) for number in f),
-            )
+            what = f"filters do not fit U-Net, which has 5, the last four even: {listed(f)}"
+            raise InputError(what, where="filters")
         self.pixels = Normalize(channel_means)
         self.encoders = nn.ModuleList(
             two_convolutions(before, after) for before, after in zip([6, *f[:-1]], f, strict=True)

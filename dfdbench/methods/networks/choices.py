@@ -158,22 +158,18 @@ def checked_filters(filters: Sequence[int]) -> tuple[int, ...]:
     Raises
     ------
     InputError
-        Where they do not fit each other, naming the thesis's layers.
+        If they do not fit each other, naming the thesis's layers.
     """
     numbers = tuple(int(number) for number in filters)
     if len(numbers) != len(LAYERS) or min(numbers) < 1 or numbers[-1] != LEVELS:
-        raise InputError(
-            "filters do not fit DfD-Net",
-            where="filters",
-            expected=f"{len(LAYERS)} positive numbers, the last {LEVELS}",
-            got=listed(numbers),
-        )
+        what = f"filters do not fit DfD-Net: {listed(numbers)}"
+        expected = f"{len(LAYERS)} positive numbers, the last {LEVELS}"
+        raise InputError(what, where="filters", expected=expected)
     problems = [
         Problem(
-            "a residual block adds its input to its output",
+            f"layers {LAYERS[one]} and {LAYERS[other]} are equally wide, not {numbers[one]} and "
+            f"{numbers[other]}, as a residual block adds them",
             where="filters",
-            expected=f"layers {LAYERS[one]} and {LAYERS[other]} equal",
-            got=f"{numbers[one]} and {numbers[other]}",
         )
         for one, other in EQUAL
         if numbers[one] != numbers[other]
@@ -189,7 +185,7 @@ def checked_kernels(kernels: Sequence[int | Sequence[int]] | None) -> dict[int, 
     Raises
     ------
     InputError
-        Where there are not 14, or one is not odd or too large.
+        If there are not 14, or one is not odd or too large.
 
     Examples
     --------
@@ -204,13 +200,9 @@ def checked_kernels(kernels: Sequence[int | Sequence[int]] | None) -> dict[int, 
         for size in sizes
     ]
     if len(sizes) != len(SIZED) or not all(fits):
-        raise InputError(
-            "filter sizes do not fit DfD-Net",
-            where="kernels",
-            expected=f"{len(SIZED)} of them, for layers {listed(SIZED)}: each an odd number up to "
-            f"{LARGEST_KERNEL}, or rows and columns",
-            got=listed(kernels),
-        )
+        what = f"filter sizes do not fit DfD-Net: {listed(kernels)}"
+        expected = f"{len(SIZED)}, for layers {listed(SIZED)}: odd, up to {LARGEST_KERNEL}"
+        raise InputError(what, where="kernels", expected=expected)
     return {layer: (rows, columns) for layer, (rows, columns) in zip(SIZED, sizes, strict=True)}
 
 
@@ -220,7 +212,7 @@ def checked_activations(activations: Sequence[str] | None, first: str) -> tuple[
     Raises
     ------
     InputError
-        Where there are not nine, or one is unknown.
+        If there are not nine, or one is unknown.
 
     Examples
     --------
@@ -229,13 +221,10 @@ def checked_activations(activations: Sequence[str] | None, first: str) -> tuple[
     """
     names = (first, *["prelu"] * (len(SITES) - 1)) if activations is None else tuple(activations)
     if len(names) != len(SITES) or not set(names) <= ACTIVATIONS.keys():
-        raise InputError(
-            "unknown activation",
-            where="first_activation" if activations is None else "activations",
-            expected=" or ".join(ACTIVATIONS)
-            + ("" if activations is None else f", {len(SITES)} of them"),
-            got=first if activations is None else listed(activations),
-        )
+        where = "first_activation" if activations is None else "activations"
+        known = ", ".join(ACTIVATIONS)
+        what = f"unknown activation in {listed(names)}"
+        raise InputError(what, where=where, expected=f"{len(SITES)} of {known}")
     return names
 
 
@@ -245,15 +234,12 @@ def checked_normalized(normalized: Sequence[bool] | None) -> tuple[bool, ...]:
     Raises
     ------
     InputError
-        Where there are not nine choices.
+        If there are not nine choices.
     """
     found = (True,) * len(SITES) if normalized is None else tuple(map(bool, normalized))
     if len(found) != len(SITES):
         raise InputError(
-            "wrong number of choices",
-            where="normalized",
-            expected=f"{len(SITES)}: {listed(SITES)}",
-            got=str(len(found)),
+            f"{len(found)} choices for {len(SITES)} sites: {listed(SITES)}", where="normalized"
         )
     return found
 
@@ -271,7 +257,7 @@ def plain_choices(
     Raises
     ------
     InputError
-        Where a choice does not fit the network.
+        If a choice does not fit the network.
 
     Examples
     --------

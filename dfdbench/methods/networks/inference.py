@@ -27,7 +27,7 @@ def find_device(name: str) -> torch.device:
     Raises
     ------
     MethodError
-        Where there is no such device.
+        If there is no such device.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class Predictor:
     network : nn.Module
         In evaluation mode; its batch normalization is folded in place.
     device : torch.device
-        Where it runs.
+        If it runs.
     precision : {"float32", "bf16"}
         Of the convolutions.
     tile : int, optional
@@ -73,7 +73,7 @@ class Predictor:
     Raises
     ------
     MethodError
-        Where precision or readout is unknown, or the tile is too small.
+        If precision or readout is unknown, or the tile is too small.
     """
 
     def __init__(
@@ -88,10 +88,7 @@ class Predictor:
         _require_one_of(READOUTS, readout, "readout")
         if tile is not None and (not isinstance(tile, int) or tile < _SMALLEST_TILE):
             raise MethodError(
-                "wrong parameter",
-                where="tile",
-                expected=f"at least {_SMALLEST_TILE} pixels",
-                got=str(tile),
+                f"a tile has at least {_SMALLEST_TILE} pixels, not {tile}", where="tile"
             )
         folded = fold_batch_norm(network).to(device)
         self._network = folded.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -109,7 +106,7 @@ class Predictor:
         Raises
         ------
         MemoryError
-            Where not even the smallest tile fits.
+            If not even the smallest tile fits.
         """
         rows, columns = infocus.shape[:2]
         below, right = -rows % self._multiple, -columns % self._multiple

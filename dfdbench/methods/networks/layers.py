@@ -57,7 +57,7 @@ class Normalize(nn.Module):
     Raises
     ------
     InputError
-        Where there are not six means.
+        If there are not six means.
     """
 
     # Kept in the network: weights without their means would be worth nothing.
@@ -66,12 +66,8 @@ class Normalize(nn.Module):
     def __init__(self, channel_means: Sequence[float]) -> None:
         super().__init__()
         if len(channel_means) != 6:
-            raise InputError(
-                "wrong number of means",
-                where="channel_means",
-                expected="6: in-focus RGB, defocus RGB",
-                got=str(len(channel_means)),
-            )
+            what = f"{len(channel_means)} means instead of 6, in-focus RGB and defocus RGB"
+            raise InputError(what, where="channel_means")
         means = torch.tensor([float(mean) for mean in channel_means])
         self.register_buffer("means", means.reshape(1, 6, 1, 1))
 

@@ -24,6 +24,7 @@ _METADATA = "dfdbench-card"
 #: What a network's arguments come to that are none.
 _UNBUILDABLE = (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError)
 _SUFFIX = ".safetensors"
+_AGAIN = "copy or download it again; dfdbench train writes a new one"
 _OTHER_VERSION = "train again with this version, or use the version that wrote it"
 
 
@@ -32,8 +33,8 @@ class Card(Record):
 
     `architecture` are the network's constructor arguments, `scores` the means over `scored_on`
     under the protocol ``thesis``, `further_scores` those under others, by their labels; `seconds`
-    is the time spent training; `started_from` tells of the weights that training began with, where
-    it did not begin anew.
+    is the time spent training; `started_from` names the weights that training began with, empty
+    for random ones.
     """
 
     schema_version: Literal[1] = 1
@@ -96,7 +97,7 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
     Raises
     ------
     MethodError
-        Where there is none; it says how to come by one.
+        If there is none; it says how to come by one.
     """
     shipped = {
         name.removesuffix(f"-{method}"): path
@@ -131,30 +132,22 @@ def load_weights(path: Path, method: str) -> tuple[nn.Module, Card]:
     Raises
     ------
     MethodError
-        Where the file is damaged, is no file of ours, or holds another architecture.
+        If the file is damaged, is no file of ours, or holds another architecture.
     """
     tensors, text = _read_tensors(path)
     card = _read_card(text, path)
     if card.method != method:
         raise MethodError(
-            "weights of another architecture",
-            where=str(path),
-            expected=method,
-            got=card.method,
-            fix=f"use them with {card.method}",
+            f"weights of another architecture, {card.method} instead of {method}", where=str(path)
         )
     try:
         # Without memory: a card may claim any size.
         with torch.device("meta"):
             outline = build_network(method, card.architecture)
     except _UNBUILDABLE as error:
-        raise MethodError(
-            "the model card's architecture cannot be built",
-            where=str(path),
-            expected="what dfdbench train writes there",
-            got=str(error).partition("\n")[0][:200],
-            fix=_OTHER_VERSION,
-        ) from error
+        why = str(error).partition("\n")[0][:200]
+        what = f"the model card's architecture cannot be built: {why}"
+        raise MethodError(what, where=str(path), fix=_OTHER_VERSION) from error
     _check_tensors(outline, tensors, path)
     network = build_network(method, card.architecture)
     network.load_state_dict(tensors)
@@ -174,19 +167,11 @@ def _read_tensors(path: Path) -> tuple[dict[str, torch.Tensor], str]:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (safetensors.SafetensorError, OSError) as error:
         raise MethodError(
-            "the weights cannot be read",
-            where=str(path),
-            expected="a whole safetensors file",
-            got=reason_of(error),
-            fix="copy or download it again; dfdbench train writes a new one",
+            f"the weights cannot be read: {reason_of(error)}", where=str(path), fix=_AGAIN
         ) from error
     if text is None:
-        raise MethodError(
-            "the weights have no model card",
-            where=str(path),
-            expected="a file that dfdbench train wrote",
-            got="metadata without " + _METADATA,
-        )
+        what = "the weights have no model card"
+        raise MethodError(what, where=str(path), fix="name a file that dfdbench train wrote")
     return tensors, text
 
 
@@ -202,39 +187,25 @@ def _check_tensors(network: nn.Module, tensors: dict[str, Tensor], path: Path) -
     expected = {name: _outline(tensor) for name, tensor in network.state_dict().items()}
     found = {name: _outline(tensor) for name, tensor in tensors.items()}
     if expected != found:
-        differ = sorted(
-            name for name in expected.keys() | found.keys() if expected.get(name) != found.get(name)
-        )
+        names = sorted(expected.keys() | found.keys())
+        differ = [name for name in names if expected.get(name) != found.get(name)]
         raise MethodError.of(
-            [
-                Problem(
-                    "weights do not fit the architecture of their card",
-                    where=f"{path}: {name}",
-                    expected=expected.get(name, "nothing"),
-                    got=found.get(name, "nothing"),
-                )
-                for name in differ[:5]
-            ]
-        )
+            Problem(
+                "weights do not fit the architecture of their card", where=f"{path}: {name}",
+                expected=expected.get(name, "nothing"), got=found.get(name, "nothing"),
+            )
+            for name in differ[:5]
+        )  # fmt: skip
     broken = sorted(name for name, tensor in tensors.items() if not bool(tensor.isfinite().all()))
-    negative = [name for name, tensor in tensors.items() if name.endswith(_VARIANCE)]
-    negative = [name for name in negative if bool((tensors[name] < 0).any())]
+    variances = [name for name in tensors if name.endswith(_VARIANCE)]
+    negative = [name for name in variances if bool((tensors[name] < 0).any())]
     if negative:
         raise MethodError(
-            "the weights hold a variance below 0",
-            where=f"{path}: {negative[0]}",
-            expected="0 or more",
-            got=f"{float(tensors[negative[0]].min()):g}",
-            fix="copy or download it again; dfdbench train writes a new one",
+            "the weights hold a variance below 0", where=f"{path}: {negative[0]}", fix=_AGAIN
         )
     if broken:
-        raise MethodError(
-            "the weights hold what is no number",
-            where=str(path),
-            expected="finite numbers",
-            got=f"nan or infinity in {', '.join(broken[:3])}",
-            fix="train again, with a lower learning_rate",
-        )
+        what = f"the weights hold nan or infinity in {', '.join(broken[:3])}"
+        raise MethodError(what, where=str(path), fix="train again, with a lower learning_rate")
 
 
 def _outline(tensor: Tensor) -> str:

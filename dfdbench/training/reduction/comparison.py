@@ -27,7 +27,7 @@ def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str,
     Parameters
     ----------
     folder : Path
-        Where they lie.
+        If they lie.
     names : sequence, optional
         Which rows; by default all, the network that was counted first.
 
@@ -66,7 +66,7 @@ def seconds_an_image(weights: Mapping[str, Path], store: Store, device: str) -> 
     weights : mapping of str to Path
         A file of weights, by row.
     store : Store
-        Where the pair lies.
+        If the pair lies.
     device : str
         As for the methods.
     """

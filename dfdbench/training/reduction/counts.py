@@ -115,7 +115,7 @@ def count_clusters(
     network : nn.Module
         DfD-Net in evaluation mode.
     store : Store
-        Where the samples lie.
+        If the samples lie.
     samples : sequence of Pair
         On which the layers' outputs are taken.
     seed : int

@@ -99,7 +99,7 @@ def reduce_weights(
     weights : Path
         What ``dfdbench train dfd-net`` wrote.
     store : Store
-        Where the samples lie, the first pair of each scene.
+        If the samples lie, the first pair of each scene.
     configuration : TrainingConfiguration
         How the rows are to be trained; widths and layers are those of the weights.
     split : str
@@ -111,7 +111,7 @@ def reduce_weights(
     seed, tuning
         Of the maps, see `dfdbench.training.reduction.counts.count_clusters`.
     device : torch.device, optional
-        Where the network runs, by default the processor.
+        If the network runs, by default the processor.
     on_map : callable, optional
         Called with (maps done, maps to do).
 
@@ -211,7 +211,7 @@ def iterative_rows(
     prefix = "F" if level == max(LEVELS) else f"F{level}"
     rows = {}
     for number, statistic in enumerate(_ITERATIVE, 1):
-        # Layer 2 tells the width of 12 and 5, which are of level 1.
+        # Layer 2 gives the width of 12 and 5, which are of level 1.
         for choice in (1, 2, 3) if level == 1 else (1, 2):
             full = dict(zip(LAYERS, _row(dict(counts[statistic]), choice), strict=True))
             chosen = before | {layer: full[layer] for layer in LEVELS[level]}

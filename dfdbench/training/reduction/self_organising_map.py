@@ -104,7 +104,7 @@ def noise_gram(inputs: int, length: int, random: np.random.Generator) -> Matrix:
 
 @dataclass
 class _Neurons:
-    """Where the neurons are, told by products alone.
+    """The neurons, represented by products alone.
 
     `with_inputs` holds each neuron's products with the inputs, shape (neuron, input), `squares`
     its own square, shape (neuron,).

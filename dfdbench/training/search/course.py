@@ -12,8 +12,8 @@ import numpy as np
 from dfdbench.methods.networks.choices import FILTERS, LAYERS, SITES, SIZED
 from dfdbench.tables.table import Table
 from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.search.evaluation import PARTS
 from dfdbench.training.search.log import Row
-from dfdbench.training.search.objective import PARTS
 from dfdbench.training.search.particle import Particle, particle_at, whole_numbers
 from dfdbench.training.search.plan import SearchPlan
 from dfdbench.training.search.swarm import Numbers, Swarm

@@ -20,14 +20,15 @@ from dfdbench.training.configuration import TrainingConfiguration, settled
 from dfdbench.training.search.evaluation import Job, Work, training_seed
 from dfdbench.training.search.particle import (
     PATCHES,
+    VARIANTS,
     Bounds,
     Particle,
+    Variant,
     box_of,
     particle_at,
     position_of,
 )
 from dfdbench.training.search.swarm import Box, Numbers
-from dfdbench.training.search.variants import VARIANTS, Variant
 from dfdbench.training.task import Task, require_trainable, task_of
 
 #: Of the search's record.
@@ -208,12 +209,12 @@ def plan_search(
     choices : Choices
         What else was asked for.
     device : str
-        Where it is trained: decides what precision ``auto`` is.
+        If it is trained: decides what precision ``auto`` is.
 
     Raises
     ------
     InputError
-        Where a choice is made twice, patches do not fit the images, or no scene can be held out.
+        If a choice is made twice, patches do not fit the images, or no scene can be held out.
     """
     if choices.variant not in VARIANTS:
         raise unknown_name("variant", choices.variant, VARIANTS)
@@ -222,12 +223,9 @@ def plan_search(
     train = tuple(dict.fromkeys(pair.scene for pair in task.train))
     if choices.as_thesis:
         if not task.test:
-            raise StoreError(
-                "the store holds no pair to select on",
-                where=str(store.path),
-                expected=f"pairs of the split that tests {choices.split}",
-                fix="build the whole data set, or leave --as-thesis out",
-            )
+            what = f"the store holds no pair that tests {choices.split}, to select on"
+            fix = "build the whole data set, or leave --as-thesis out"
+            raise StoreError(what, where=str(store.path), fix=fix)
         other = tuple(dict.fromkeys(pair.scene for pair in task.test))
     else:
         train, other = _held_out(train, choices)
@@ -246,10 +244,9 @@ def _refuse_what_particles_choose(base: TrainingConfiguration, changes: Mapping[
     if base.crop not in PATCHES:
         problems.append(
             Problem(
-                "the search does not know how patches of this size are counted",
+                f"the search does not know how patches of {base.crop} are counted",
                 where="crop",
                 expected=", ".join(map(str, PATCHES)),
-                got=str(base.crop),
             )
         )
     if base.sampling_size != 2:
@@ -263,13 +260,9 @@ def _refuse_what_particles_choose(base: TrainingConfiguration, changes: Mapping[
 def _held_out(train: tuple[str, ...], choices: Choices) -> tuple[tuple[str, ...], tuple[str, ...]]:
     count = choices.held_out or max(1, round(len(train) * _HELD_OUT))
     if count >= len(train):
-        raise InputError(
-            "too few training scenes to hold some out",
-            where=f"split {choices.split}",
-            expected=f"more than {count}",
-            got=str(len(train)),
-            fix="hold out fewer, take another split, or --as-thesis, which selects on the test",
-        )
+        what = f"{len(train)} training scenes are too few to hold {count} out"
+        fix = "hold out fewer, take another split, or --as-thesis, which selects on the test"
+        raise InputError(what, where=f"split {choices.split}", fix=fix)
     drawn = np.random.default_rng((choices.seed, len(train))).permutation(len(train))[:count]
     other = tuple(name for number, name in enumerate(train) if number in drawn)
     return tuple(name for name in train if name not in other), other
@@ -285,10 +278,6 @@ def _require_crops(task: Task, train: tuple[str, ...], bounds: Bounds) -> None:
     except InputError as error:
         if error.problems[0].where != "crop":
             raise
-        raise InputError(
-            "the largest patches do not fit the images",
-            where="--bounds crop",
-            expected=error.problems[0].expected,
-            got=str(bounds.crop[1]),
-            fix=f"--bounds crop={bounds.crop[0]}:N, a multiple of 4",
-        ) from error
+        what = f"the largest patches do not fit the images: {error.problems[0].what}"
+        fix = f"--bounds crop={bounds.crop[0]}:N, a multiple of 4"
+        raise InputError(what, where="--bounds crop", fix=fix) from error

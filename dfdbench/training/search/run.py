@@ -25,11 +25,11 @@ class SearchOutcome:
     Parameters
     ----------
     swarm : Swarm or None
-        After the last iteration that is whole; None where not even the start is.
+        After the last iteration that is whole; None if not even the start is.
     course : tuple of Iteration
         The start, and each iteration that is whole.
     best : Row or None
-        The best position of `swarm`, and its training; None where all failed.
+        The best position of `swarm`, and its training; None if all failed.
     failures : tuple of Row
         Trainings that failed or diverged.
     trainings : int
@@ -82,9 +82,9 @@ def run_search(
     Raises
     ------
     InputError
-        Where the folder holds another search, its log was changed, or the scheduler went away.
+        If the folder holds another search, its log was changed, or the scheduler went away.
     ResultError
-        Where the folder cannot be written, or another process is searching in it.
+        If the folder cannot be written, or another process is searching in it.
 
     Notes
     -----
@@ -94,7 +94,7 @@ def run_search(
     until = time.time() + max_seconds if max_seconds is not None else float("inf")
     with writing_folder(folder, "search"):
         log = SearchFolder(folder)
-        log.open(plan.identity, plan.box)
+        log.open(plan.identity)
         judge = _Judge(plan, log, iterations, pool, device, threads, until, on_done)
         finished = True
         try:

@@ -73,11 +73,6 @@ class Box:
         round_ = np.where(round_ >= self.above, self.low, round_)
         return np.where(self.wraps, round_, np.clip(found, self.low, self.high))
 
-    def outside(self, position: Numbers) -> NDArray[np.int64]:
-        """Return the components of a position that lie outside, or are no number."""
-        ends = np.where(self.wraps, position < self.above, position <= self.high)
-        return np.flatnonzero(~((position >= self.low) & ends))
-
 
 @dataclass(frozen=True)
 class Swarm:
@@ -128,7 +123,7 @@ def begun(box: Box, particles: int, seed: int, known: Numbers | None = None) -> 
     seed : int
         Whatever is random follows from it.
     known : ndarray, optional
-        Where the first particle begins instead.
+        If the first particle begins instead.
     """
     positions, velocities = [], []
     for particle in range(particles):

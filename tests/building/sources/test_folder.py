@@ -20,7 +20,7 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError, StoreError
-from dfdbench.leaderboard.folder import known_fingerprints
+from dfdbench.leaderboard.row_file import known_fingerprints
 from dfdbench.system.parallel import Threads
 from tests.building.test_sources import check_interface
 from tests.made_folder import FOLDER_TOML, SCENES, make_folder

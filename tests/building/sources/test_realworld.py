@@ -11,6 +11,7 @@ from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.building.sources.realworld import RealworldFolder
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError
 from dfdbench.rig.lidar_files import write_ranges
@@ -83,8 +84,13 @@ def test_another_pair_of_voltage_steps(published: Path) -> None:
 
 def test_brighter_is_nearer_and_unknown_stays_0(published: Path, tmp_path: Path) -> None:
     levels = np.linspace(150, 220, 630).astype(np.uint8)
-    for name, expected in (("realworld", 255 - levels), ("realworld-1", levels)):
-        manifest = find_manifest(name)
+    distances = CAPTURED.toml.replace('grows_with = "nearness"', 'grows_with = "distance"')
+    distances = distances.replace("\nversion = 1\n", "\nversion = 9\n")
+    as_captured = parse_manifest(distances.encode(), "realworld-9.toml")
+    for name, manifest, expected in (
+        ("near", CAPTURED, 255 - levels),
+        ("far", as_captured, levels),
+    ):
         place = tmp_path / f"{name}.zarr"
         build_store(manifest, open_source(manifest, published), place)
         store = Store(place)
@@ -92,9 +98,8 @@ def test_brighter_is_nearer_and_unknown_stays_0(published: Path, tmp_path: Path)
         assert (images.depth[20:] == expected).all()
         assert (images.depth[:9] == 0).all()
         assert store.attributes["depth_grows_with"] == manifest.depth.grows_with
-    # Version 1 is pinned as it was: what the file says, its marks of the unknown too.
+    # Distances are what the file says, its marks of the unknown too.
     assert (images.depth[9:20] == 255).all()
-    assert find_manifest("realworld").depth.grows_with == "nearness"
 
 
 @pytest.mark.slow

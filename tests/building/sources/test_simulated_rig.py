@@ -10,7 +10,7 @@ from dfdbench.building.sources.simulated_rig import SimulatedRig
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
-from dfdbench.leaderboard.folder import known_fingerprints
+from dfdbench.leaderboard.row_file import known_fingerprints
 from dfdbench.system.parallel import Threads
 
 RELEASED = find_manifest("realworld-sim")

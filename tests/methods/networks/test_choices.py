@@ -33,14 +33,14 @@ def test_sizes_are_those_of_the_thesis_s_layers() -> None:
 @pytest.mark.parametrize(
     ("choice", "told"),
     [
-        ({"kernels": [3] * 13}, "14 of them, for layers 52, 48"),
-        ({"kernels": [4] + [3] * 13}, "an odd number up to 9"),
-        ({"kernels": [11] + [3] * 13}, "an odd number up to 9"),
-        ({"kernels": [[3, 3, 3]] + [3] * 13}, "rows and columns"),
-        ({"activations": ["relu"] * 8}, "9 of them"),
-        ({"activations": ["swish"] * 9}, "relu or prelu or sigmoid or tanh or elu or srelu"),
+        ({"kernels": [3] * 13}, "14, for layers 52, 48"),
+        ({"kernels": [4] + [3] * 13}, "odd, up to 9"),
+        ({"kernels": [11] + [3] * 13}, "odd, up to 9"),
+        ({"kernels": [[3, 3, 3]] + [3] * 13}, "odd, up to 9"),
+        ({"activations": ["relu"] * 8}, "9 of relu"),
+        ({"activations": ["swish"] * 9}, "relu, prelu, sigmoid, tanh, elu, srelu"),
         ({"first_activation": "swish"}, "first_activation"),
-        ({"normalized": [True] * 8}, "9: entry, encode_1"),
+        ({"normalized": [True] * 8}, "8 choices for 9 sites: entry"),
     ],
 )
 def test_what_is_no_choice_is_told(choice: dict[str, Any], told: str) -> None:

@@ -45,9 +45,8 @@ def test_weights_that_cannot_be_used_say_why(weights: Path, tmp_path: Path) -> N
         (tmp_path / "cut.safetensors").write_bytes(content[:cut])
         with pytest.raises(MethodError, match="the weights cannot be read"):
             load_weights(tmp_path / "cut.safetensors", "dfd-net")
-    with pytest.raises(MethodError, match="another architecture") as caught:
+    with pytest.raises(MethodError, match="another architecture, dfd-net instead of u-net"):
         load_weights(weights, "u-net")
-    assert caught.value.problems[0].fix == "use them with dfd-net"
     foreign = tmp_path / "foreign.safetensors"
     safetensors.torch.save_file({"a": torch.zeros(2)}, foreign)
     with pytest.raises(MethodError, match="no model card"):

@@ -18,7 +18,7 @@ from tests.training.search.made_searches import small_plan, some_rows
 
 def opened(plan: SearchPlan, path: Path) -> SearchFolder:
     folder = SearchFolder(path)
-    folder.open(plan.identity, plan.box)
+    folder.open(plan.identity)
     return folder
 
 
@@ -75,15 +75,11 @@ def changed(line: int, column: str, value: str) -> Callable[[str], str]:
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (changed(3, "width_8", "700"), "a particle out of bounds"),
-        (changed(3, "width_8", "700"), "line 3, iteration 0, particle 1, width_8"),
-        (changed(3, "width_8", "700"), r"expected 8 to 128, got 700.0"),
-        (changed(2, "activation_entry", "6"), "out of bounds"),
-        (changed(2, "crop", "nan"), "out of bounds"),
         (changed(2, "objective", "nan"), "objective: no number"),
         (changed(2, "particle", "first"), "line 2"),
         (lambda text: text.replace("\n0,1,", "\n0,1,,", 1), "line 3"),
         (lambda text: text.replace("width_8", "width"), "width_8"),
+        (lambda text: text + text.splitlines()[1] + "\n", "twice"),
     ],
 )
 def test_a_log_that_cannot_be_is_named_and_kept(
@@ -100,7 +96,7 @@ def test_a_log_that_cannot_be_is_named_and_kept(
 def test_every_bad_row_is_named(plan: SearchPlan, path: Path) -> None:
     log = path / "positions.csv"
     for line in (2, 4):
-        log.write_text(changed(line, "width_8", "1")(log.read_text()))
+        log.write_text(changed(line, "width_8", "wide")(log.read_text()))
     with pytest.raises(InputError) as caught:
         opened(plan, path)
     assert len(caught.value.problems) == 2
@@ -110,7 +106,7 @@ def test_a_position_that_the_search_does_not_come_to_is_named(plan: SearchPlan, 
     folder = opened(plan, path)
     other = some_rows(plan)[0].position.copy()
     other[COMPONENTS.index("width_20")] += 1
-    with pytest.raises(InputError, match=r"iteration 0, particle 0, width_20"):
+    with pytest.raises(InputError, match=r"width_20 is .* iteration 0, particle 0"):
         folder.require_same((0, 0), other)
     folder.require_same((5, 0), other)
 
@@ -122,8 +118,8 @@ def test_another_search_is_refused_with_what_differs(
     others = small_plan(tiny_store, {"noise": 1.0}, particles=3, gamma=0.5)
     with pytest.raises(InputError) as caught:
         opened(others, path)
-    told = {problem.where.partition(": ")[2] for problem in caught.value.problems}
-    assert told == {"gamma", "configuration.noise"}
+    named = [problem.what.partition("with ")[2] for problem in caught.value.problems]
+    assert named == ["gamma 0.3 instead of 0.5", "configuration.noise 0.0 instead of 1.0"]
     assert {file.name: file.read_bytes() for file in path.iterdir()} == before
     (path / "search.json").write_text("{")
     with pytest.raises(InputError, match="cannot be read"):
@@ -143,26 +139,6 @@ def test_trainings_are_forgotten_by_their_place(plan: SearchPlan, tmp_path: Path
         folder.training(place).mkdir(parents=True)
     folder.forget([(0, 1), (7, 7)])
     assert [item.name for item in (tmp_path / "s/particles").iterdir()] == ["000-000"]
-
-
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        (lambda text: text.replace("0,1,0.6", "0,1,0.1"), "does not follow from the scores"),
-        (lambda text: text + text.splitlines()[1] + "\n", "twice"),
-    ],
-    ids=["an objective", "a line"],
-)
-def test_a_log_that_was_changed_is_refused_and_left_as_it_is(
-    plan: SearchPlan, path: Path, change: Callable[[str], str], told: str
-) -> None:
-    log = path / "positions.csv"
-    changed = change(log.read_text())
-    assert changed != log.read_text()
-    log.write_text(changed)
-    with pytest.raises(InputError, match=told):
-        opened(plan, path)
-    assert log.read_text() == changed
 
 
 def test_a_log_that_is_no_text_is_refused(plan: SearchPlan, path: Path) -> None:

@@ -33,7 +33,7 @@ def test_as_the_thesis_the_test_selects_and_that_is_told(tiny_store: Store) -> N
     assert "the TEST scenes, as the thesis did: Two, Three" in plan.selected_on
     assert plan.work("cpu", 1, 0).trained_on == "tiny-1, split train"
     tiny_store.scenes = ("One",)
-    with pytest.raises(StoreError, match="no pair to select on"):
+    with pytest.raises(StoreError, match="no pair that tests"):
         small_plan(tiny_store, split="train", as_thesis=True)
 
 
@@ -92,10 +92,10 @@ def test_every_choice_makes_another_search(tiny_store: Store) -> None:
     ("configuration", "choices", "told"),
     [
         ({}, {"bounds": Bounds()}, "at most 24"),
-        ({}, {"split": "train"}, "too few training scenes"),
-        ({}, {"held_out": 2}, "more than 2"),
+        ({}, {"split": "train"}, "too few to hold"),
+        ({}, {"held_out": 2}, "too few to hold 2"),
         ({"filters": "pso"}, {}, "chooses this itself"),
-        ({"crop": 68}, {}, "how patches of this size are counted"),
+        ({"crop": 68}, {}, "how patches of 68 are counted"),
         ({"sampling_size": 3}, {}, "2 x 2"),
     ],
 )

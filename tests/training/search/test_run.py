@@ -143,7 +143,7 @@ def test_a_failed_training_is_told_and_searched_past(
 ) -> None:
     def sometimes(job: Job) -> Outcome | None:
         if job.particle == 0:
-            return Outcome(failed="diverged: the loss is no number any more, step 2")
+            return Outcome(failed="diverged: the loss became nan, step 2")
         return evaluate(job)
 
     monkeypatch.setattr(module, "evaluate", sometimes)

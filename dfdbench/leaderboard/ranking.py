@@ -1,0 +1,252 @@
+"""Rank methods on the same data, split and protocol, out of one long table of scores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import fsum
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
+from dfdbench.metrics.intervals import scene_interval
+from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
+from dfdbench.results.differences import PairedDifference, paired_difference
+from dfdbench.results.first_table import first_protocol
+from dfdbench.results.frame import mean_defined, mean_scores, scores_of
+from dfdbench.results.record import Result
+from dfdbench.results.summary import median_seconds
+from dfdbench.results.told import knew_blur
+from dfdbench.results.wording import NOTHING, labelled, method_label, score_text
+
+#: The protocol that suites of tracks are ranked by.
+TRACKS_PROTOCOL = "valid"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A method's runs that a ranking looks at, and the file that they are in.
+
+    Parameters
+    ----------
+    runs : tuple of Result
+        One run; for a suite of tracks, the run on clean images first and those on tracks.
+    path : Path
+        Their file.
+    label : str
+        The method with its parameters.
+    """
+
+    runs: tuple[Result, ...]
+    path: Path
+    label: str
+
+    @classmethod
+    def of(cls, result: Result, path: Path, place: str = "") -> Entry:
+        """Return the entry of a single run, with the place of the run in its label if given."""
+        return cls((result,), path, labelled(method_label(result.method), place))
+
+    @property
+    def result(self) -> Result:
+        """The first run."""
+        return self.runs[0]
+
+    @property
+    def ranked_runs(self) -> tuple[Result, ...]:
+        """The runs that a rank is of: those on tracks, or the only one."""
+        on_tracks = tuple(run for run in self.runs if run.dataset.degradation != CLEAN)
+        return on_tracks or self.runs
+
+    @property
+    def given_blur(self) -> bool:
+        """Whether the method was given a blur on a track, which nobody may be."""
+        return any(map(knew_blur, self.runs))
+
+    @property
+    def complete(self) -> bool:
+        """Whether every pair of every run was evaluated."""
+        return all(run.complete for run in self.ranked_runs)
+
+    @property
+    def seconds(self) -> float | None:
+        """Median seconds per pair; see `median_seconds`."""
+        return median_seconds(self.ranked_runs)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """An entry's place in a ranking.
+
+    Parameters
+    ----------
+    entry : Entry
+        The method.
+    rank : int or None
+        None if a score is lacking, the method was given a blur on a track, or nobody is ranked.
+    scores : dict of str to float or None
+        By metric; on a suite of tracks the mean over tracks of the mean over severities.
+    interval : tuple of float, or None
+        Of the score that ranks, from `dfdbench.metrics.intervals.scene_interval`.
+    above : PairedDifference or None
+        This row's score less that of the row above, pair by pair.
+    """
+
+    entry: Entry
+    rank: int | None
+    scores: dict[str, float | None]
+    interval: tuple[float, float] | None = None
+    above: PairedDifference | None = None
+
+
+@dataclass(frozen=True)
+class ScoreBoard:
+    """Methods that may be compared, ranked: the same data, split, protocol and suite.
+
+    `scores` is their part of the long table of `dfdbench.results.frame.scores_of`; its column
+    ``row`` is the place among the `standings`.
+    """
+
+    suite: str
+    protocol: str
+    standings: tuple[Standing, ...]
+    scores: pd.DataFrame
+
+    @property
+    def result(self) -> Result:
+        """A run of the board: all are on the same data."""
+        return self.standings[0].entry.result
+
+    @property
+    def headline(self) -> bool:
+        """Whether this is the ranking to look at first; see `first_protocol`."""
+        return self.protocol == first_protocol(self.result.dataset.short)
+
+    @property
+    def metric(self) -> str:
+        """The metric that ranks."""
+        return ranked_by(self.protocol)[0]
+
+    @property
+    def scenes(self) -> int:
+        """How many scenes the split has."""
+        return int(self.scores["scene"].nunique())
+
+    def means(self, scores: pd.DataFrame, *by: str) -> pd.DataFrame:
+        """Return means of some of the board's scores: a row per group, a column per standing."""
+        table = mean_scores(scores, "row", *by).unstack("row")
+        return table.reindex(columns=range(len(self.standings)))
+
+    def shown(self, row: int, metric: str) -> str:
+        """Return a score as text; that of an incomplete run, in brackets, is of what was run."""
+        standing = self.standings[row]
+        if standing.entry.complete:
+            return score_text(standing.scores.get(metric))
+        own = self.scores[(self.scores["row"] == row) & (self.scores["metric"] == metric)]
+        mean = mean_defined(own["value"])
+        return NOTHING if np.isnan(mean) else f"({score_text(mean)})"
+
+
+def boards(entries: Sequence[Entry], suite: str = CLEAN, ranked: bool = True) -> list[ScoreBoard]:
+    """Rank methods, one ranking for each data set, split, data, manifest and protocol.
+
+    Parameters
+    ----------
+    entries : sequence of Entry
+        The methods.
+    suite : str
+        What is ranked: single runs (``clean``), or a suite of `dfdbench.blur.tracks.SUITES`.
+    ranked : bool
+        Whether rows get a rank.
+    """
+    runs = [(number, run) for number, entry in enumerate(entries) for run in entry.runs]
+    if not runs:
+        return []
+    scores = scores_of([run for _, run in runs])
+    scores["entry"] = scores["run"].map(dict(enumerate(number for number, _ in runs)))
+    groups: dict[tuple[str, str, bool, int, str, str, str], list[int]] = {}
+    for number, entry in enumerate(entries):
+        data = entry.result.dataset
+        for protocol in entry.result.protocol_names:
+            order = list(RELEASED).index(protocol) if protocol in RELEASED else len(RELEASED)
+            later = protocol != first_protocol(data.short)
+            if suite != CLEAN and protocol != TRACKS_PROTOCOL:
+                continue
+            key = (data.name, data.split, later, order, protocol)
+            groups.setdefault((*key, data.fingerprint, data.manifest_sha256), []).append(number)
+    return [
+        _board(entries, members, scores, suite, key[4], ranked)
+        for key, members in sorted(groups.items(), key=lambda item: item[0])
+    ]
+
+
+def over_tracks(means: pd.Series, suite: str) -> pd.DataFrame:
+    """Return the mean over severities of each track; NaN if one of them is lacking.
+
+    Parameters
+    ----------
+    means : Series
+        Means of runs, with ``track`` and ``severity`` as the last two levels of its index.
+    suite : str
+        Whose tracks there have to be; for ``clean``, those that there are.
+    """
+    parts = pd.DataFrame(means.unstack(["track", "severity"]))
+    if suite != CLEAN:
+        found = [find_degradation(label) for label in SUITES[suite]]
+        wanted = [(place.track.name, place.severity) for place in found]
+        parts = parts.reindex(columns=pd.MultiIndex.from_tuples(wanted, names=parts.columns.names))
+    return pd.DataFrame(parts.T.groupby(level="track", sort=False).agg(mean_of_all)).T
+
+
+def mean_of_all(values: Iterable[float]) -> float:
+    """Return the mean of numbers, in whatever order; NaN if one of them is."""
+    numbers = list(values)
+    return fsum(numbers) / len(numbers)
+
+
+def _board(
+    entries: Sequence[Entry],
+    members: Sequence[int],
+    scores: pd.DataFrame,
+    suite: str,
+    protocol: str,
+    ranked: bool,
+) -> ScoreBoard:
+    part = scores[scores["entry"].isin(members) & (scores["protocol"] == protocol)]
+    first, ties = ranked_by(protocol)
+    by_run = mean_scores(part, "entry", "metric", "track", "severity")
+    means = over_tracks(by_run, suite).agg(mean_of_all, axis=1).unstack("metric")
+
+    def score(number: int, metric: str) -> float | None:
+        value = means[metric].get(number, np.nan)
+        return None if np.isnan(value) else float(value)
+
+    def order(number: int) -> tuple[float, float]:
+        value, tie = score(number, first), score(number, ties)
+        return (np.inf if value is None else value, np.inf if tie is None else tie)
+
+    able = {n for n in members if score(n, first) is not None and not entries[n].given_blur}
+    placed = sorted(able, key=lambda n: (*order(n), entries[n].label))
+    places = [order(number) for number in placed]
+    others = {n for n in members if n not in able}
+    placed += sorted(others, key=lambda n: (entries[n].given_blur, entries[n].label))
+    values = part[part["metric"] == first].dropna(subset="value").set_index("capture")
+    standings: list[Standing] = []
+    for at, number in enumerate(placed):
+        found = {
+            metric: score(number, metric) for metric in metrics_of(protocol) if metric in means
+        }
+        interval = above = None
+        if number in able and suite == CLEAN:
+            own = values[values["entry"] == number]
+            interval = scene_interval(own["value"].tolist(), own["scene"].tolist())
+            if at:
+                before = values[values["entry"] == placed[at - 1]]
+                changes = (own["value"] - before["value"]).reindex(before.index).dropna()
+                scenes = before["scene"].reindex(changes.index)
+                above = paired_difference(changes.tolist(), scenes.tolist(), first)
+        rank = places.index(places[at]) + 1 if number in able and ranked else None
+        standings.append(Standing(entries[number], rank, found, interval, above))
+    rows = part["entry"].map({number: at for at, number in enumerate(placed)})
+    return ScoreBoard(suite, protocol, tuple(standings), part.assign(row=rows))

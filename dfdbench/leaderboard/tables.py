@@ -1,0 +1,397 @@
+"""A ranking's tables: methods, scores by lighting, scene and fold, how each was run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from dfdbench.blur.tracks import CLEAN
+from dfdbench.datasets.catalog import released_manifests
+from dfdbench.datasets.tracked import part_name
+from dfdbench.leaderboard.ranking import Entry, ScoreBoard, over_tracks
+from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
+from dfdbench.metrics.metric import find_metric
+from dfdbench.metrics.protocol import metrics_of, title_of
+from dfdbench.results.frame import mean_scores
+from dfdbench.results.record import SCORED, Result
+from dfdbench.results.told import TOLD_NOTE, told
+from dfdbench.results.wording import (
+    NOTHING,
+    SECONDS_NOTE,
+    interval_text,
+    machine_of,
+    parameters_of,
+    score_text,
+    seconds_text,
+    training_of,
+)
+from dfdbench.tables.table import Link, Table
+
+
+def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
+    """Return a ranking's tables, those with rows, the ranking first.
+
+    Parameters
+    ----------
+    board : ScoreBoard
+        From `dfdbench.leaderboard.ranking.boards`.
+    folder : Path
+        The leaderboard's folder, from which links go out.
+    """
+    if board.suite != CLEAN:
+        return [tracks_table(board, folder)]
+    if board.result.method.scored:
+        return [standings_table(board, folder)]
+    tables = [
+        standings_table(board, folder),
+        lighting_table(board),
+        scenes_table(board),
+        folds_table(board),
+        runs_table(board, folder),
+    ]
+    return [table for table in tables if table.rows]
+
+
+def standings_table(board: ScoreBoard, folder: Path) -> Table:
+    """Return the ranking: by NRMSE, ties by NMAE, as the thesis ranks; in metres by AbsRel."""
+    metrics = [find_metric(name) for name in metrics_of(board.protocol) if name != board.metric]
+    # Rows that nobody could run have no second table to link their files.
+    scored = f": {SCORED}" if board.result.method.scored else ""
+    columns = (
+        "",
+        "method",
+        "told",
+        find_metric(board.metric).heading,
+        interval_name(board.scenes),
+        *(metric.heading for metric in metrics),
+        "difference from the row above",
+        "seconds per pair",
+    )
+    rows = tuple(
+        (
+            NOTHING if standing.rank is None else str(standing.rank),
+            _linked(standing.entry, folder) if scored else standing.entry.label,
+            told(standing.entry.result),
+            board.shown(row, board.metric),
+            interval_text(standing.interval),
+            *(board.shown(row, metric.name) for metric in metrics),
+            str(standing.above or NOTHING),
+            seconds_text(standing.entry.seconds),
+        )
+        for row, standing in enumerate(board.standings)
+    )
+    scores = len(columns) - 2
+    dataset = board.result.dataset
+    return Table(
+        f"{dataset.label}, split {dataset.split}, protocol {title_of(board.protocol)}{scored}",
+        columns,
+        rows,
+        "rllrl" + "r" * len(metrics) + "lr",
+        tuple(_ranking_notes(board)),
+        records=tuple(records_of(board, folder)),
+        parts=(tuple(range(scores)), (0, 1, *range(scores, len(columns)))),
+    )
+
+
+def tracks_table(board: ScoreBoard, folder: Path) -> Table:
+    """Return a ranking over tracks: clean, each track's mean over severities, their mean."""
+    tracks = pd.DataFrame(tracks_of(board).xs(board.metric, level="metric"))
+    clean = board.scores[
+        (board.scores["track"] == CLEAN) & (board.scores["metric"] == board.metric)
+    ]
+    on_clean = mean_scores(clean, "row")
+    rows = tuple(
+        (
+            NOTHING if standing.rank is None else str(standing.rank),
+            _linked(standing.entry, folder),
+            _shown(on_clean.get(row, np.nan)),
+            *map(_shown, tracks.loc[row]),
+            score_text(standing.scores[board.metric]),
+            _seen(standing.entry, lambda run: run.method.fitted_on),
+            _seen(standing.entry, lambda run: run.method.trained_on),
+        )
+        for row, standing in enumerate(board.standings)
+    )
+    dataset = board.result.dataset
+    return Table(
+        f"{part_name(dataset.name)[0]}, split {dataset.split}, {board.suite}, "
+        f"protocol {title_of(board.protocol)}: {find_metric(board.metric).heading}",
+        ("", "method", CLEAN, *tracks, "mean of tracks", "fitted on", "trained on"),
+        rows,
+        "rl" + "r" * (len(tracks.columns) + 2) + "ll",
+        tuple(_tracks_notes(board, tracks)),
+        records=tuple(records_of(board, folder)),
+    )
+
+
+def tracks_of(board: ScoreBoard) -> pd.DataFrame:
+    """Return each row's mean over severities, by row and metric, a column a track."""
+    means = mean_scores(board.scores, "row", "metric", "track", "severity")
+    return over_tracks(means, board.suite)
+
+
+def lighting_table(board: ScoreBoard) -> Table:
+    """Return each method's means by block, exposure for instance, a row a metric."""
+    axis = board.result.dataset.blocks
+    means = _by_level(board)
+    levels = sorted(means.index.get_level_values("level").unique())
+    rows: list[tuple[str, ...]] = []
+    records = []
+    metrics = [name for name in metrics_of(board.protocol) if name in set(board.scores["metric"])]
+    for row, standing in enumerate(board.standings):
+        for metric in metrics:
+            found = [means.at[(metric, level), row] for level in levels]
+            name = standing.entry.label if metric == metrics[0] else ""
+            shown = (*map(_shown, found), board.shown(row, metric))
+            rows.append((name, find_metric(metric).heading, *shown))
+            by_level = {f"{axis} {n}": plain(v) for n, v in zip(levels, found, strict=True)}
+            head = {"method": standing.entry.label, "metric": metric}
+            records.append({**head, **by_level, "overall": standing.scores[metric]})
+    count = len(metrics)
+    return Table(
+        f"by {axis}",
+        ("method", "", *(f"{axis} {level}" for level in levels), "overall"),
+        tuple(rows),
+        "ll" + "r" * (len(levels) + 1),
+        rules=frozenset(range(count - 1, len(rows), count)),
+        records=tuple(records),
+    )
+
+
+def _by_level(board: ScoreBoard) -> pd.DataFrame:
+    axis = board.result.dataset.blocks
+    levels = board.scores["coordinates"].map(lambda coordinates: coordinates[axis])
+    return board.means(board.scores.assign(level=levels), "metric", "level")
+
+
+def scenes_table(board: ScoreBoard) -> Table:
+    """Return each method's mean over each scene, a row a scene."""
+    return _by_scenes(board, "scene", {name: [name] for name in sorted(set(board.scores["scene"]))})
+
+
+def folds_table(board: ScoreBoard) -> Table:
+    """Return each method's mean over the test scenes of each fold, a row a fold.
+
+    It has no rows if the data set has no folds or the split does not hold at least two whole ones.
+    """
+    known = {manifest.stem: manifest for manifest in released_manifests()}
+    manifest = known.get(board.result.dataset.name)
+    there = set(board.scores["scene"])
+    folds = {f.name: f.test_scenes for f in (manifest.folds if manifest else [])}
+    whole = {name: scenes for name, scenes in folds.items() if there.issuperset(scenes)}
+    return _by_scenes(board, "fold", whole if len(whole) > 1 else {})
+
+
+def _by_scenes(board: ScoreBoard, what: str, groups: dict[str, list[str]]) -> Table:
+    own = board.scores[board.scores["metric"] == board.metric]
+    labels = [standing.entry.label for standing in board.standings]
+    members = [(name, scene) for name, scenes in groups.items() for scene in scenes]
+    parts = own.merge(pd.DataFrame(members, columns=["group", "scene"]), on="scene")
+    means = board.means(parts, "group") if groups else parts
+    rows, records = [], []
+    for name in groups:
+        found = means.loc[name]
+        rows.append((name, *map(_shown, found)))
+        records.append({what: name, **dict(zip(labels, map(plain, found), strict=True))})
+    return Table(
+        f"{find_metric(board.metric).heading} by {what}",
+        (what, *labels),
+        tuple(rows),
+        "l" + "r" * len(labels),
+        records=tuple(records),
+    )
+
+
+def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
+    """Return how each method was run; with the leaderboard's folder, linked to its file."""
+    rows = tuple(
+        (
+            entry.result.method.name if folder is None else Link(entry.result.method.name, link),
+            parameters_of(entry.result),
+            training_of(entry.result.method),
+            seconds_text(entry.seconds),
+            machine_of(entry.result),
+            entry.result.method.paper or NOTHING,
+        )
+        for entry in (standing.entry for standing in board.standings)
+        for link in [link_to(entry.path, folder or entry.path)]
+    )
+    columns = ("method", "parameters", "training data", "seconds per pair", "machine", "paper")
+    return Table("how they were run", columns, rows, "lllrll", (SECONDS_NOTE,))
+
+
+def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
+    """Return the rows of a ranking as data, numbers in full."""
+    metric, data = board.metric, board.result.dataset
+    by_place = _by_place(board)
+    records = []
+    for row, standing in enumerate(board.standings):
+        entry, above = standing.entry, standing.above
+        low, high = standing.interval or (None, None)
+        records.append(
+            {
+                "dataset": data.name if board.suite == CLEAN else part_name(data.name)[0],
+                "split": data.split,
+                "suite": board.suite,
+                "protocol": board.protocol,
+                "fingerprint": data.fingerprint,
+                "rank": standing.rank,
+                "method": entry.result.method.name,
+                "parameters": parameters_of(entry.result),
+                **_knowledge(board, entry),
+                **standing.scores,
+                f"{metric}_low": low,
+                f"{metric}_high": high,
+                "interval": interval_name(board.scenes),
+                f"{metric}_difference": above.mean if above else None,
+                f"{metric}_difference_low": above.low if above else None,
+                f"{metric}_difference_high": above.high if above else None,
+                **{place: plain(values[row]) for place, values in by_place.items()},
+                "seconds": entry.seconds,
+                "machine": machine_of(entry.ranked_runs[0]),
+                "pairs": "/".join(
+                    str(sum(getattr(run.dataset, count) for run in entry.ranked_runs))
+                    for count in ("evaluated", "expected")
+                ),
+                "result": link_to(entry.path, folder),
+            }
+        )
+    return records
+
+
+def _by_place(board: ScoreBoard) -> dict[str, list[float]]:
+    """Return means by metric and lighting, or by metric and track, a value for each row."""
+    if board.suite == CLEAN:
+        axis = board.result.dataset.blocks
+        levels = _by_level(board).sort_index()
+        places = [f"{name} {axis} {level}" for name, level in levels.index.tolist()]
+        return dict(zip(places, levels.to_numpy().tolist(), strict=True))
+    runs = board.means(board.scores, "metric", "track", "severity").sort_index()
+    tracks = pd.DataFrame(tracks_of(board).stack("track").unstack("row"))
+    places = [
+        f"{name} {track}" + (f"-{severity}" if severity else "")
+        for name, track, severity in runs.index.tolist()
+    ]
+    places += [f"{name} {track}" for name, track in tracks.index.tolist()]
+    values = runs.to_numpy().tolist() + tracks[list(runs.columns)].to_numpy().tolist()
+    return dict(zip(places, values, strict=True))
+
+
+def _knowledge(board: ScoreBoard, entry: Entry) -> dict[str, object]:
+    if board.suite == CLEAN:
+        method = entry.result.method
+        said = {"told": told(entry.result), "trained_on": method.trained_on}
+        return {**said, "fitted_on": method.fitted_on}
+    return {
+        "given_blur": entry.given_blur,
+        "trained_on": _seen(entry, lambda run: run.method.trained_on),
+        "fitted_on": _seen(entry, lambda run: run.method.fitted_on),
+    }
+
+
+def link_to(path: Path, folder: Path) -> str:
+    """Return where a link to a file leads, from the leaderboard's folder.
+
+    Examples
+    --------
+    >>> link_to(Path("runs/mine/result.json"), Path("leaderboard"))
+    '../runs/mine/result.json'
+    """
+    return Path(os.path.relpath(path, folder)).as_posix()
+
+
+def _linked(entry: Entry, folder: Path) -> str:
+    return Link(entry.label, link_to(entry.path, folder))
+
+
+def plain(value: Any) -> float | None:
+    """Return a number of a table; None if it is NaN."""
+    return None if np.isnan(value) else float(value)
+
+
+def _shown(value: Any) -> str:
+    return score_text(plain(value))
+
+
+def _ranking_notes(board: ScoreBoard) -> list[str]:
+    score = find_metric(board.metric).title
+    above = f"Difference from the row above: how much larger {score} is, pair by pair, with its"
+    if board.scenes == 1:
+        note = "A single scene: no interval."
+    elif board.scenes >= SCENES_TO_TELL:
+        note = (
+            f"95 %: interval of {score} from a bootstrap over {board.scenes} scenes. {above} "
+            "interval; real if that excludes 0."
+        )
+    else:
+        note = (
+            f"Range of scene means: the lowest and the highest {score} of {board.scenes} scenes. "
+            f"{above} range over scenes. Fewer than six scenes are too few for a 95 % interval, "
+            "and too few to tell a difference from chance."
+        )
+    notes = [note, TOLD_NOTE]
+    trained_on = [standing.entry.result.method.trained_on or "" for standing in board.standings]
+    others = {text.partition(",")[0] for text in trained_on} - {board.result.dataset.name}
+    notes += [f"{m.stem}: {m.title}." for m in released_manifests() if m.stem in others]
+    for standing in board.standings:
+        entry = standing.entry
+        dataset = entry.result.dataset
+        if entry.result.method.name == "constant" and (ssim := standing.scores.get("ssim")):
+            notes.append(
+                f"Compare {find_metric('ssim').title} with {ssim:.2f}, which a constant depth map "
+                "already reaches here."
+            )
+        if not entry.complete:
+            notes.append(
+                f"{entry.label}: {dataset.evaluated} of {dataset.expected} pairs evaluated; means "
+                "of these are in brackets, and an incomplete run has no rank"
+            )
+        elif entry.given_blur:
+            notes.append(f"{entry.label}: given a blur on a track, so it has no rank")
+        elif standing.scores.get(board.metric) is None:
+            notes.append(f"{entry.label}: {score} is defined for no pair")
+    return notes
+
+
+def _tracks_notes(board: ScoreBoard, tracks: pd.DataFrame) -> list[str]:
+    notes = [
+        "A track's column is the mean over its severities. Methods are ranked by the mean of "
+        "tracks, clean images left out. On a track no method is given the blur; on clean images "
+        "a method that asks for the recipe is.",
+        "Fitted on, trained on: this track means its training pairs at the same severity; clean "
+        "means the training pairs of the set without a track.",
+    ]
+    for row, standing in enumerate(board.standings):
+        label = standing.entry.label
+        if standing.entry.given_blur:
+            notes.append(
+                f"{label}: no rank. No method may be given the blur of a track; the row shows what "
+                "knowing it is worth, and a fitted method may still do better"
+            )
+        if lacking := [track for track, value in tracks.loc[row].items() if np.isnan(value)]:
+            notes.append(f"{label}: no rank without all of {', '.join(map(str, lacking))}")
+    return notes
+
+
+def _seen(entry: Entry, text_of: Callable[[Result], str | None]) -> str:
+    texts = {
+        _in_short(text, run.dataset.name) for run in entry.ranked_runs if (text := text_of(run))
+    }
+    return "; ".join(sorted(texts)) or NOTHING
+
+
+def _in_short(text: str, dataset: str) -> str:
+    name, _, rest = text.partition(", ")
+    if name == dataset:
+        return "this track"
+    base, track = part_name(name)
+    synthetic = {m.stem for m in released_manifests() if m.recipe is not None}
+    # Words after the split say that training was not on clean images.
+    if base not in synthetic or track or ", " in rest:
+        return text
+    return CLEAN if base == part_name(dataset)[0] else f"{CLEAN} {base}"

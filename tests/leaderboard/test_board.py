@@ -1,0 +1,174 @@
+"""A leaderboard as a whole: read, checked, shown, and the one that this repository holds."""
+
+import json
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from dfdbench.errors import ResultError, UnknownNameError
+from dfdbench.leaderboard.board import MARKER, leaderboard
+from dfdbench.leaderboard.row_file import read_row
+from dfdbench.leaderboard.submission import submit
+from dfdbench.metrics.protocol import RELEASED
+from tests.leaderboard.made_boards import add, scored
+from tests.leaderboard.made_tracks import make_tracks
+from tests.made_results import make_demo_result
+
+HERE = Path(__file__).parents[2]
+NAMES = ("a b \"c\" 'd'", "x|y", "<script>alert(1)</script>", "**bold**", "🐟", "[a](b)", "$x$")
+
+
+def test_its_scores_are_one_table_and_its_rankings_frames(tmp_path: Path) -> None:
+    add(tmp_path, "mine", 0.1, protocols=("thesis", "valid"))
+    submit(list(make_tracks("solver", 0.5, ["gain-1"], uses=["recipe"]).values()), tmp_path)
+    board = leaderboard(tmp_path)
+    scores = board.scores
+    assert len(scores) == 54 * 3 * (2 + 2)
+    means = scores.groupby(["method", "track", "severity", "metric"])["value"].mean()
+    assert means["solver, given the blur", "gain", 1, "nmae"] == 0.25
+    ranked = board.table("demo")
+    assert ranked[["rank", "method", "protocol"]].to_numpy().tolist() == [[1, "mine", "thesis"]]
+    assert board.table("demo-1", protocol="valid")["nrmse"][0] == ranked["nrmse"][0]
+    assert board.table("demo", suite="tracks-1")["rank"].isna().all()
+    with pytest.raises(UnknownNameError, match="did you mean demo-1 test clean"):
+        board.table("dem", protocol="thesis")
+    assert repr(board) == f"<leaderboard {tmp_path}: 2 rows on 1 data set>"
+    assert "<b>demo-1, split test, protocol thesis</b>" in board._repr_html_()
+
+
+def test_a_name_is_text_whatever_it_holds(tmp_path: Path) -> None:
+    for name in NAMES:
+        submit(make_demo_result(lambda pair: 0.1, name), tmp_path)
+    text = leaderboard(tmp_path).write().read_text("utf-8")
+    assert "<script>" not in text
+    assert "🐟" in text
+    rows = [line for line in text.splitlines() if re.match(r"\| 1 \|", line)]
+    assert len(rows) == len(NAMES)
+    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {10}
+    targets = re.findall(r"\]\((results/.*?)\)", text)
+    assert len(targets) == len(NAMES)
+    assert all((tmp_path / target).exists() for target in targets)
+
+
+def test_what_was_written_is_up_to_date_until_something_changes(tmp_path: Path) -> None:
+    add(tmp_path, "mine", 0.1)
+    with pytest.raises(ResultError, match="stale"):
+        leaderboard(tmp_path).require_written()
+    path = leaderboard(tmp_path).write()
+    leaderboard(tmp_path).require_written()
+    path.write_text(path.read_text("utf-8").replace("0.1016", "0.0100", 1))
+    with pytest.raises(ResultError, match=r"README.md, line \d+"):
+        leaderboard(tmp_path).require_written()
+
+
+def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(tmp_path: Path) -> None:
+    add(tmp_path, "mine", 0.1)
+    text = leaderboard(tmp_path).write().read_text("utf-8")
+    for words in ("lens told", "in metres", "## Tracks", "not run"):
+        assert words not in text
+    submit(make_demo_result(lambda pair: 0.1, "lens", {"recipe": "rig"}), tmp_path)
+    result = make_demo_result(lambda pair: 0.1, "far")
+    metres = dict.fromkeys(("abs_rel", "rmse_m", "delta_1", "delta_2", "delta_3"), 0.25)
+    pairs = [pair.model_copy(update={"scores": {"metric": metres}}) for pair in result.pairs]
+    protocols = [RELEASED["metric"].as_dict()]
+    submit(result.model_copy(update={"pairs": pairs, "protocols": protocols}), tmp_path)
+    submit(list(make_tracks("tracked").values()), tmp_path)
+    submit(scored("elsewhere", 0.01), tmp_path)
+    text = leaderboard(tmp_path).write().read_text("utf-8")
+    assert "| lens told | the lens, from" in text
+    assert "ties by NMAE; in metres, by AbsRel." in text
+    assert "## Tracks: nobody tells the blur" in text
+    ranked, below = text.split("## Scored, not run")
+    assert "elsewhere" not in ranked
+    assert "elsewhere (scored, not run)](results/" in below
+    leaderboard(tmp_path).require_written()
+
+
+def test_without_rows_it_says_so(tmp_path: Path) -> None:
+    (tmp_path / "results").mkdir()
+    board = leaderboard(tmp_path)
+    assert board.scores.empty
+    assert "No results yet" in board.write().read_text("utf-8")
+
+
+def test_somebody_elses_readme_is_left_as_it_is(tmp_path: Path) -> None:
+    add(tmp_path, "mine", 0.1)
+    (tmp_path / "README.md").write_text("# My project\n")
+    with pytest.raises(ResultError, match="left as it is"):
+        leaderboard(tmp_path)
+    assert (tmp_path / "README.md").read_text() == "# My project\n"
+
+
+def test_a_folder_that_is_no_leaderboard_becomes_none(tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match="no leaderboard here"):
+        leaderboard(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_everything_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
+    first, second, third = (add(tmp_path, name, 0.1) for name in ("one", "two", "three"))
+    first.write_text("{")
+    second.rename(second.with_name("elsewhere.json"))
+    content = json.loads(third.read_text("utf-8"))
+    content["manifest_sha256"] = "9" * 64
+    third.write_text(json.dumps(content))
+    with pytest.raises(ResultError) as caught:
+        leaderboard(tmp_path)
+    assert [str(problem).splitlines()[0].split(" (")[0] for problem in caught.value.problems] == [
+        f"the row belongs in {second}",
+        "wrong value in a row of the leaderboard",
+        "made from another manifest than demo-1",
+    ]
+
+
+def test_a_score_that_other_rows_have_may_not_be_left_out(tmp_path: Path) -> None:
+    # A pair that no row has a score of is undefined for its ground truth, and no mistake.
+    for name in ("one", "two"):
+        path = add(tmp_path, name, 0.1)
+        content = json.loads(path.read_text("utf-8"))
+        content["runs"][0]["scores"]["thesis"]["nmae"][0] = None
+        path.write_text(json.dumps(content))
+    leaderboard(tmp_path)
+    content["runs"][0]["scores"]["thesis"]["nrmse"][5] = None
+    path.write_text(json.dumps(content))
+    with pytest.raises(
+        ResultError, match=r"two has no nrmse under thesis.*illumination2/exposure2"
+    ):
+        leaderboard(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["README.md", "note.md", "fingerprints.json", "published/a.json"])
+def test_what_is_no_text_file_in_the_folder_is_told(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "board"
+    add(folder, "mine", 0.1)
+    path = folder / name
+    path.parent.mkdir(exist_ok=True)
+    makes: tuple[Callable[[], object], ...] = (
+        path.mkdir,
+        lambda: os.mkfifo(path),
+        lambda: path.write_bytes(MARKER.encode() + b"\xff\xfe"),
+    )
+    for make in makes:
+        make()
+        with pytest.raises(ResultError) as caught:
+            leaderboard(folder).write()
+        assert str(path) in caught.value.problems[0].where
+        path.rmdir() if path.is_dir() else path.unlink()
+
+
+@pytest.mark.parametrize("name", ["demo-1", "middlebury-default-1"])
+def test_the_committed_leaderboard_says_what_the_mismatch_does(name: str) -> None:
+    scores = {}
+    for stem in ("graph-cuts", "graph-cuts-recipe=text"):
+        row = read_row(HERE / f"leaderboard/results/{name}-test/{stem}.json")
+        scores[stem] = (row.results[0].averages or {})["thesis"]["nrmse"] or 0.0
+    assert scores["graph-cuts-recipe=text"] > 2 * scores["graph-cuts"] > 0
+
+
+def test_the_workflow_runs_the_check() -> None:
+    text = (HERE / ".github/workflows/leaderboard.yml").read_text("utf-8")
+    assert "pull_request" in text
+    assert "run: dfdbench leaderboard --check" in text

@@ -1,0 +1,153 @@
+"""Who is ranked where, and with whom."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dfdbench.blur.tracks import SUITES
+from dfdbench.leaderboard.board import leaderboard
+from dfdbench.leaderboard.ranking import Entry, ScoreBoard, boards, mean_of_all, over_tracks
+from dfdbench.leaderboard.submission import submit
+from dfdbench.results.record import Result
+from tests.leaderboard.made_boards import add, only_board, scored
+from tests.leaderboard.made_tracks import ALL, make_tracks
+from tests.made_results import limited, make_demo_result
+
+
+def ranks(board: ScoreBoard) -> list[tuple[int | None, str]]:
+    return [(standing.rank, standing.entry.label) for standing in board.standings]
+
+
+def with_seconds(result: Result, seconds: list[float], alone: bool = True) -> Result:
+    pairs = [
+        pair.model_copy(update={"seconds": seconds[at % len(seconds)], "timed_alone": alone})
+        for at, pair in enumerate(result.pairs)
+    ]
+    return result.model_copy(update={"pairs": pairs})
+
+
+def test_the_ranking_is_by_nrmse_with_an_interval_and_the_row_above(tmp_path: Path) -> None:
+    add(tmp_path, "worse", 0.2)
+    add(tmp_path, "better", 0.1)
+    first, second = only_board(tmp_path).standings
+    assert [(s.rank, s.entry.label) for s in (first, second)] == [(1, "better"), (2, "worse")]
+    assert first.above is None
+    assert second.above is not None
+    assert second.above.mean == pytest.approx(0.1)
+    assert (second.above.losses, second.above.verdict) == (54, "too few scenes to tell")
+    assert first.interval is not None
+    score = first.scores["nrmse"]
+    assert score is not None
+    assert first.interval[0] < score < first.interval[1]
+
+
+def test_ties_go_to_nmae_and_full_ties_share_a_rank(tmp_path: Path) -> None:
+    for name in ("c", "a", "b"):
+        add(tmp_path, name, 0.1)
+    add(tmp_path, "last", 0.3)
+    made = make_demo_result(lambda p: 0.3 + 0.0001 * len(p.scene) + 0.001 * p.at["exposure"], "z")
+    pairs = [
+        pair.model_copy(update={"scores": {"thesis": pair.scores["thesis"] | {"nmae": 0.0}}})
+        for pair in made.pairs
+    ]
+    submit(made.model_copy(update={"pairs": pairs}), tmp_path)
+    found = ranks(only_board(tmp_path))
+    assert found == [(1, "a"), (1, "b"), (1, "c"), (4, "z"), (5, "last")]
+
+
+def test_other_data_or_protocol_is_another_ranking(tmp_path: Path) -> None:
+    one = make_demo_result(lambda pair: 0.1, "one", protocols=("thesis", "valid"))
+    others = make_demo_result(lambda pair: 0.1, "others", fingerprint="5" * 64)
+    # A set of one's own whose crop was changed has the same images and other scores.
+    dataset = one.dataset.model_copy(update={"manifest_sha256": "7" * 64})
+    changed = one.model_copy(update={"dataset": dataset, "protocols": one.protocols[:1]})
+    found = boards([Entry.of(run, tmp_path) for run in (one, others, changed)])
+    assert [(b.protocol, b.result.dataset.fingerprint[0], len(b.standings)) for b in found] == [
+        ("thesis", "2", 1),
+        ("thesis", "2", 1),
+        ("thesis", "5", 1),
+        ("valid", "2", 1),
+    ]
+
+
+def test_an_incomplete_run_is_listed_without_rank(tmp_path: Path) -> None:
+    add(tmp_path, "whole", 0.3)
+    submit(limited(make_demo_result(lambda pair: 0.001, "stopped"), 7), tmp_path)
+    board = only_board(tmp_path)
+    assert ranks(board) == [(1, "whole"), (None, "stopped")]
+    assert board.standings[1].scores["nrmse"] is None
+    assert board.shown(1, "nrmse") == "(0.0010)"
+
+
+def test_a_run_given_a_blur_on_a_track_has_no_rank(tmp_path: Path) -> None:
+    run = make_tracks(labels=["gain-1"], uses=["recipe"])["gain-1"]
+    (board,) = boards([Entry.of(run, tmp_path)])
+    assert ranks(board) == [(None, "mine")]
+
+
+def test_what_was_not_run_is_apart_and_has_no_rank(tmp_path: Path) -> None:
+    add(tmp_path, "mine", 0.2)
+    submit(scored("elsewhere", 0.01), tmp_path)
+    run, apart = leaderboard(tmp_path).boards
+    assert ranks(run) == [(1, "mine")]
+    assert ranks(apart) == [(None, "elsewhere (scored, not run)")]
+
+
+def test_a_suite_is_ranked_by_the_mean_over_its_tracks(tmp_path: Path) -> None:
+    for name, value in (("b", 0.2), ("a", 0.1), ("c", 0.2)):
+        submit(list(make_tracks(name, value).values()), tmp_path)
+    submit(list(make_tracks("told", 0.01, uses=["recipe"]).values()), tmp_path)
+    submit(list(make_tracks("part", 0.01, labels=ALL[:-1]).values()), tmp_path)
+    board = only_board(tmp_path)
+    assert (board.suite, board.protocol) == ("tracks-1", "valid")
+    assert ranks(board) == [
+        (1, "a"),
+        (2, "b"),
+        (2, "c"),
+        (None, "part"),
+        (None, "told, given the blur"),
+    ]
+    assert board.standings[0].scores["nmae"] == pytest.approx(0.05)
+
+
+def test_a_suite_needs_every_severity_of_every_track() -> None:
+    places = [(label.split("-")[0], int(label.split("-")[1])) for label in SUITES["tracks-1"]]
+    index = pd.MultiIndex.from_tuples([(0, *place) for place in places])
+    means = pd.Series(range(21), index.set_names(["row", "track", "severity"]), float)
+    by_track = over_tracks(means, "tracks-1").to_numpy()[0]
+    assert list(by_track) == [1, 4, 7, 10, 13, 16, 19]
+    assert mean_of_all(by_track) == 10
+    lacking = over_tracks(means.drop(index=(0, "camera", 3)), "tracks-1").to_numpy()[0]
+    assert np.isnan(lacking).tolist() == [False] * 6 + [True]
+    assert np.isnan(mean_of_all(lacking))
+
+
+def test_a_new_track_takes_no_rank_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    submit(list(make_tracks("old", 0.2, labels=ALL[:-3]).values()), tmp_path)
+    smaller = {"tracks-1": tuple(ALL[:-3]), "tracks-2": tuple(ALL)}
+    for module in ("row_file", "submission", "ranking", "board"):
+        monkeypatch.setattr(f"dfdbench.leaderboard.{module}.SUITES", smaller)
+    submit(list(make_tracks("new", 0.1).values()), tmp_path)
+    found = {board.suite: ranks(board) for board in leaderboard(tmp_path).boards}
+    assert found == {"tracks-1": [(1, "new"), (2, "old")], "tracks-2": [(1, "new")]}
+
+
+@pytest.mark.parametrize(
+    ("seconds", "alone", "median"), [([1.0, 1.0, 9.0], True, 1.0), ([1.0], False, None)]
+)
+def test_seconds_are_the_median_of_pairs_that_ran_alone(
+    tmp_path: Path, seconds: list[float], alone: bool, median: float | None
+) -> None:
+    result = with_seconds(make_demo_result(lambda pair: 0.1), seconds, alone)
+    assert Entry.of(result, tmp_path).seconds == median
+
+
+@pytest.mark.slow
+def test_a_hundred_results(tmp_path: Path) -> None:
+    result = make_demo_result(lambda pair: 0.1)
+    for number in range(100):
+        method = result.method.model_copy(update={"name": f"method {number:02}"})
+        submit(result.model_copy(update={"method": method}), tmp_path)
+    assert ranks(only_board(tmp_path)) == [(1, f"method {number:02}") for number in range(100)]

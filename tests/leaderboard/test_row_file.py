@@ -1,0 +1,175 @@
+"""A row's file: what it keeps of runs, and what it refuses."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dfdbench.errors import ResultError
+from dfdbench.leaderboard.row_file import (
+    file_stem,
+    read_row,
+    row_of,
+    row_problems,
+    row_text,
+    training_problems,
+)
+from dfdbench.results.record import Result
+from tests.leaderboard.made_tracks import make_tracks
+from tests.made_results import limited, make_demo_result
+
+WEIGHTS = "5" * 64
+
+
+def saved(folder: Path, results: list[Result]) -> Path:
+    path = folder / "row.json"
+    path.write_text(row_text(row_of(results, ["clean"])), "utf-8")
+    return path
+
+
+def test_a_row_gives_back_every_number_of_its_runs(tmp_path: Path) -> None:
+    runs = make_tracks("mine", 1 / 3, ["noise-1", "camera-2"], fitted_on="demo-1@{label}, train")
+    clean = make_demo_result(lambda pair: 1 / 7, protocols=("thesis", "valid"))
+    pairs = [pair.model_copy(update={"numbers": {"energy": 1.5}}) for pair in clean.pairs]
+    clean = clean.model_copy(update={"pairs": pairs})
+    stopped = limited(runs["noise-1"], 5)
+    elsewhere = clean.environment.model_copy(update={"cpu": "another"})
+    moved = [pair.model_copy(update={"machine": 1}) for pair in stopped.pairs]
+    stopped = stopped.model_copy(update={"other_environments": [elsewhere], "pairs": moved})
+    results = [clean, stopped, runs["camera-2"]]
+    assert list(read_row(saved(tmp_path, results)).results) == results
+
+
+def test_what_is_common_to_the_runs_is_kept_once(tmp_path: Path) -> None:
+    path = saved(tmp_path, list(make_tracks().values()))
+    text = path.read_text("utf-8")
+    assert text.count('"Kitchen/view1/illumination1/exposure0"') == 1
+    assert text.count('"platform"') == 1
+    assert path.stat().st_size < 170_000
+
+
+def test_the_row_of_a_method_given_the_blur_has_a_name_of_its_own() -> None:
+    told = make_tracks("graph-cuts", labels=["gain-1"], uses=["recipe"])
+    assert row_of(list(told.values()), ["tracks-1"]).label == "graph-cuts, given the blur"
+    given = make_tracks("graph-cuts", labels=["gain-1"], parameters={"recipe": "published"})
+    label = "graph-cuts (recipe=published), given a blur"
+    assert row_of(list(given.values()), ["tracks-1"]).label == label
+
+
+def test_names_that_differ_in_what_no_file_name_holds_are_told_apart() -> None:
+    names = ("a|b", "a<b", 'a"b', "a🐟b", "../a b", "a_b", "x" * 90, "x" * 91)
+    stems = {file_stem(name) for name in names}
+    assert len(stems) == len(names)
+    assert all(stem.isascii() and "/" not in stem and len(stem) < 100 for stem in stems)
+
+
+def drop_pair(content: dict[str, Any]) -> None:
+    del content["pairs"][0]
+    for run in content["runs"]:
+        for column in (run["status"], run["seconds"], run["prediction_sha256"]):
+            del column[0]
+        for scores in run["scores"].values():
+            for column in scores.values():
+                del column[0]
+
+
+def change(*places: str | int, to: object) -> Callable[[dict[str, Any]], None]:
+    def tamper(content: Any) -> None:
+        for place in places[:-1]:
+            content = content[place]
+        content[places[-1]] = to
+
+    return tamper
+
+
+RUN = ("runs", 0)
+SCORE = (*RUN, "scores", "thesis", "nrmse", 3)
+
+
+@pytest.mark.parametrize(
+    ("tamper", "told"),
+    [
+        (drop_pair, "not those of demo-1, split test: Kitchen/view1/illumination1/exposure0"),
+        (change("pairs", 0, to="Kitchen"), "not those of demo-1"),
+        (change("dataset", to="demmo-1"), "unknown data set"),
+        (change("split", to="tset"), "unknown split"),
+        (change("suites", to=["tracks-9"]), "no such suite"),
+        (change("status", to="reproduced"), "unknown field"),
+        (change(*SCORE, to=-0.1), "nrmse should be from 0 to 255"),
+        (change(*SCORE, to="0.1"), "valid number"),
+        (change(*RUN, "scores", "thesis", "ssim", 0, to=1.5), "ssim should be from -1 to 1"),
+        (change(*RUN, "scores", "thesis", "nmae", to=[]), "0 places for 54 pairs"),
+        (change(*RUN, "scores", to={"mine": {}}), "no such protocol"),
+        (change(*RUN, "scores", "thesis", to={}), "metrics should be nrmse"),
+        (change(*RUN, "seconds", 0, to=None), "an evaluated pair has no seconds"),
+        (change(*RUN, "prediction_sha256", 0, to=None), "no prediction_sha256"),
+        (change(*RUN, "status", 0, to="failed"), "of a pair that was not evaluated"),
+        (change(*RUN, "label", to="fog-1"), "no such run"),
+        (change(*RUN, "machine", to=[1] * 54), "a machine that is not listed"),
+        (lambda content: content["runs"].append(content["runs"][0]), "is there twice"),
+    ],
+)
+def test_a_file_that_contradicts_itself_is_refused(
+    tmp_path: Path, tamper: Callable[[dict[str, Any]], None], told: str
+) -> None:
+    path = saved(tmp_path, [make_demo_result(lambda pair: 0.1)])
+    content = json.loads(path.read_text("utf-8"))
+    tamper(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultError, match=told) as caught:
+        read_row(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\xff", b'{"schema_version": 2}'])
+def test_what_is_no_row_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "row.json"
+    path.write_bytes(content)
+    with pytest.raises(ResultError, match=r"row\.json"):
+        read_row(path)
+
+
+def problems(folder: Path, **changes: Any) -> str:
+    row = row_of([make_demo_result(lambda pair: 0.1)], ["clean"])
+    return "\n".join(map(str, row_problems(row.model_copy(update=changes), folder, "here")))
+
+
+def test_other_data_and_another_method_of_a_known_name_are_told(tmp_path: Path) -> None:
+    assert not problems(tmp_path)
+    assert "another manifest" in problems(tmp_path, manifest_sha256="9" * 64)
+    (tmp_path / "fingerprints.json").write_text(json.dumps({"demo-1": ["8" * 64]}))
+    assert f"clean, fingerprint): expected {'8' * 64}" in problems(tmp_path)
+    (tmp_path / "fingerprints.json").write_text(json.dumps({"demo-1": ["2" * 64]}))
+    assert not problems(tmp_path)
+    method = make_demo_result(lambda pair: 0.1, "graph-cuts").method
+    assert "graph-cuts is another method here" in problems(tmp_path, method=method)
+    (tmp_path / "fingerprints.json").write_text("[]")
+    with pytest.raises(ResultError, match="list of fingerprints"):
+        problems(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("trained_on", "dataset", "split", "scenes"),
+    [
+        ("demo-1, split train", "demo-1", "all", "Attic, Barn, Cabin, Depot, Forge, Garage"),
+        ("demo-1, all but Attic", "demo-1", "test", "Kitchen, Library, Market"),
+        ("middlebury-third-1, split train", "middlebury-default-1", "Aloe", "Aloe"),
+        ("demo-1, split train", "demo-1", "test", None),
+        ("demo-1, all but Attic", "demo-1", "Attic", None),
+        ("photographs of my own", "demo-1", "all", None),
+        ("mine-1, split train", "demo-1", "all", None),
+        (None, "demo-1", "all", None),
+    ],
+)
+def test_scenes_that_weights_were_trained_on_are_named(
+    trained_on: str | None, dataset: str, split: str, scenes: str | None
+) -> None:
+    found = [p.what for p in training_problems(trained_on, WEIGHTS, dataset, split, "here")]
+    what = f"the weights were trained on scenes of the test, {scenes}"
+    assert found == ([what] if scenes else [])
+
+
+def test_a_method_without_weights_may_know_the_training_mean() -> None:
+    assert not training_problems("demo-1, split train", None, "demo-1", "all", "here")
