@@ -45,13 +45,6 @@ def test_excess_is_what_would_be_gone() -> None:
     assert math.isnan(ERRORS.excess(np.ones(256, bool)))
 
 
-def test_sums_add_up() -> None:
-    both = LevelErrors.total([ERRORS, ERRORS])
-    assert both.pixels.sum() == 6
-    assert both.mean(NINE) == ERRORS.mean(NINE)
-    assert math.isnan(LevelErrors.total([]).excess(NINE))
-
-
 def errors_of(levels: dict[int, tuple[int, float]]) -> LevelErrors:
     """The errors of some pixels of each level, by level: how many, and by how much."""
     pixels, absolute, squared = np.zeros(256, np.int64), np.zeros(256), np.zeros(256)

@@ -6,7 +6,6 @@ import pandas as pd
 
 from dfdbench.figures.comparisons import (
     accuracy_figure,
-    change_figure,
     lighting_figures,
     time_figure,
     tracks_figure,
@@ -70,10 +69,6 @@ def test_times_are_boxes_and_nothing_run_is_no_figure() -> None:
     saved = SavedRun(Path("r.json"), nothing, None, "")
     assert time_figure([saved]) is None
     assert lighting_figures([saved], "thesis") == {}
-
-
-def test_without_depth_maps_there_are_no_panels() -> None:
-    assert change_figure(run("one"), run("two"), (), "nrmse") is None
 
 
 def test_accuracy_and_seconds_are_a_mark_a_method() -> None:

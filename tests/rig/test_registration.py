@@ -105,16 +105,3 @@ def test_a_scene_of_another_rig_is_registered_by_itself_and_spoils_nothing() -> 
     assert [found[name].boards for name in scenes] == [2, 2, 1]
     for name, (_, pose) in scenes.items():
         assert shift(found[name], sightings[name], pose) < 3
-
-
-@pytest.mark.slow
-def test_rays_and_an_outline_that_disagree_are_refused() -> None:
-    rays = sighted(3, MOUNTED).rays
-    small = [np.array(line) for line in ([1.0, 0, -300], [0, 1.0, -300], [-1.0, 0, 400])]
-    _, problems = register({"k03": Sighting(rays, [[line] for line in small])}, RIG)
-    assert "rays agree with the board" in str(problems["k03"][0])
-
-
-def test_a_plain_image_shows_no_sides() -> None:
-    plain = np.full((728, 736, 3), 90, np.uint8)
-    assert sight(plain, scanned(3, MOUNTED), read_beams(), RIG).sides == []

@@ -15,13 +15,6 @@ def test_a_photograph_is_linear_light() -> None:
     assert np.array_equal(np.rint(255 * light ** (1 / GAMMA)), encoded)
 
 
-def test_a_grey_photograph_has_three_equal_channels() -> None:
-    light = photograph("camera")
-    assert light.shape[2] == 3
-    assert (light[..., 0] == light[..., 1]).all()
-    assert (light[..., 0] == light[..., 2]).all()
-
-
 def test_a_photograph_that_is_not_shipped_is_told() -> None:
     with pytest.raises(SourceError, match="a photograph of scikit-image is missing") as caught:
         photograph("nobody")

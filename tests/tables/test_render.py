@@ -99,11 +99,6 @@ def test_github_takes_it_for_no_formula_and_strikes_nothing(text: str) -> None:
     assert text[0] not in as_markdown(Table("t", ("a",), ((text,),), "l"))
 
 
-def test_a_line_break_does_not_break_the_table() -> None:
-    lines = as_markdown(Table("t", ("a", "b"), (("x\ny", "1"),), "lr")).splitlines()
-    assert "| x y | 1 |" in lines
-
-
 def test_a_title_and_a_note_are_as_wide_as_the_terminal_not_as_the_table() -> None:
     title, note = "a title of " + "w" * 40, "a note of " + "w" * 40
     lines = render([Table(title, ("a",), (("x",),), "l", (note,))], Format.table, 80).splitlines()

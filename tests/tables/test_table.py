@@ -12,10 +12,6 @@ def test_words_wrap_and_numbers_do_not() -> None:
     assert least_width(table) == len("where") + len("1 000 000") + 7
 
 
-def test_a_table_without_rows_is_as_wide_as_its_heads() -> None:
-    assert least_width(Table("T", ("method", "NRMSE"), (), "lr")) == len("method") + 5 + 7
-
-
 @settings(max_examples=20)
 @given(rows=st.lists(st.tuples(WORDS, WORDS, WORDS), max_size=4))
 def test_no_word_and_no_number_is_broken(rows: list[tuple[str, str, str]]) -> None:
