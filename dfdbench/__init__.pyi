@@ -6,21 +6,27 @@ from .api import (
     list_datasets,
     list_methods,
     load_method,
-    open_dataset,
     open_run,
     run,
     run_tracks,
     score,
 )
+from .board.board import Board, leaderboard
+from .datasets.dataset import Capture, Captures, Dataset, open_dataset
 from .evaluation.predict import predict
 from .figures.pairs import show
 
 __version__: str
 __all__ = [
+    "Board",
+    "Capture",
+    "Captures",
     "Comparison",
+    "Dataset",
     "Run",
     "build",
     "compare",
+    "leaderboard",
     "list_datasets",
     "list_methods",
     "load_method",

@@ -19,9 +19,7 @@ from dfdbench.building.build import build_store
 from dfdbench.building.obtaining import obtain
 from dfdbench.building.plan import plan_build
 from dfdbench.datasets.catalog import find_manifest, released_manifests
-from dfdbench.datasets.pair_images import PairImages
-from dfdbench.datasets.store import Store
-from dfdbench.datasets.store import open_store as _open_store
+from dfdbench.datasets.dataset import Capture, Dataset, open_dataset
 from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import InputError, ResultError
 from dfdbench.evaluation.evaluate import evaluate
@@ -119,7 +117,7 @@ class Run:
             if found is not None:
                 yield pair.id, found[1]
 
-    def images(self, pair: str) -> tuple[PairImages, NDArray[np.float32]]:
+    def images(self, pair: str) -> tuple[Capture, NDArray[np.float32]]:
         """Return a pair's images and the depth predicted for it.
 
         Raises
@@ -220,7 +218,7 @@ def build(
     workers: int | None = None,
     cache: Path | None = None,
     on_scene: Progress | None = None,
-) -> Store:
+) -> Dataset:
     """Build a data set; what was fetched or finished before is kept.
 
     Parameters
@@ -248,7 +246,7 @@ def build(
 
     Returns
     -------
-    Store
+    Dataset
         The data set. What is missing or looks odd is warned about.
 
     Raises
@@ -270,26 +268,7 @@ def build(
         said.append(f"{counted(len(report.missing), 'pair')} of {plan.manifest.stem} are missing")
     for text in said:
         warnings.warn(text, stacklevel=2)
-    return Store(plan.place)
-
-
-def open_dataset(name: str, cache: Path | None = None) -> Store:
-    """Open a data set that is built: by its name, or by the path or URL of its store.
-
-    Raises
-    ------
-    StoreError
-        If it is not built; the message says how to build it.
-    UnknownNameError
-        If there is no such data set.
-
-    Examples
-    --------
-    >>> data = open_dataset("demo")  # doctest: +SKIP
-    >>> data.captures("test")[0].infocus.shape  # doctest: +SKIP
-    (240, 320, 3)
-    """
-    return _open_store(name, cache=cache)
+    return Dataset(plan.place)
 
 
 def list_datasets(cache: Path | None = None) -> pd.DataFrame:
@@ -354,7 +333,7 @@ def load_method(name: str, **parameters: Any) -> Method:
 
 def run(
     method: str | Callable[..., Any],
-    dataset: str | Store,
+    dataset: str | Dataset,
     split: str = "test",
     *,
     parameters: Mapping[str, Any] = MappingProxyType({}),
@@ -428,7 +407,7 @@ def run_tracks(
 
 def score(
     folder: Path | str,
-    dataset: str | Store,
+    dataset: str | Dataset,
     split: str = "test",
     *,
     unit: Unit = "levels",
@@ -442,7 +421,7 @@ def score(
     ----------
     folder : Path or str
         The depth maps: npy, npz, PNG or TIFF, named after the pairs.
-    dataset : str or Store
+    dataset : str or Dataset
         The data set.
     split : str
         Which of its pairs.
@@ -464,7 +443,7 @@ def score(
     --------
     >>> score("depth_maps", "demo").table()  # doctest: +SKIP
     """
-    data = dataset if isinstance(dataset, Store) else _open_store(dataset, cache=cache)
+    data = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, cache=cache)
     place = output_place(out or Path(tempfile.mkdtemp(prefix="dfdbench-")) / "run", folder)
     name = method or Path(folder).resolve().name
     done = score_predictions(Path(folder), data, split, place, name, unit)

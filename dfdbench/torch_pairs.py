@@ -9,8 +9,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from dfdbench.datasets.pair_sequence import open_pairs
-from dfdbench.datasets.store import WHOLE, Region
+from dfdbench.datasets.dataset import WHOLE, Region, open_dataset
 from dfdbench.errors import InputError
 from dfdbench.system.location import Place
 
@@ -36,7 +35,7 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
     seed : int
         Of the places of the crops.
     store, cache
-        Where the data set lies; see `dfdbench.datasets.store.open_store`.
+        Where the data set lies; see `dfdbench.datasets.dataset.open_dataset`.
 
     Raises
     ------
@@ -62,14 +61,14 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
         store: Place | None = None,
         cache: Path | None = None,
     ) -> None:
-        self._pairs = open_pairs(name, split, store, cache)
+        self._pairs = open_dataset(name, store, cache=cache).captures(split)
         self._crop = crop
         self._seed = seed
         # Shared with a DataLoader's workers, which are copies made before the next epoch is set.
         self._epoch = torch.zeros((), dtype=torch.int64)
         self._epoch.share_memory_()  # type: ignore[no-untyped-call]
         shapes = {pair.scene for pair in self._pairs.pairs}
-        smallest = min((min(self._pairs.store.shape_of(scene)) for scene in shapes), default=0)
+        smallest = min((min(self._pairs.dataset.shape_of(scene)) for scene in shapes), default=0)
         if crop is not None and not 0 < crop <= smallest:
             raise InputError(
                 "crops do not fit the images",
@@ -135,7 +134,7 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
     def _region(self, index: int) -> Region:
         if self._crop is None:
             return WHOLE
-        rows, columns = self._pairs.store.shape_of(self._pairs.pair_at(index).scene)
+        rows, columns = self._pairs.dataset.shape_of(self._pairs.pair_at(index).scene)
         random = np.random.default_rng((self._seed, int(self._epoch), index % len(self)))
         top = int(random.integers(0, rows - self._crop + 1))
         left = int(random.integers(0, columns - self._crop + 1))

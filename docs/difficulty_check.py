@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from dfdbench.audit.difficulty import STEPS, UNSEEN, smallest_step
-from dfdbench.datasets.store import open_store
+from dfdbench.datasets.dataset import open_dataset
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record_file import RESULT, load_result
 
@@ -25,7 +25,7 @@ def main(dataset: str, folder: Path, *ranges: str) -> None:
     Then, for each range of depth levels and for all others, the share of its pixels that cannot
     tell levels 32 apart, and its mean error.
     """
-    store = open_store(dataset)
+    store = open_dataset(dataset)
     assert store.recipe is not None
     split = load_result(folder / RESULT).dataset.split
     shares, coarse, means, steps, errors, depths = [], [], [], [], [], []

@@ -14,16 +14,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from dfdbench.datasets.dataset import Capture, Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.pair_images import PairImages
-from dfdbench.datasets.store import Store
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record_file import RESULT, load_result
 
 REGIONS = ("unknown pixels", "near a depth edge", "flat colour", "the rest")
 
 
-def regions(images: PairImages) -> NDArray[np.int64]:
+def regions(images: Capture) -> NDArray[np.int64]:
     """Give each pixel the number of its region.
 
     Unknown; within 2 pixels of a step of more than 3 levels; of 7 × 7 surroundings that span at
@@ -45,7 +44,7 @@ def regions(images: PairImages) -> NDArray[np.int64]:
 
 def main(store_path: str, run_path: str, shown_pair: str = "", out: str = "") -> None:
     """Print the table and draw the picture."""
-    store, run = Store(Path(store_path)), Path(run_path)
+    store, run = Dataset(Path(store_path)), Path(run_path)
     pixels, squared, absolute = np.zeros(4), np.zeros(4), np.zeros(4)
     for record in load_result(run / RESULT).pairs:
         pair = Pair(record.scene, tuple(record.coordinates.items()))

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.graph_cuts import GraphCuts
 
 SIDES = (0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
@@ -22,7 +22,7 @@ SIDES = (0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 
 def main(store_path: str, name: str, out: str, repeats: str = "3") -> None:
     """Print the times and draw them."""
-    store = Store(Path(store_path))
+    store = Dataset(Path(store_path))
     images = store.read(next(pair for pair in store.pairs("all") if pair.id == name))
     assert store.recipe is not None, "graph cuts need a synthetic blur"
     method = GraphCuts(store.recipe)

@@ -17,15 +17,14 @@ from numpy.typing import NDArray
 from dfdbench.blur.formation import form_pair
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.blur.tracks import TRACKS, find_degradation
-from dfdbench.datasets.pair_images import PairImages
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Capture, Dataset
 
 SEVERITIES = (1, 2, 3)
 SHOWN = (96, 128)
 LARGER = 4
 
 
-def part_with_edges(images: PairImages) -> tuple[slice, slice]:
+def part_with_edges(images: Capture) -> tuple[slice, slice]:
     """Return the part of a pair with the most depth edges, where tracks differ most."""
     depth = images.depth.astype(np.int64)
     edges = np.zeros(depth.shape)
@@ -42,7 +41,7 @@ def part_with_edges(images: PairImages) -> tuple[slice, slice]:
     return slice(top, top + SHOWN[0]), slice(left, left + SHOWN[1])
 
 
-def defocus_images(store: Store, images: PairImages, track: str) -> list[NDArray[np.uint8]]:
+def defocus_images(store: Dataset, images: Capture, track: str) -> list[NDArray[np.uint8]]:
     """Return a pair's defocus image, clean and at each severity of a track."""
     if store.recipe is None:
         raise SystemExit(f"{store.path}: needs a data set whose blur recipe is known")
@@ -63,7 +62,7 @@ def defocus_images(store: Store, images: PairImages, track: str) -> list[NDArray
 
 def main(store_path: str, out: str, pair_id: str = "") -> None:
     """Draw the picture."""
-    store = Store(Path(store_path))
+    store = Dataset(Path(store_path))
     pairs = {pair.id: pair for pair in store.pairs("all")}
     images = store.read(pairs[pair_id] if pair_id else next(iter(pairs.values())))
     part = part_with_edges(images)

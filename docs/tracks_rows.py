@@ -14,10 +14,10 @@ from pathlib import Path
 import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN, SUITES
+from dfdbench.board.board import leaderboard
+from dfdbench.board.ranking import TRACKS_PROTOCOL, ScoreBoard
 from dfdbench.figures.comparisons import tracks_figure
 from dfdbench.figures.style import write_figure
-from dfdbench.leaderboard.board import leaderboard
-from dfdbench.leaderboard.ranking import TRACKS_PROTOCOL, ScoreBoard
 from dfdbench.metrics.metric import RANKED_BY
 from dfdbench.results.track_tables import track_means
 from dfdbench.results.wording import NOTHING, score_text

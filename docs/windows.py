@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dfdbench.datasets.pair_images import PairImages
-from dfdbench.datasets.store import open_store
+from dfdbench.datasets.dataset import Capture, open_dataset
 from dfdbench.methods.registry import load
 from dfdbench.methods.s_transform import STransform
 from dfdbench.metrics.scores import nmae
@@ -25,7 +24,7 @@ WINDOWS = (9, 21, 41, 61, 91, 131)
 
 def main() -> None:
     """Print NMAE under `valid`, a line a method, a column a window."""
-    store = open_store("dfd-indoor")
+    store = open_dataset("dfd-indoor")
     pairs = [store.read(pair) for pair in store.pairs("train")]
     halves = [(pairs[::2], pairs[1::2]), (pairs[1::2], pairs[::2])]
     known = [np.concatenate([pair.depth[pair.valid] for pair in half]) for half, _ in halves]
@@ -49,15 +48,13 @@ def main() -> None:
     print("dfd-net, weights=dfd-indoor", *(f"{each:.4f}" for each in row))
 
 
-def error(pair: PairImages, depth: ArrayLike) -> float:
+def error(pair: Capture, depth: ArrayLike) -> float:
     """Return the mean absolute error over known pixels, as a part of all levels."""
     return nmae(pair.depth, depth, data_range=255, mask=pair.valid)
 
 
 def transform_error(
-    halves: Sequence[tuple[Sequence[PairImages], Sequence[PairImages]]],
-    smoothing: float,
-    window: int,
+    halves: Sequence[tuple[Sequence[Capture], Sequence[Capture]]], smoothing: float, window: int
 ) -> float:
     """Return the mean error of `s-transform` on scenes that it was not fitted on."""
     scores = []

@@ -12,12 +12,12 @@ import tomllib
 from pathlib import Path
 
 from dfdbench.blur.tracks import TRACKS
+from dfdbench.board.board import LEADERBOARD
+from dfdbench.board.row_file import RESULTS
 from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.store import open_store
+from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import StoreError
-from dfdbench.leaderboard.board import LEADERBOARD
-from dfdbench.leaderboard.row_file import RESULTS
 
 HERE = Path(__file__).parent
 #: How the rows of each kind are run.
@@ -53,7 +53,7 @@ def main(rows: Path) -> int:
                     left_out.append(f"{name}, split {split}, {method}: failed, see above")
             run_here[name, split] = None
     for name, split in run_here:
-        board = f"{open_store(name).manifest.stem}-{split}"
+        board = f"{open_dataset(name).manifest.stem}-{split}"
         files = sorted((LEADERBOARD / RESULTS / board).glob("*.json"))
         _dfdbench("leaderboard", "verify", *map(str, files))
     status = _dfdbench("leaderboard")
@@ -65,7 +65,7 @@ def main(rows: Path) -> int:
 def _lacking(name: str, split: str) -> str:
     """Say why a split cannot be run here; empty where it can."""
     try:
-        store = open_store(name)
+        store = open_dataset(name)
     except StoreError as error:
         return f"{error.problems[0].what}; {error.problems[0].fix}"
     there = set(store.pairs(split))

@@ -21,9 +21,9 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import Store
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.mrf import Energy, published
 from dfdbench.rig.registration import register, sight
@@ -208,19 +208,19 @@ def tiny_folder(tiny_set: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def tiny_store(tiny_set: Path, tmp_path: Path) -> Store:
-    return Store(shutil.copytree(tiny_set / "tiny.zarr", tmp_path / "tiny.zarr"))
+def tiny_store(tiny_set: Path, tmp_path: Path) -> Dataset:
+    return Dataset(shutil.copytree(tiny_set / "tiny.zarr", tmp_path / "tiny.zarr"))
 
 
 @pytest.fixture(scope="session")
-def demo_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
+def demo_store(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     """The demo set, built; never changed."""
 
     def build(folder: Path) -> None:
         manifest = find_manifest("demo")
         build_store(manifest, open_source(manifest), folder / "demo-1.zarr", pool=Threads(2))
 
-    return Store(made_once(tmp_path_factory, "demo", build) / "demo-1.zarr")
+    return Dataset(made_once(tmp_path_factory, "demo", build) / "demo-1.zarr")
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import dfdbench
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import DfdbenchError, InputError, ResultError
 
 
@@ -19,7 +19,7 @@ def grey(infocus: NDArray[Any], defocus: NDArray[Any]) -> NDArray[Any]:
 
 
 @pytest.fixture
-def done(tiny_store: Store, tmp_path: Path) -> dfdbench.Run:
+def done(tiny_store: Dataset, tmp_path: Path) -> dfdbench.Run:
     return dfdbench.run(grey, tiny_store, out=tmp_path / "grey")
 
 
@@ -57,7 +57,7 @@ def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> 
 
 
 def test_runs_are_compared_with_the_first(
-    done: dfdbench.Run, tiny_store: Store, tmp_path: Path
+    done: dfdbench.Run, tiny_store: Dataset, tmp_path: Path
 ) -> None:
     constant = dfdbench.run("constant", tiny_store)
     found = dfdbench.compare(done, constant, protocol="thesis")
@@ -69,7 +69,7 @@ def test_runs_are_compared_with_the_first(
 
 
 def test_depth_maps_made_elsewhere_are_scored(
-    done: dfdbench.Run, tiny_store: Store, tmp_path: Path
+    done: dfdbench.Run, tiny_store: Dataset, tmp_path: Path
 ) -> None:
     for name, depth in done.predictions:
         place = tmp_path / "maps" / f"{name}.npy"
@@ -79,7 +79,7 @@ def test_depth_maps_made_elsewhere_are_scored(
     assert scored.to_frame("thesis")["nrmse"].equals(done.to_frame("thesis")["nrmse"])
 
 
-def test_a_data_set_shows_what_it_has(tiny_store: Store) -> None:
+def test_a_data_set_shows_what_it_has(tiny_store: Dataset) -> None:
     data = dfdbench.open_dataset(str(tiny_store.path))
     assert repr(data) == "<tiny-1: 11 pairs of 3 scenes>"
     assert (len(data.captures()), len(data.captures("One"))) == (11, 4)
@@ -99,7 +99,7 @@ def test_a_build_warns_of_what_is_missing(tiny_folder: Path, tmp_path: Path) -> 
     assert len(data.captures()) < 11
 
 
-def test_methods_are_called_as_they_are(tiny_store: Store) -> None:
+def test_methods_are_called_as_they_are(tiny_store: Dataset) -> None:
     image = np.zeros((4, 5, 3), np.uint8)
     assert dfdbench.load_method("constant", training_mean=7)(image, image).max() == 7
 

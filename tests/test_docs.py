@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.datasets.store import Store
+from dfdbench.board.submission import submit
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.leaderboard.submission import submit
 from dfdbench.methods.registry import built_in_methods
-from tests.leaderboard.made_tracks import make_tracks
+from tests.board.made_tracks import make_tracks
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = sorted(path.name for path in DOCS.glob("*.py"))
@@ -27,7 +27,7 @@ def test_a_script_finds_what_it_imports_and_is_named(script: str) -> None:
 
 
 def test_difficulty_check_prints_every_step_that_was_found(
-    tiny_store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tiny_store: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
     main = runpy.run_path(str(DOCS / "difficulty_check.py"))["main"]
@@ -47,7 +47,7 @@ def test_difficulty_check_prints_every_step_that_was_found(
 
 
 def test_coverage_from_python_is_as_shown(
-    demo_store: Store,
+    demo_store: Dataset,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -74,7 +74,7 @@ def test_a_source_of_ones_own_is_built_as_shown(
     assert capsys.readouterr().out == "162 pairs\n"
 
 
-def test_the_tracks_picture_is_drawn(tiny_store: Store, tmp_path: Path) -> None:
+def test_the_tracks_picture_is_drawn(tiny_store: Dataset, tmp_path: Path) -> None:
     module = runpy.run_path(str(DOCS / "tracks_figure.py"))
     pair = tiny_store.pairs("all")[2]
     clean, *harder = module["defocus_images"](tiny_store, tiny_store.read(pair), "noise")

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.tracks import SUITES
+from dfdbench.board.board import leaderboard
+from dfdbench.board.row_file import read_row
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.store import Store
-from dfdbench.leaderboard.board import leaderboard
-from dfdbench.leaderboard.row_file import read_row
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.mrf import Energy, Quality, expansion, split
 from dfdbench.methods.registry import built_in_methods
@@ -402,7 +402,7 @@ def test_no_page_has_the_times_of_one_machine(page: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def workshop(demo_store: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def workshop(demo_store: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder to run commands in, whose cache has the demo set."""
     folder = tmp_path_factory.mktemp("workshop")
     (folder / "cache/stores").mkdir(parents=True)

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
+from dfdbench.board.submission import submit
 from dfdbench.cli.verbs import VERBS
-from dfdbench.leaderboard.submission import submit
 from dfdbench.results.record import PairResult, Result
-from tests.leaderboard.made_boards import add, scored
-from tests.leaderboard.made_tracks import make_tracks
+from tests.board.made_boards import add, scored
+from tests.board.made_tracks import make_tracks
 from tests.report import test_browser
 
 chromium = test_browser.chromium

@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dfdbench.board.published import load_published
+from dfdbench.board.row_file import known_fingerprints, read_row
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import read_manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import DfdbenchError
 from dfdbench.evaluation.fitting import FIT, read_fit
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.prediction_files import find_predictions
 from dfdbench.evaluation.run import run_method
-from dfdbench.leaderboard.published import load_published
-from dfdbench.leaderboard.row_file import known_fingerprints, read_row
 from dfdbench.methods.parameters import read_fields
 from dfdbench.optics.lens_table import read_lens_table
 from dfdbench.results.folder import PREDICTIONS, read_prediction
@@ -204,7 +204,7 @@ def test_what_is_no_file_is_not_waited_for(
 
 
 def test_depth_maps_that_are_handed_in_run_nothing(
-    tmp_path: Path, tiny_store: Store, trap: Trap
+    tmp_path: Path, tiny_store: Dataset, trap: Trap
 ) -> None:
     for bait, suffix in itertools.product(BAITS, (".npy", ".npz", ".png", ".tif")):
         folder = tmp_path / f"{bait.__name__}{suffix}"
@@ -237,11 +237,11 @@ PICKLE = {"id": "pickle", "protocol": 4}
     "codecs", [{"compressor": PICKLE}, {"filters": [PICKLE]}, {"filters": [PICKLE], "dtype": "|O"}]
 )
 def test_a_store_and_a_run_of_an_older_zarr_run_nothing(
-    tmp_path: Path, tiny_store: Store, trap: Trap, codecs: dict[str, Any]
+    tmp_path: Path, tiny_store: Dataset, trap: Trap, codecs: dict[str, Any]
 ) -> None:
     make_old_zarr(tmp_path / "old.zarr", trap, codecs)
     with pytest.raises(DfdbenchError, match="not a data set built by dfdbench"):
-        Store(tmp_path / "old.zarr")
+        Dataset(tmp_path / "old.zarr")
     pair = tiny_store.pairs("One")[0]
     make_old_zarr(tmp_path / "run" / PREDICTIONS / pair.scene, trap, codecs)
     with pytest.raises(DfdbenchError, match="no depth maps of a run"):
@@ -249,7 +249,7 @@ def test_a_store_and_a_run_of_an_older_zarr_run_nothing(
 
 
 @pytest.mark.parametrize("name", ["pickle", "numcodecs.pickle", "numcodecs.Pickle"])
-def test_a_store_names_no_codec_that_runs_code(tiny_store: Store, trap: Trap, name: str) -> None:
+def test_a_store_names_no_codec_that_runs_code(tiny_store: Dataset, trap: Trap, name: str) -> None:
     pair = tiny_store.pairs("One")[0]
     folder = Path(str(tiny_store.path)) / "One/infocus"
     content = json.loads((folder / "zarr.json").read_text())
@@ -259,11 +259,11 @@ def test_a_store_names_no_codec_that_runs_code(tiny_store: Store, trap: Trap, na
         if chunk.is_file():
             chunk.write_bytes(as_pickle(trap))
     with pytest.raises(DfdbenchError, match="cannot be read"):
-        Store(tiny_store.path).read(pair)
+        Dataset(tiny_store.path).read(pair)
 
 
 def test_a_run_goes_on_without_what_is_no_text(
-    tmp_path: Path, tiny_store: Store, trap: Trap
+    tmp_path: Path, tiny_store: Dataset, trap: Trap
 ) -> None:
     method = load_for(tiny_store, "constant", {"training_mean": 90.0})
     folder = tmp_path / "out"

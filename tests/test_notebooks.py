@@ -9,7 +9,7 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs/notebooks").glob("*.ipynb"))
 
@@ -30,7 +30,7 @@ def test_a_notebook_holds_no_output(path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(
-    path: Path, demo_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    path: Path, demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The demo store of the session stands in for the one that the first cell would make.
     (tmp_path / "cache/stores").mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""The names that users and sealed results rely on: a change here breaks somebody's code."""
+"""The names that users and results rely on: a change here breaks somebody's code."""
 
 from __future__ import annotations
 
@@ -11,17 +11,9 @@ from dfdbench.methods.registry import ENTRY_POINT_GROUP, registered_methods
 
 FACES = {
     "dfdbench": [
-        *("Comparison", "Run", "__version__", "build", "compare", "list_datasets", "list_methods"),
-        *(
-            "load_method",
-            "open_dataset",
-            "open_run",
-            "predict",
-            "run",
-            "run_tracks",
-            "score",
-            "show",
-        ),
+        *("Board", "Capture", "Captures", "Comparison", "Dataset", "Run", "__version__", "build"),
+        *("compare", "leaderboard", "list_datasets", "list_methods", "load_method", "open_dataset"),
+        *("open_run", "predict", "run", "run_tracks", "score", "show"),
     ],
     "dfdbench.blur": ["RECIPES", "BlurRecipe", "find_recipe", "synthesize"],
     "dfdbench.building": ["SceneError", "SceneImages", "Source", "build_store", "open_source"],
@@ -43,7 +35,7 @@ def test_no_public_name_hides_a_builtin() -> None:
     assert not set(FACES["dfdbench"]) & set(dir(builtins)) - {"__version__"}
 
 
-def test_methods_keep_their_entries_since_sealed_results_name_them() -> None:
+def test_methods_keep_their_entries_since_results_name_them() -> None:
     assert ENTRY_POINT_GROUP == "dfdbench.methods"
     entries = registered_methods()
     assert {name: entries[name] for name in sorted(entries) if name in BUILT_IN} == BUILT_IN

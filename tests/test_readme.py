@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import dfdbench
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 
 ROOT = Path(__file__).parents[1]
 
@@ -23,7 +23,7 @@ def blocks(page: str, language: str) -> list[str]:
 
 
 @pytest.fixture
-def place(demo_store: Store, tmp_path: Path) -> Path:
+def place(demo_store: Dataset, tmp_path: Path) -> Path:
     # The demo store of the session stands in for the one that `build demo` would make.
     stores = tmp_path / "cache/stores"
     stores.mkdir(parents=True)

@@ -9,7 +9,7 @@ import pytest
 
 from dfdbench.cli.options import values_of
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.registry import built_in_methods
 
 HERE = Path(__file__).parents[1] / "leaderboard"
@@ -33,7 +33,7 @@ methods = ["constant"]
 
 @pytest.mark.slow
 def test_what_is_not_built_is_left_out_by_name(
-    demo_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stores = tmp_path / "cache/stores"
     stores.mkdir(parents=True)

@@ -17,7 +17,7 @@ CONTRIBUTING = PACKAGE.parent / "CONTRIBUTING.md"
 FLOORS = {
     "cli": 11,
     "report": 9,
-    "leaderboard": 8,
+    "board": 8,
     "evaluation": 7,
     "figures": 7,
     "building": 6,

@@ -3,14 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 
 torch = pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.torch_pairs import TorchPairs  # noqa: E402
 
 
-def test_whole_pairs(tiny_store: Store) -> None:
+def test_whole_pairs(tiny_store: Dataset) -> None:
     data = TorchPairs("tiny", "test", store=tiny_store.path)
     assert len(data) == 7
     item = data[3]
@@ -24,7 +24,7 @@ def test_whole_pairs(tiny_store: Store) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [0, 2])
-def test_crops_do_not_depend_on_the_workers(tiny_store: Store, workers: int) -> None:
+def test_crops_do_not_depend_on_the_workers(tiny_store: Dataset, workers: int) -> None:
     data = TorchPairs("tiny", "all", crop=8, seed=5, store=tiny_store.path)
     loader = torch.utils.data.DataLoader(
         data,
@@ -38,7 +38,7 @@ def test_crops_do_not_depend_on_the_workers(tiny_store: Store, workers: int) -> 
     assert torch.equal(batches[1]["infocus"][0], data[4]["infocus"])
 
 
-def test_crops_change_with_the_epoch_and_come_again(tiny_store: Store) -> None:
+def test_crops_change_with_the_epoch_and_come_again(tiny_store: Dataset) -> None:
     data = TorchPairs("tiny", "all", crop=8, store=tiny_store.path)
     first = [data[number]["infocus"] for number in range(11)]
     data.set_epoch(1)
@@ -49,7 +49,7 @@ def test_crops_change_with_the_epoch_and_come_again(tiny_store: Store) -> None:
     assert all(torch.equal(*both) for both in zip(first, again, strict=True))
 
 
-def test_crops_of_all_arrays_are_of_one_place(tiny_store: Store) -> None:
+def test_crops_of_all_arrays_are_of_one_place(tiny_store: Dataset) -> None:
     data = TorchPairs("tiny", "One", crop=8, store=tiny_store.path)
     whole = tiny_store.read(tiny_store.pairs("One")[0])
     item = data[0]
@@ -67,14 +67,14 @@ def test_crops_of_all_arrays_are_of_one_place(tiny_store: Store) -> None:
 
 
 @pytest.mark.parametrize("crop", [0, -3, 25])
-def test_crops_that_do_not_fit(tiny_store: Store, crop: int) -> None:
+def test_crops_that_do_not_fit(tiny_store: Dataset, crop: int) -> None:
     with pytest.raises(InputError, match="1 to 24"):
         TorchPairs("tiny", "all", crop=crop, store=tiny_store.path)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("start", ["fork", "spawn"])
-def test_workers_that_stay_hear_of_the_next_epoch(tiny_store: Store, start: str) -> None:
+def test_workers_that_stay_hear_of_the_next_epoch(tiny_store: Dataset, start: str) -> None:
     data = TorchPairs("tiny", "all", crop=8, store=tiny_store.path)
     loader = torch.utils.data.DataLoader(
         data, batch_size=11, num_workers=1, persistent_workers=True, multiprocessing_context=start
@@ -86,7 +86,7 @@ def test_workers_that_stay_hear_of_the_next_epoch(tiny_store: Store, start: str)
         assert torch.equal(batch["infocus"], expected)
 
 
-def test_whole_images_of_several_sizes_make_a_batch(tiny_store: Store) -> None:
+def test_whole_images_of_several_sizes_make_a_batch(tiny_store: Dataset) -> None:
     data = TorchPairs("tiny", "all", store=tiny_store.path)
     loader = torch.utils.data.DataLoader(data, batch_size=11, collate_fn=TorchPairs.collate)
     (batch,) = loader

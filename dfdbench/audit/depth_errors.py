@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from dfdbench.audit.run_errors import LevelErrors, kept_predictions, level_errors
 from dfdbench.audit.sides import Mask, Side, as_ranges, range_text
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
-from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
 from dfdbench.results.record import Result
 from dfdbench.results.wording import NOTHING
@@ -83,7 +83,7 @@ class DepthErrors:
     answers: NDArray[np.int64]
 
 
-def depth_errors(store: Store, result: Result, folder: Path, name: str) -> DepthErrors:
+def depth_errors(store: Dataset, result: Result, folder: Path, name: str) -> DepthErrors:
     """Sum a run's errors by true depth.
 
     Raises
@@ -96,7 +96,7 @@ def depth_errors(store: Store, result: Result, folder: Path, name: str) -> Depth
     return _summed(name, pairs, store.manifest.depth.scale)
 
 
-def constant_errors(store: Store, result: Result, level: float, name: str) -> DepthErrors:
+def constant_errors(store: Dataset, result: Result, level: float, name: str) -> DepthErrors:
     """Return the errors that one level everywhere makes on the pairs of a run."""
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
     depths = ((pair.id, *store.read_depth(pair.pair)) for pair in evaluated)
@@ -127,7 +127,7 @@ def _summed(
     return DepthErrors(name, tuple(ids), total, in_metres, answers.reshape(LEVELS, LEVELS))
 
 
-def depth_error_tables(store: Store, split: str, found: Sequence[DepthErrors]) -> list[Table]:
+def depth_error_tables(store: Dataset, split: str, found: Sequence[DepthErrors]) -> list[Table]:
     """Return the mean absolute error by depth, a column a run: in levels, and in metres if known.
 
     Raises

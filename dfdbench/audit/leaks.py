@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from dfdbench.audit.sides import Side
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import DfdbenchError, Problem
 from dfdbench.system.record import Record
 
@@ -69,7 +69,7 @@ def image_hash(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return np.asarray(found.hash.ravel(), bool)
 
 
-def scene_hashes(store: Store, scenes: Iterable[str]) -> dict[str, Hashes]:
+def scene_hashes(store: Dataset, scenes: Iterable[str]) -> dict[str, Hashes]:
     """Hash one image for each depth map of some scenes, named by its scene and view.
 
     The lightings of a view show one picture: the last that the store holds is hashed.
@@ -81,7 +81,7 @@ def scene_hashes(store: Store, scenes: Iterable[str]) -> dict[str, Hashes]:
     return hashes
 
 
-def _hashes_of(store: Store, scene: str) -> Hashes:
+def _hashes_of(store: Dataset, scene: str) -> Hashes:
     manifest = store.manifest
     views = manifest.depth.axes
     # Depth axes need not be the first of the pair's axes.

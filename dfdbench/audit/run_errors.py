@@ -15,9 +15,9 @@ from dfdbench.audit.coverage import CoverageRecord, Verdict, leak_text
 from dfdbench.audit.sides import Mask
 from dfdbench.audit.trained_on import Training
 from dfdbench.blur.recipe import LEVELS
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.fingerprint import array_digest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
 from dfdbench.results.folder import read_prediction, require_pairs_of
 from dfdbench.results.record import PairResult, Result
@@ -146,7 +146,7 @@ class ErrorJoin:
         }
 
 
-def join_errors(store: Store, result: Result, folder: Path, record: CoverageRecord) -> ErrorJoin:
+def join_errors(store: Dataset, result: Result, folder: Path, record: CoverageRecord) -> ErrorJoin:
     """Sum a run's errors by true level, and join them with the verdicts on its split's levels.
 
     Raises
@@ -165,13 +165,13 @@ def join_errors(store: Store, result: Result, folder: Path, record: CoverageReco
 
 
 def kept_predictions(
-    store: Store, result: Result, folder: Path
+    store: Dataset, result: Result, folder: Path
 ) -> Iterator[tuple[PairResult, NDArray[np.uint8], Mask, NDArray[np.float32]]]:
     """Yield each evaluated pair of a run, its depth, where that is known, and the prediction.
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set that was run on.
     result : Result
         The run.

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.damage import scene_record
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.folds import require_fold, training_of
-from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError
 
 #: Side in pixels of the crops that the thesis's networks train on (5.2.1) ...
@@ -147,7 +147,7 @@ class Side:
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         What the depth maps come from.
     name : str
         Of the split: ``"train"``, ``"K03"``, ``"all but K03"``.
@@ -159,7 +159,7 @@ class Side:
         Whether levels were inverted (Eq. 7.1) to compare them with training.
     """
 
-    store: Store
+    store: Dataset
     name: str
     scenes: dict[str, DepthHistogram]
     absent: tuple[str, ...]
@@ -181,7 +181,7 @@ class Side:
         return DepthHistogram.total(self.scenes.values())
 
 
-def scene_histograms(store: Store) -> dict[str, DepthHistogram]:
+def scene_histograms(store: Dataset) -> dict[str, DepthHistogram]:
     """Count each scene's depth levels over the pairs that the manifest gives it.
 
     The weights are the manifest's pairs, not the store's, so that a store with one lighting a
@@ -207,7 +207,7 @@ def scene_histograms(store: Store) -> dict[str, DepthHistogram]:
     return histograms
 
 
-def depth_maps(store: Store, scene: str) -> tuple[NDArray[np.uint8], Mask]:
+def depth_maps(store: Dataset, scene: str) -> tuple[NDArray[np.uint8], Mask]:
     """Return a scene's depth maps and where they are known, shapes (depth axes, y, x).
 
     Raises
@@ -231,7 +231,7 @@ def depth_maps(store: Store, scene: str) -> tuple[NDArray[np.uint8], Mask]:
 
 
 def side_of(
-    store: Store,
+    store: Dataset,
     histograms: dict[str, DepthHistogram],
     name: str,
     scenes: tuple[str, ...],
@@ -256,7 +256,7 @@ def side_of(
     return Side(store, name, chosen, absent, inverted)
 
 
-def all_but(store: Store, histograms: dict[str, DepthHistogram], fold: str) -> Side:
+def all_but(store: Dataset, histograms: dict[str, DepthHistogram], fold: str) -> Side:
     """Return the training side that leaves out a fold, or a single scene.
 
     Raises
@@ -271,23 +271,23 @@ def all_but(store: Store, histograms: dict[str, DepthHistogram], fold: str) -> S
 
 
 def sides_of(
-    store: Store,
+    store: Dataset,
     train: str | None = None,
     test: str | None = None,
     fold: str | None = None,
-    other: Store | None = None,
+    other: Dataset | None = None,
 ) -> tuple[Side, Side]:
     """Return the training and the test side of a comparison.
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set that trains, and tests unless there is another.
     train, test : str, optional
         Splits; by default ``"train"`` and ``"test"``, of another data set ``"all"``.
     fold : str, optional
         Instead of both: test on this fold or scene, train on all other scenes.
-    other : Store, optional
+    other : Dataset, optional
         The data set that tests. Its levels are inverted (Eq. 7.1) if they grow the other way.
 
     Raises

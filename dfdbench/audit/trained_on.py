@@ -10,9 +10,9 @@ from dfdbench.audit.coverage import Criterion, share_of, uncovered
 from dfdbench.audit.leaks import manifest_leaks
 from dfdbench.audit.sides import Side, all_but, as_ranges, scene_histograms, side_of
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.folds import training_of
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store, open_store
 from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import DfdbenchError, InputError
 from dfdbench.tables.wording import percent
@@ -43,7 +43,7 @@ class RunSides:
 
 
 def sides_of_run(
-    store: Store,
+    store: Dataset,
     split: str,
     trained_on: str | None,
     train: str | None = None,
@@ -53,7 +53,7 @@ def sides_of_run(
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set that was run on.
     split : str
         The split of it that was tested.
@@ -89,7 +89,7 @@ def sides_of_run(
     return RunSides(side_of(store, histograms, name, scenes), test, training)
 
 
-def _usual_training(store: Store, split: str) -> tuple[str, tuple[str, ...]]:
+def _usual_training(store: Dataset, split: str) -> tuple[str, tuple[str, ...]]:
     manifest = store.manifest
     tested = set(manifest.scenes_of(split))
     folds = {item.name for item in manifest.folds}
@@ -132,14 +132,14 @@ def _scenes_of(manifest: Manifest, said: re.Match[str]) -> tuple[str, ...]:
     return scenes(manifest, said["name"])
 
 
-def training_side(trained_on: str, store: Store) -> Side | None:
+def training_side(trained_on: str, store: Dataset) -> Side | None:
     """Return the depths that a method was trained on, or None if the text names none.
 
     Parameters
     ----------
     trained_on : str
         As of `scenes_trained_on`.
-    store : Store
+    store : Dataset
         The data set in use; another one is looked for where `build` puts it.
 
     Raises
@@ -152,14 +152,14 @@ def training_side(trained_on: str, store: Store) -> Side | None:
     # The depths of a set are the same on every track of it.
     own, base = store.manifest, part_name(said["manifest"])[0]
     known = (own.file_stem, own.name, part_name(own.short)[0])
-    training = store if base in known else open_store(said["manifest"])
+    training = store if base in known else open_dataset(said["manifest"])
     name = f"all but {said['name']}" if said["how"] == "all but" else said["name"]
     inverted = training.manifest.depth.grows_with != own.depth.grows_with
     scenes = _scenes_of(training.manifest, said)
     return side_of(training, scene_histograms(training), name, scenes, inverted)
 
 
-def coverage_warnings(trained_on: str | None, store: Store, split: str) -> list[str]:
+def coverage_warnings(trained_on: str | None, store: Dataset, split: str) -> list[str]:
     """Return a warning for a result if training leaves levels of the tested split uncovered.
 
     `trained_on` is what the method says of itself; without it there is nothing to compare.

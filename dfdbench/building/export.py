@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.sources.middlebury import depth_name, image_name
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError, reason_of
 from dfdbench.system.files import write_whole
 
 
 def export_png(
-    store: Store,
+    store: Dataset,
     folder: Path,
     split: str = "all",
     on_pair: Callable[[int, int], None] | None = None,
@@ -35,7 +35,7 @@ def export_png(
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set.
     folder : Path
         Where to.

@@ -118,10 +118,10 @@ def export(
 ) -> None:
     """Export pairs as PNG files (Middlebury pairs keep the thesis's file names)."""
     from dfdbench.building.export import export_png
-    from dfdbench.datasets.store import open_store
+    from dfdbench.datasets.dataset import open_dataset
 
     output_place(png, option="--png")
-    store = open_store(name, cache=cache)
+    store = open_dataset(name, cache=cache)
     store.manifest.scenes_of(split)
     with progress("writing pairs") as step:
         count = export_png(store, png, split, step, images_only)

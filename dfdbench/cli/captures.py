@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from dfdbench.datasets.manifest import Capture, Manifest
+from dfdbench.datasets.manifest import Manifest, Recording
 from dfdbench.errors import InputError, UnknownNameError, unknown_name
 
 
-def capture_of(manifest: Manifest) -> Capture:
+def capture_of(manifest: Manifest) -> Recording:
     """Return how a data set was captured.
 
     Raises

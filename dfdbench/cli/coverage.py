@@ -33,7 +33,7 @@ from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of, sides
 from dfdbench.audit.trained_on import RunSides, sides_of_run
 from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.completion import data_sets
-from dfdbench.datasets.store import Store, open_store
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.audits import coverage_figure, level_error_figure, mask_figure
 from dfdbench.results.output_place import output_place
@@ -112,7 +112,7 @@ def coverage(
     run = load_result(result) if result else None
     named = {"--train": train, "--test": test, "--fold": fold, "--test-dataset": test_dataset}
     _refuse_mixtures(dataset, run, each, [option for option, name in named.items() if name])
-    store = open_store(dataset or (run.dataset.name if run else ""))
+    store = open_dataset(dataset or (run.dataset.name if run else ""))
     if each:
         _answer_each(store, each, rule, out, format)
     elif run and result:
@@ -120,7 +120,7 @@ def coverage(
         sides = sides_of_run(store, run.dataset.split, saw, train, fold)
         _answer_errors(store, run, result.parent, sides, rule, out, format)
     else:
-        other = open_store(test_dataset) if test_dataset else None
+        other = open_dataset(test_dataset) if test_dataset else None
         both = sides_of(store, train, test, fold, other)
         record = rule.compare(*both, leaks_between(*both))
         _answer_coverage(record, _place(out, _folder(store, record)), format)
@@ -190,7 +190,7 @@ def _answer_coverage(record: CoverageRecord, folder: Path, format: AnswerFormat)
 
 
 def _answer_each(
-    store: Store, each: Each, rule: Rule, out: str | None, format: AnswerFormat
+    store: Dataset, each: Each, rule: Rule, out: str | None, format: AnswerFormat
 ) -> None:
     manifest, histograms = store.manifest, scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
@@ -215,7 +215,7 @@ def _answer_each(
 
 
 def _answer_errors(
-    store: Store,
+    store: Dataset,
     run: Result,
     folder: Path,
     sides: RunSides,
@@ -249,7 +249,7 @@ def _place(out: str | None, default: Path) -> Path:
     return output_place(default if out is None else out)
 
 
-def _folder(store: Store, record: CoverageRecord) -> Path:
+def _folder(store: Dataset, record: CoverageRecord) -> Path:
     test = record.test
     name = test.split if test.dataset == record.train.dataset else f"{test.dataset}-{test.split}"
     if not record.train.split.startswith("all but"):

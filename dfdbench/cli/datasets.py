@@ -63,14 +63,14 @@ def _own(cache: Path | None) -> list[tuple[str, ...]]:
     found = own_stores(cache)
     if not found:
         return []
-    from dfdbench.datasets.store import Store
+    from dfdbench.datasets.dataset import Dataset
 
     rows = []
     # Of two names of one store the one without a version is to be typed.
     shortest = {found[name]: name for name in sorted(found, key=len, reverse=True)}
     for path, name in sorted(shortest.items()):
         try:
-            rows.append(_listed(Store(path).manifest, name, built=True))
+            rows.append(_listed(Dataset(path).manifest, name, built=True))
         except DfdbenchError as error:
             rows.append((name, path.stem, "", "", "yes", error.problems[0].what))
     return rows
@@ -87,10 +87,10 @@ def verify(
     cache: Cache = None,
 ) -> None:
     """Recompute a store's fingerprint and compare it with the recorded one."""
+    from dfdbench.datasets.dataset import open_dataset
     from dfdbench.datasets.integrity import verify_store
-    from dfdbench.datasets.store import open_store
 
-    store = open_store(name, cache=cache)
+    store = open_dataset(name, cache=cache)
     with progress("reading scenes", "nothing was written") as step:
         found = verify_store(store, pool_of(workers), step)
     print(f"store        {store.path}")

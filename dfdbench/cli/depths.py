@@ -18,8 +18,8 @@ from dfdbench.audit.sides import scene_histograms, side_of
 from dfdbench.cli.completion import data_sets
 from dfdbench.cli.options import Cache
 from dfdbench.cli.screen import print_table, save_figure
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import ALL_PAIRS
-from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError, StoreError
 from dfdbench.figures.audits import depth_error_figure, depths_figure
 from dfdbench.results.record import Result
@@ -49,7 +49,7 @@ def depths(
     cache: Cache = None,
 ) -> None:
     """Count how often each depth occurs, or with --result how far runs are off at each depth."""
-    store = open_store(dataset, cache=cache)
+    store = open_dataset(dataset, cache=cache)
     if result:
         if split is not None:
             raise InputError("a run says itself which split it is of", where="--split")
@@ -67,7 +67,7 @@ def depths(
         print(render(tables, format), end="")
 
 
-def _errors(store: Store, places: list[Path], figure: Path | None) -> list[Table]:
+def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Table]:
     runs = [(place.parent if place.is_file() else place, load_result(place)) for place in places]
     labels = [method_label(result.method) for _, result in runs]
     found = []
@@ -85,7 +85,7 @@ def _errors(store: Store, places: list[Path], figure: Path | None) -> list[Table
     return tables
 
 
-def _constant(store: Store, result: Result) -> list[DepthErrors]:
+def _constant(store: Dataset, result: Result) -> list[DepthErrors]:
     from dfdbench.evaluation.loading import training_mean
 
     try:

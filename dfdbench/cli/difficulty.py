@@ -20,8 +20,8 @@ from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.completion import data_sets
 from dfdbench.cli.screen import progress
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError
 from dfdbench.figures.audits import difficulty_figure
 from dfdbench.results.output_place import output_place
@@ -43,7 +43,7 @@ def difficulty(
     ] = AnswerFormat.table,
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
-    store = open_store(dataset)
+    store = open_dataset(dataset)
     default = Path("results") / f"{store.path.stem}-difficulty" / split
     folder = output_place(default if out is None else out)
     manifest = store.manifest
@@ -74,7 +74,7 @@ def difficulty(
     give(answer, format, folder, {"difficulty.json": content, "difficulty.png": figure})
 
 
-def _difficulty_of(store: Store, pair: Pair, noise: int) -> Difficulty:
+def _difficulty_of(store: Dataset, pair: Pair, noise: int) -> Difficulty:
     images, recipe = store.read(pair), store.recipe
     assert recipe is not None
     depth = images.depth

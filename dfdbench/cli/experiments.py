@@ -25,8 +25,8 @@ from dfdbench.cli.training_options import (
     use_threads,
 )
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.system.extras import needed
@@ -185,7 +185,7 @@ def _data_of(
     chosen: list[Any] | None,
     source: Path | None,
     cache: Path | None,
-) -> tuple[Store | dict[str, Store], str]:
+) -> tuple[Dataset | dict[str, Dataset], str]:
     from dfdbench.training.experiments import PAIR
 
     if asked.varies == PAIR:
@@ -193,20 +193,20 @@ def _data_of(
         return _built_pairs(manifest, chosen or asked.values, source, cache), manifest.stem
     if source:
         raise InputError(f"{name} reads a built data set", where="--source", expected="--dataset")
-    store = open_store(dataset or "middlebury", cache=cache)
+    store = open_dataset(dataset or "middlebury", cache=cache)
     return store, store.path.stem
 
 
 def _built_pairs(
     manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None
-) -> dict[str, Store]:
+) -> dict[str, Dataset]:
     sets = voltage_pair_sets(manifest, pairs, source, cache)
     for pair, files in sets.to_build.items():
         with progress(f"building {manifest.stem}, steps {pair}") as step:
             report = build_store(manifest, files, sets.places[pair], None, pool_of(None), step)
         pairs_built = counted(report.pairs, "pair")
         say(f"built        {report.path}: {pairs_built}, {len(report.missing)} missing")
-    return {pair: Store(place) for pair, place in sets.places.items()}
+    return {pair: Dataset(place) for pair, place in sets.places.items()}
 
 
 def keep_tables(folder: Path, tables: Sequence[Table]) -> None:

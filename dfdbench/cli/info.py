@@ -21,7 +21,7 @@ from dfdbench.tables.table import Table
 from dfdbench.tables.wording import counted
 
 if TYPE_CHECKING:
-    from dfdbench.datasets.store import Store
+    from dfdbench.datasets.dataset import Dataset
 
 # Of what a source found out about a scene, so much is shown.
 _LONGEST = 100
@@ -49,9 +49,9 @@ def info(
         return
     if place := place_of(name, cache):
         # A manifest tells all it knows without the libraries that read arrays.
-        from dfdbench.datasets.store import Store
+        from dfdbench.datasets.dataset import Dataset
 
-        store = Store(place)
+        store = Dataset(place)
         if pairs is None:
             _show_store(store)
         else:
@@ -66,9 +66,9 @@ def _print_croissant(name: str, cache: Path | None) -> None:
     from dfdbench.datasets.croissant import croissant_text
 
     if place := place_of(name, cache):
-        from dfdbench.datasets.store import Store
+        from dfdbench.datasets.dataset import Dataset
 
-        manifest = Store(place).manifest
+        manifest = Dataset(place).manifest
     else:
         manifest = find_manifest(name)
     print(croissant_text(manifest), end="")
@@ -79,7 +79,7 @@ def _list_pairs(pairs: Iterable[Pair]) -> None:
         print(pair.id)
 
 
-def _show_store(store: Store) -> None:
+def _show_store(store: Dataset) -> None:
     from dfdbench.system.location import size_of
 
     attributes = store.attributes
@@ -107,7 +107,7 @@ def _show_store(store: Store) -> None:
     _show_scenes(store)
 
 
-def _show_scenes(store: Store) -> None:
+def _show_scenes(store: Dataset) -> None:
     from dfdbench.datasets.damage import scene_record
 
     rows = []

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
+from dfdbench.board.board import LEADERBOARD
+from dfdbench.board.board import leaderboard as open_board
+from dfdbench.board.row_file import read_row
+from dfdbench.board.verification import SCORE_TOLERANCE, verify
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError
-from dfdbench.leaderboard.board import LEADERBOARD
-from dfdbench.leaderboard.board import leaderboard as open_board
-from dfdbench.leaderboard.row_file import read_row
-from dfdbench.leaderboard.verification import SCORE_TOLERANCE, verify
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format
 from dfdbench.tables.wording import counted

@@ -30,8 +30,8 @@ from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
+    from dfdbench.datasets.dataset import Dataset
     from dfdbench.datasets.manifest import Manifest
-    from dfdbench.datasets.store import Store
     from dfdbench.methods.method import Method
     from dfdbench.results.record import Result
 
@@ -97,7 +97,7 @@ def run(
     replace: Replace = False,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run is resumed."""
-    from dfdbench.datasets.store import open_store
+    from dfdbench.datasets.dataset import open_dataset
     from dfdbench.evaluation.loading import depth_warnings, load_for
     from dfdbench.evaluation.plan import RunOptions
     from dfdbench.evaluation.run import run_method
@@ -109,7 +109,7 @@ def run(
     forms = _forms_of(figure_format, no_predictions, no_figures)
     if submit:
         refuse_what_cannot_be_submitted(limit)
-    data = open_store(dataset, cache=cache)
+    data = open_dataset(dataset, cache=cache)
     data.manifest.scenes_of(split)
     shown = protocol_of_tables(asked, data)
     default = Path("results") / f"{data.path.stem}-{split}" / folder_name(method, param)
@@ -136,7 +136,7 @@ def run(
         raise typer.Exit(1)
 
 
-def protocol_of_tables(asked: str | None, data: Store) -> str:
+def protocol_of_tables(asked: str | None, data: Dataset) -> str:
     """Return the protocol that was asked for, or the data set's own first one."""
     from dfdbench.results.first_table import first_protocol
 
@@ -186,7 +186,7 @@ def _keep_law(calibration: Any, folder: Path, forms: Sequence[str]) -> None:
 
 def refuse_what_cannot_be_submitted(limit: int | None) -> None:
     """Refuse a run that the leaderboard would refuse, and a place without a leaderboard."""
-    from dfdbench.leaderboard.board import LEADERBOARD, require_leaderboard
+    from dfdbench.board.board import LEADERBOARD, require_leaderboard
 
     # Before the run: it may take hours.
     if limit:
@@ -199,10 +199,10 @@ def refuse_what_cannot_be_submitted(limit: int | None) -> None:
     require_leaderboard(LEADERBOARD)
 
 
-def refuse_unfit_to_submit(method: Method, store: Store, split: str) -> None:
+def refuse_unfit_to_submit(method: Method, store: Dataset, split: str) -> None:
     """Refuse a damaged store, and a method whose weights were trained on scenes of the test."""
+    from dfdbench.board.row_file import training_problems
     from dfdbench.datasets.integrity import require_sound
-    from dfdbench.leaderboard.row_file import training_problems
 
     require_sound(store)
     trained_on, weights = method.trained_on, method.weights_sha256
@@ -215,8 +215,8 @@ def refuse_unfit_to_submit(method: Method, store: Store, split: str) -> None:
 
 def submit_runs(results: Sequence[Result], replace: bool) -> None:
     """Write runs of a method into the leaderboard of the clone that this is called in."""
-    from dfdbench.leaderboard.board import LEADERBOARD
-    from dfdbench.leaderboard.submission import submit
+    from dfdbench.board.board import LEADERBOARD
+    from dfdbench.board.submission import submit
 
     say(f"submission   {submit(results, LEADERBOARD, replace)}")
     if not all(result.complete for result in results):

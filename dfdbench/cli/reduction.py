@@ -12,7 +12,7 @@ from dfdbench.cli.answer import writing
 from dfdbench.cli.options import Cache, values_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.cli.training_options import Changes, Configuration, Device, Threads, use_threads
-from dfdbench.datasets.store import open_store
+from dfdbench.datasets.dataset import open_dataset
 from dfdbench.results.output_place import output_place
 from dfdbench.system.extras import needed
 from dfdbench.tables.render import render
@@ -78,7 +78,7 @@ def reduce(
         from dfdbench.training.reduction.reduce import reduce_weights
     use_threads(threads)
     place = find_weights("dfd-net", weights)
-    store = open_store(dataset, cache=cache)
+    store = open_dataset(dataset, cache=cache)
     configuration = read_configuration(config, values_of(changes, "--set"))
     name = Path(weights).stem + (f"-level{level}" if level else "")
     default = Path("training") / f"{store.path.stem}-reduction" / name

@@ -21,11 +21,11 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.figures.camera import overlay_figure
 from dfdbench.optics.sharpness import sharpest
-from dfdbench.rig.board import Sighting, board_rays
 from dfdbench.rig.geometry import CaptureRig, Pose
 from dfdbench.rig.lidar import Beams, depth_image, warp
 from dfdbench.rig.registration import Registration, register, sight
 from dfdbench.rig.registration_file import NAME, PREVIOUS, read_registration, write_registration
+from dfdbench.rig.sighting import Sighting, board_rays
 from dfdbench.tables.table import Table
 
 OVERLAY = "registration.png"

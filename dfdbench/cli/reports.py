@@ -10,13 +10,13 @@ from typing import Annotated
 
 import typer
 
+from dfdbench.board.row_file import file_stem
 from dfdbench.cli.answer import writing
 from dfdbench.cli.options import FigureFormat, FigureFormats
 from dfdbench.cli.screen import PICTURES, print_table, progress, save_figure, say
 from dfdbench.errors import InputError
 from dfdbench.figures.comparisons import accuracy_figure, change_figure
 from dfdbench.figures.style import write_figure
-from dfdbench.leaderboard.row_file import file_stem
 from dfdbench.metrics.protocol import find_protocol, ranked_by
 from dfdbench.report.html import write_html
 from dfdbench.report.markdown import write_markdown

@@ -56,18 +56,18 @@ def score(
     replace: Replace = False,
 ) -> None:
     """Score depth maps that were made elsewhere, one file per pair; nothing is run."""
+    from dfdbench.board.board import LEADERBOARD, require_leaderboard
+    from dfdbench.datasets.dataset import open_dataset
     from dfdbench.datasets.integrity import require_sound
-    from dfdbench.datasets.store import open_store
     from dfdbench.evaluation.scored import score_predictions
     from dfdbench.figures.runs import draw_run
-    from dfdbench.leaderboard.board import LEADERBOARD, require_leaderboard
     from dfdbench.metrics.protocol import find_protocol
     from dfdbench.results.summary import summarise
 
     asked = find_protocol(protocol).label if protocol else None
     if submit:
         require_leaderboard(LEADERBOARD)
-    data = open_store(dataset, cache=cache)
+    data = open_dataset(dataset, cache=cache)
     data.manifest.scenes_of(split)
     if submit:
         require_sound(data)

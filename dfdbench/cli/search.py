@@ -19,7 +19,7 @@ from dfdbench.cli.training_options import (
     seconds_of,
     use_threads,
 )
-from dfdbench.datasets.store import open_store
+from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.system.extras import needed
@@ -136,7 +136,7 @@ def architecture(
         raise InputError(
             "--as-thesis holds no scenes out", where="--hold-out", fix="leave one of them out"
         )
-    store = open_store(dataset, cache=cache)
+    store = open_dataset(dataset, cache=cache)
     plan = plan_search(store, base, changed, asked, device)
     name = f"{variant}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     folder = output_place(out or Path("training") / f"{store.path.stem}-search" / name)

@@ -25,8 +25,8 @@ from dfdbench.audit.splits import Folds, Scenes, hopeless_scenes, propose_folds,
 from dfdbench.cli.answer import Answer, AnswerFormat, give
 from dfdbench.cli.completion import data_sets
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 
@@ -63,7 +63,7 @@ def split_command(
         raise InputError(
             "ask for one thing", where="--test-scenes or --folds", fix="--test-scenes 3"
         )
-    store = open_store(dataset)
+    store = open_dataset(dataset)
     bound = DensityBound(density_factor, density_floor)
     scenes = _scenes(store, criterion, bound, allow)
     settings = ProposalSettings(store.fingerprint, scenes, seed)
@@ -75,7 +75,7 @@ def split_command(
 
 @dataclass(frozen=True)
 class _Place:
-    store: Store
+    store: Dataset
     out: str | None
 
     def folder(self, name: str) -> Path:
@@ -131,7 +131,7 @@ def _propose_folds(
     give(answer, format, folder, files)
 
 
-def _scenes(store: Store, criterion: Criterion, bound: DensityBound, allow: float) -> Scenes:
+def _scenes(store: Dataset, criterion: Criterion, bound: DensityBound, allow: float) -> Scenes:
     histograms = {name: h for name, h in scene_histograms(store).items() if h.known}
     groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
     counts = np.stack([histogram.counts for histogram in histograms.values()])

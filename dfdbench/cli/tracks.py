@@ -26,7 +26,7 @@ from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
-    from dfdbench.datasets.store import Store
+    from dfdbench.datasets.dataset import Dataset
     from dfdbench.methods.method import Method
     from dfdbench.results.record import Result
 
@@ -82,7 +82,7 @@ def tracks(
     default = Path("results") / f"{plain.file_stem}-tracks-{split}" / name
     place = output_place(out or default, source)
 
-    def check(loaded: Method, store: Store) -> None:
+    def check(loaded: Method, store: Dataset) -> None:
         if submit:
             refuse_unfit_to_submit(loaded, store, split)
 

@@ -22,7 +22,7 @@ from dfdbench.cli.training_options import (
     stepping,
     use_threads,
 )
-from dfdbench.datasets.store import open_store
+from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.system.extras import needed
@@ -77,7 +77,7 @@ def train_command(
         from dfdbench.training.task import task_of
         from dfdbench.training.trainer import train
     use_threads(threads)
-    store = open_store(dataset, cache=cache)
+    store = open_dataset(dataset, cache=cache)
     configuration = read_configuration(config, values_of(changes, "--set"))
     if split is not None and fold is not None:
         raise InputError(

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dfdbench.datasets.damage import DAMAGED
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest, combine
-from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, StoreError
 from dfdbench.system.parallel import Pool, Threads
 
@@ -59,13 +59,13 @@ class StoreVerification:
 
 
 def verify_store(
-    store: Store, pool: Pool | None = None, on_scene: Callable[[int, int], None] | None = None
+    store: Dataset, pool: Pool | None = None, on_scene: Callable[[int, int], None] | None = None
 ) -> StoreVerification:
     """Recompute the fingerprint of a store from its arrays.
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         What to look at.
     pool : Pool, optional
         Where scenes are read, and how many at once.
@@ -89,7 +89,7 @@ def verify_store(
     )
 
 
-def require_sound(store: Store) -> None:
+def require_sound(store: Dataset) -> None:
     """Refuse a store that does not hold what was built.
 
     Raises
@@ -121,7 +121,7 @@ class _Scene:
 
 @dataclass(frozen=True)
 class _SceneVerifier:
-    store: Store
+    store: Dataset
 
     def __call__(self, scene: str) -> _Scene:
         try:
@@ -164,7 +164,7 @@ def _recorded(digests: object) -> dict[str, str]:
     return {str(name): str(digest) for name, digest in digests.items()}
 
 
-def _scenes_expected(store: Store) -> tuple[str, ...]:
+def _scenes_expected(store: Dataset) -> tuple[str, ...]:
     missing = set(store.attributes.get("missing_pairs", ()))
     there = {pair.scene for pair in store.manifest.pairs() if pair.id not in missing}
     return tuple(scene for scene in store.manifest.scene_names if scene in there)

@@ -98,7 +98,7 @@ class Fold(StrictRecord):
     test_scenes: list[str]
 
 
-class Capture(StrictRecord):
+class Recording(StrictRecord):
     """How a camera recorded the set: lens steps, frames averaged, and the crops in pixels."""
 
     voltage_step: list[int]
@@ -184,7 +184,7 @@ class Manifest(StrictRecord):
     exclusions: list[Exclusion] = Field(default_factory=list)
     splits: list[Split]
     folds: list[Fold] = Field(default_factory=list)
-    capture: Capture | None = None
+    capture: Recording | None = None
     rig: Rig | None = None
     files: CapturedFiles | None = None
     checksums: dict[str, Sha256] = Field(default_factory=dict)

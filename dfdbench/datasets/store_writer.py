@@ -14,6 +14,7 @@ import zarr
 from upath import UPath
 
 from dfdbench.datasets.damage import DAMAGED
+from dfdbench.datasets.dataset import FORMAT, FORMAT_VERSION
 from dfdbench.datasets.fingerprint import (
     ATTRIBUTES_SHA256,
     attributes_digest,
@@ -21,7 +22,6 @@ from dfdbench.datasets.fingerprint import (
     scene_digests,
 )
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import FORMAT, FORMAT_VERSION
 from dfdbench.datasets.whole_arrays import open_scene
 from dfdbench.errors import DfdbenchError, StoreError, reason_of, room_or
 from dfdbench.system.location import (

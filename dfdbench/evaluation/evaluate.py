@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from dfdbench.datasets.store import Store, open_store
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.loading import depth_warnings, load_for, load_here
 from dfdbench.evaluation.plan import RunOptions
@@ -24,7 +24,7 @@ from dfdbench.results.saved_run import SavedRun
 
 def evaluate(
     predict: str | Callable[..., Any],
-    dataset: str | Store,
+    dataset: str | Dataset,
     split: str = "test",
     *,
     parameters: Mapping[str, Any] = MappingProxyType({}),
@@ -45,7 +45,7 @@ def evaluate(
         A registered name, ``module:attribute``, ``file.py:attribute``; or the thing itself: a
         function of two RGB images, uint8 of shape (y, x, 3), that returns depth levels 0 to 255,
         shape (y, x), a class of such objects, or one of them. It may stand in a notebook.
-    dataset : str or Store
+    dataset : str or Dataset
         A data set's name, a store's path or URL, or an open store.
     split : str
         A split, a fold, a scene, or ``"all"``.
@@ -90,15 +90,15 @@ def evaluate(
     """
     if limit is not None and limit < 1:
         raise InputError("no number of pairs", where="limit", expected="1 or more", got=str(limit))
-    if not isinstance(dataset, str | Store):
+    if not isinstance(dataset, str | Dataset):
         raise InputError(
             "not a data set",
             where="dataset",
             expected="a name, a path, or an open store",
             got=repr(dataset)[:80],
-            fix="for pairs that dfdbench.open returned: evaluate(method, pairs.store, split)",
+            fix="evaluate(method, captures.dataset, split)",
         )
-    store = dataset if isinstance(dataset, Store) else open_store(dataset, cache=cache)
+    store = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, cache=cache)
     store.manifest.scenes_of(split)
     method, found_again = _load(store, predict, parameters, seed)
     if out is None:
@@ -126,7 +126,7 @@ def evaluate(
 
 
 def _load(
-    store: Store, predict: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int
+    store: Dataset, predict: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int
 ) -> tuple[Method, bool]:
     """Return the method, and whether it could be found again under its name."""
     if not isinstance(predict, str):

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.dataset import Captures, Dataset
 from dfdbench.datasets.folds import training_of
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest
-from dfdbench.datasets.pair_sequence import PairSequence
-from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.methods.fit import Learned, check_learned, restore, teach
 from dfdbench.methods.method import Method
@@ -47,7 +46,7 @@ class Fit:
     learned: Learned | None
 
 
-def training_pairs(store: Store, split: str) -> tuple[str, PairSequence]:
+def training_pairs(store: Dataset, split: str) -> tuple[str, Captures]:
     """Return the pairs that a method may be fitted on before it is run on a split.
 
     That is the split ``train``; where a fold or a single scene is run, all other scenes.
@@ -56,7 +55,7 @@ def training_pairs(store: Store, split: str) -> tuple[str, PairSequence]:
     -------
     str
         Which pairs they are, in the form of a result's `trained_on`.
-    PairSequence
+    Captures
         The pairs, read as they are asked for.
 
     Raises
@@ -75,7 +74,7 @@ def training_pairs(store: Store, split: str) -> tuple[str, PairSequence]:
             expected=name,
             fix=f"build {store.manifest.short} with its training scenes too",
         )
-    return name, PairSequence(store, pairs)
+    return name, Captures(store, pairs)
 
 
 def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]]:
@@ -132,7 +131,7 @@ def _is_left_out(manifest: Manifest, split: str) -> bool:
     return split in manifest.scene_names and split not in splits and split != ALL_PAIRS
 
 
-def fit_method(store: Store, method: Method, split: str, seed: int) -> Fit | None:
+def fit_method(store: Dataset, method: Method, split: str, seed: int) -> Fit | None:
     """Fit a method to the training pairs that belong to a split; None where it has no fit.
 
     Raises

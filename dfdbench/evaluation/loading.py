@@ -13,8 +13,8 @@ from dfdbench.audit.trained_on import coverage_warnings
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.blur.tracks import find_degradation
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import Rig
-from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.fitting import training_scenes
 from dfdbench.evaluation.lens import rig_of, told_by_lens
@@ -26,7 +26,7 @@ Facts = dict[str, Callable[[], Any]]
 
 
 def load_for(
-    store: Store,
+    store: Dataset,
     method: str | Callable[..., Any],
     parameters: Mapping[str, Any],
     seed: int = 0,
@@ -68,7 +68,7 @@ def load_for(
 
 
 def load_here(
-    store: Store, target: Callable[..., Any], parameters: Mapping[str, Any], seed: int = 0
+    store: Dataset, target: Callable[..., Any], parameters: Mapping[str, Any], seed: int = 0
 ) -> Method:
     """Make a method of any callable, as `load_for` does of one that can be found by its name.
 
@@ -109,7 +109,7 @@ def load_to_check(name: str, parameters: Mapping[str, Any]) -> Method:
     return load_method(name, parameters, offers, {"recipe": lambda: None})
 
 
-def _offers(store: Store, seed: int, told: bool) -> tuple[Facts, Facts]:
+def _offers(store: Dataset, seed: int, told: bool) -> tuple[Facts, Facts]:
     """Return what is offered to a class that asks for it, and what instead to one with a fit."""
 
     def recipe() -> BlurRecipe | BlurLaw | None:
@@ -125,7 +125,7 @@ def _offers(store: Store, seed: int, told: bool) -> tuple[Facts, Facts]:
     return offers, {"recipe": recipe}
 
 
-def _formation_of(store: Store) -> BlurRecipe | BlurLaw | None:
+def _formation_of(store: Dataset) -> BlurRecipe | BlurLaw | None:
     manifest = store.manifest
     if not manifest.on_track or manifest.recipe is None:
         return store.recipe
@@ -136,7 +136,7 @@ def _formation_of(store: Store) -> BlurRecipe | BlurLaw | None:
     return told_law(find_recipe(manifest.recipe), formation)
 
 
-def _recipe_of(store: Store) -> BlurRecipe:
+def _recipe_of(store: Dataset) -> BlurRecipe:
     recipe = store.recipe
     if recipe is None and store.manifest.on_track:
         raise MethodError(
@@ -158,7 +158,7 @@ def _recipe_of(store: Store) -> BlurRecipe:
     return recipe
 
 
-def depth_warnings(method: Method, store: Store, split: str) -> list[str]:
+def depth_warnings(method: Method, store: Dataset, split: str) -> list[str]:
     """Return what a result is to say where training leaves depths of the test uncovered.
 
     Training is what the method says of itself, and what it is fitted on before the split is run.
@@ -174,7 +174,7 @@ def depth_warnings(method: Method, store: Store, split: str) -> list[str]:
     return [text for name in dict.fromkeys(saw) for text in coverage_warnings(name, store, split)]
 
 
-def training_mean(store: Store) -> float:
+def training_mean(store: Dataset) -> float:
     """Return the mean depth level over the known pixels of the training split's depth maps.
 
     Raises

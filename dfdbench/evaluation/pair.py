@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.dataset import Capture, Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.pair_images import PairImages
-from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
@@ -56,7 +55,7 @@ class PairEvaluator:
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set.
     method : Method
         From `load_for`.
@@ -67,7 +66,7 @@ class PairEvaluator:
     """
 
     def __init__(
-        self, store: Store, method: Method, seed: int, protocols: Iterable[Protocol] | None = None
+        self, store: Dataset, method: Method, seed: int, protocols: Iterable[Protocol] | None = None
     ) -> None:
         self._store = store
         self._method = method
@@ -119,7 +118,9 @@ class RemoteEvaluator:
     expected: str = field(default="{}", repr=False)
 
     @classmethod
-    def of(cls, store: Store, method: Method, seed: int, fit: Fit | None = None) -> RemoteEvaluator:
+    def of(
+        cls, store: Dataset, method: Method, seed: int, fit: Fit | None = None
+    ) -> RemoteEvaluator:
         """Return the evaluator for a store and a method that are open, and fitted, here."""
         place = store.path.absolute() if is_local(store.path) else store.path
         learned = None if fit is None or fit.learned is None else pack(fit.learned)
@@ -145,7 +146,7 @@ class RemoteEvaluator:
 @lru_cache(maxsize=1)
 def _evaluator_here(remote: RemoteEvaluator) -> tuple[Method, PairEvaluator]:
     # A process keeps what it has loaded: graph cuts compile, networks read their weights.
-    store = Store(remote.place)
+    store = Dataset(remote.place)
     parameters = json.loads(remote.parameters)
     method = load_for(store, remote.entry, parameters, remote.seed, remote.told)
     _require_same(json.loads(remote.expected), method)
@@ -179,15 +180,15 @@ def _environment_here() -> Environment:
 
 
 def record_of(
-    store: Store, images: PairImages, prediction: Prediction, protocols: Iterable[Protocol]
+    store: Dataset, images: Capture, prediction: Prediction, protocols: Iterable[Protocol]
 ) -> PairResult:
     """Return what became of a pair: its prediction scored under every protocol, or its error.
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set.
-    images : PairImages
+    images : Capture
         The pair.
     prediction : Prediction
         Depth levels, or why there are none.

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store
 from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.fitting import Fit
@@ -52,7 +52,7 @@ class RunPlan:
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set.
     method : Method
         What is evaluated.
@@ -67,7 +67,7 @@ class RunPlan:
         How the method was fitted before; None where it has no fit.
     """
 
-    store: Store
+    store: Dataset
     method: Method
     split: str
     options: RunOptions
@@ -132,7 +132,7 @@ def _short(value: Any) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
-def protocols_on(store: Store) -> tuple[Protocol, ...]:
+def protocols_on(store: Dataset) -> tuple[Protocol, ...]:
     """Return the protocols to score under on a data set.
 
     Those in metres are among them where its manifest says how levels become metres.
@@ -140,7 +140,7 @@ def protocols_on(store: Store) -> tuple[Protocol, ...]:
     return tuple(protocols_of(store.manifest.depth.scale is not None).values())
 
 
-def plan_run(store: Store, method: Method, split: str, options: RunOptions) -> RunPlan:
+def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) -> RunPlan:
     """Return which pairs a run evaluates.
 
     Raises
@@ -161,7 +161,7 @@ def plan_run(store: Store, method: Method, split: str, options: RunOptions) -> R
     return RunPlan(store, method, split, options, expected, available, chosen)
 
 
-def require_what_was_built(store: Store, split: str) -> None:
+def require_what_was_built(store: Dataset, split: str) -> None:
     """Refuse a store that has lost scenes, or pairs of the split, since it was built.
 
     Its fingerprint, which a result names, is no longer that of what it holds. What the build itself
@@ -191,7 +191,7 @@ def require_what_was_built(store: Store, split: str) -> None:
         )
 
 
-def _as_built(store: Store) -> str:
+def _as_built(store: Dataset) -> str:
     name = store.manifest.short + " --source DIR" * bool(store.manifest.files)
     at_home = str(store.path) == str(default_store(store.manifest))
     return name if at_home else f"{name} --store {store.path}"

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import ALL_PAIRS, Pair
-from dfdbench.datasets.store import Store
 from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.methods.calling import check_depth
 from dfdbench.results.record import Unit
@@ -73,7 +73,7 @@ class PredictionFiles:
         return levels
 
 
-def find_predictions(folder: Path, store: Store, split: str, unit: Unit) -> PredictionFiles:
+def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> PredictionFiles:
     """Find the depth maps of a split in a folder, and look at every one.
 
     A file is named by its pair, as ``dfdbench info NAME --pairs SPLIT`` lists them, in folders or
@@ -83,7 +83,7 @@ def find_predictions(folder: Path, store: Store, split: str, unit: Unit) -> Pred
     ----------
     folder : Path
         Where they lie. Hidden files are not looked at.
-    store : Store
+    store : Dataset
         The data set.
     split : str
         Which pairs.
@@ -123,7 +123,7 @@ def find_predictions(folder: Path, store: Store, split: str, unit: Unit) -> Pred
     return PredictionFiles(chosen, unit, scale, others, beyond / pixels, highest)
 
 
-def _unfit(folder: Path, store: Store, split: str, unit: Unit) -> list[Problem]:
+def _unfit(folder: Path, store: Dataset, split: str, unit: Unit) -> list[Problem]:
     problems = []
     if not folder.is_dir():
         problems.append(
@@ -144,7 +144,7 @@ def _unfit(folder: Path, store: Store, split: str, unit: Unit) -> list[Problem]:
 
 
 def _sorted_out(
-    folder: Path, store: Store, wanted: Sequence[Pair], split: str
+    folder: Path, store: Dataset, wanted: Sequence[Pair], split: str
 ) -> tuple[dict[Pair, Path], list[Problem]]:
     named = {}
     for pair in store.manifest.pairs(ALL_PAIRS):

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 from dfdbench.evaluation.pair import DIFFERS, PRINTED, TURNED
 from dfdbench.evaluation.plan import RunPlan, protocols_on
 from dfdbench.methods.calling import UNIT_LEVELS
@@ -52,7 +52,7 @@ def result_of(
 
 
 def compose(
-    store: Store,
+    store: Dataset,
     split: str,
     method: MethodRecord,
     pairs: list[PairResult],
@@ -64,7 +64,7 @@ def compose(
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set.
     split : str
         Which pairs of it.
@@ -101,7 +101,7 @@ def compose(
     )
 
 
-def _dataset_record(store: Store, split: str, expected: int, evaluated: int) -> DatasetRecord:
+def _dataset_record(store: Dataset, split: str, expected: int, evaluated: int) -> DatasetRecord:
     manifest = store.manifest
     return DatasetRecord(
         name=manifest.stem,

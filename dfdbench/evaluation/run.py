@@ -9,8 +9,8 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.fitting import Fit, fit_again, fit_method, keep_fit
 from dfdbench.evaluation.pair import (
@@ -72,7 +72,7 @@ class Run:
 
 
 def run_method(
-    store: Store,
+    store: Dataset,
     method: Method,
     split: str,
     folder: Path,
@@ -92,7 +92,7 @@ def run_method(
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set.
     method : Method
         From `load_for`.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 from dfdbench.evaluation.pair import blank_record, record_of
 from dfdbench.evaluation.plan import protocols_on, require_what_was_built
@@ -23,7 +23,7 @@ from dfdbench.system.work_folder import writing_folder
 
 def score_predictions(
     predictions: Path,
-    store: Store,
+    store: Dataset,
     split: str,
     folder: Path,
     name: str,
@@ -36,7 +36,7 @@ def score_predictions(
     ----------
     predictions : Path
         The depth maps, see `dfdbench.evaluation.prediction_files.find_predictions`.
-    store : Store
+    store : Dataset
         The data set.
     split : str
         Which pairs.

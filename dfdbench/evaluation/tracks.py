@@ -14,8 +14,8 @@ from dfdbench.building.obtaining import obtain
 from dfdbench.building.plan import plan_build
 from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store, open_store
 from dfdbench.errors import InputError, StoreError, unknown_name
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
@@ -84,7 +84,7 @@ def run_over_tracks(
     source: Path | None = None,
     seed: int = 0,
     cache: Path | None = None,
-    check: Callable[[Method, Store], None] = lambda method, store: None,
+    check: Callable[[Method, Dataset], None] = lambda method, store: None,
     on_result: Callable[[str, Result], None] = lambda label, result: None,
     shown: Shown = lambda what: nullcontext(),
 ) -> dict[str, SavedRun]:
@@ -155,10 +155,10 @@ def run_over_tracks(
 
 def _built(
     plain: Manifest, dataset: str, label: str, source: Path | None, cache: Path | None, shown: Shown
-) -> Store:
+) -> Dataset:
     name = dataset if label == CLEAN else f"{dataset}@{label}"
     try:
-        return open_store(name, cache=cache)
+        return open_dataset(name, cache=cache)
     except StoreError:
         if source is None and not is_made(plain):
             raise
@@ -166,4 +166,4 @@ def _built(
     files = obtain(plan, source, cache=cache).source
     with shown(f"building {name}") as step:
         build_store(plan.manifest, files, plan.place, on_scene=step)
-    return open_store(name, cache=cache)
+    return open_dataset(name, cache=cache)

@@ -19,8 +19,8 @@ from dfdbench.audit.difficulty import STEPS, Difficulty
 from dfdbench.audit.run_errors import ErrorJoin, LevelErrors
 from dfdbench.audit.sides import Side, range_text, runs
 from dfdbench.blur.recipe import LEVELS
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
-from dfdbench.datasets.store import Store
 from dfdbench.figures.style import (
     BLUE,
     COLOURS,
@@ -122,7 +122,7 @@ def level_error_figure(join: ErrorJoin, title: str) -> Figure:
     return figure
 
 
-def mask_figure(store: Store, result: Result, folder: Path, join: ErrorJoin) -> Figure:
+def mask_figure(store: Dataset, result: Result, folder: Path, join: ErrorJoin) -> Figure:
     """Draw truth, prediction, mask, error and both overlaid, as Figs 5.20 and 7.5.
 
     The pairs are of different scenes, those with the most uncovered pixels; if all is covered,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.blur.tracks import CLEAN
-from dfdbench.datasets.pair_images import PairImages
+from dfdbench.datasets.dataset import Capture
 from dfdbench.figures.style import (
     COLOURS,
     ERROR_LIMIT,
@@ -143,7 +143,7 @@ def change_figure(
 
 
 def _draw_maps(
-    figure: Figure, axes: NDArray[Any], images: PairImages, predictions: Sequence[NDArray[Any]]
+    figure: Figure, axes: NDArray[Any], images: Capture, predictions: Sequence[NDArray[Any]]
 ) -> None:
     known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
     levels: dict[str, Any] = {"cmap": "viridis", "interpolation": "nearest"}

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.datasets.pair_images import PairImages
+from dfdbench.datasets.dataset import Capture
 from dfdbench.figures.style import (
     ERROR_LIMIT,
     brightened,
@@ -33,12 +33,12 @@ class Shown(Figure):
         return content.getvalue()
 
 
-def show(pair: PairImages, prediction: NDArray[np.floating[Any]] | None = None) -> Figure:
+def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> Figure:
     """Draw a pair; this is ``dfdbench.show``.
 
     Parameters
     ----------
-    pair : PairImages
+    pair : Capture
         From `dfdbench.open`.
     prediction : ndarray, shape (y, x), optional
         Depth levels from a method; drawn with its error.
@@ -57,11 +57,11 @@ def show(pair: PairImages, prediction: NDArray[np.floating[Any]] | None = None) 
     --------
     >>> from dfdbench.datasets.manifest import Pair
     >>> grey, level = np.full((6, 8, 3), 90, np.uint8), np.full((6, 8), 40, np.uint8)
-    >>> figure = show(PairImages(Pair("Desk", (("view", 1),)), grey, grey, level, level > 0))
+    >>> figure = show(Capture(Pair("Desk", (("view", 1),)), grey, grey, level, level > 0))
     >>> [axis.get_title() for axis in figure.axes][:3]
     ['in-focus', 'defocus', 'ground truth']
     """
-    if not isinstance(pair, PairImages):
+    if not isinstance(pair, Capture):
         raise TypeError(
             f"show draws one pair, as dfdbench.open(...)[0] gives it; got {type(pair).__name__}"
         )
@@ -79,7 +79,7 @@ def show(pair: PairImages, prediction: NDArray[np.floating[Any]] | None = None) 
 def draw_pair(
     figure: Figure,
     axes: Sequence[Axes],
-    images: PairImages,
+    images: Capture,
     prediction: NDArray[np.floating[Any]] | None,
 ) -> None:
     """Draw a pair into three axes, or into five with a prediction; depth and error get scales."""

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Scene
-from dfdbench.datasets.store import Store
 from dfdbench.figures.pairs import HEADS, draw_pair
 from dfdbench.figures.style import (
     BLUE,
@@ -36,13 +36,13 @@ _PANELS = 3
 
 
 def draw_run(
-    store: Store, summary: RunSummary, folder: Path, also: Sequence[str] = ()
+    store: Dataset, summary: RunSummary, folder: Path, also: Sequence[str] = ()
 ) -> list[Path]:
     """Draw a run's figures as PNG files into ``folder/figures``; return their paths.
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set that was run on.
     summary : RunSummary
         The run under a protocol, by which pairs are ranked and scored.
@@ -72,7 +72,7 @@ def draw_run(
 
 
 def panel_figure(
-    store: Store,
+    store: Dataset,
     result: Result,
     folder: Path,
     pairs: tuple[PairResult, ...],
@@ -149,7 +149,7 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     return figure
 
 
-def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
+def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
     """Draw the histogram of ground truth and prediction over all evaluated pairs."""
     truth, found = _depth_counts(store, result, folder)
     if not truth.any():
@@ -171,7 +171,7 @@ def depth_figure(store: Store, result: Result, folder: Path) -> Figure | None:
 
 
 def _depth_counts(
-    store: Store, result: Result, folder: Path
+    store: Dataset, result: Result, folder: Path
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
     for pair in [record.pair for record in result.pairs if record.status == "ok"]:
@@ -182,7 +182,7 @@ def _depth_counts(
     return truth, found
 
 
-def pixel_time_figure(store: Store, result: Result) -> Figure | None:
+def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
     """Draw seconds by number of pixels, as Fig. 4.4; None if all pairs are of one size.
 
     Pairs that ran beside others are left out.
@@ -214,7 +214,7 @@ def pixel_time_figure(store: Store, result: Result) -> Figure | None:
     return figure
 
 
-def _times_by_pixels(store: Store, result: Result) -> dict[int, list[float]]:
+def _times_by_pixels(store: Dataset, result: Result) -> dict[int, list[float]]:
     times: dict[int, list[float]] = {}
     for pair in result.pairs:
         if pair.status == "ok" and pair.timed_alone and pair.seconds is not None:

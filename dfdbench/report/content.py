@@ -8,11 +8,11 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from dfdbench.board.ranking import Entry, ScoreBoard, boards
+from dfdbench.board.tables import lighting_table, runs_table, standings_table
 from dfdbench.figures.comparisons import accuracy_figure, lighting_figures, time_figure
 from dfdbench.figures.runs import group_figures
 from dfdbench.figures.style import write_forms
-from dfdbench.leaderboard.ranking import Entry, ScoreBoard, boards
-from dfdbench.leaderboard.tables import lighting_table, runs_table, standings_table
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import ranked_by, require_scored
 from dfdbench.results.record import PairResult

@@ -24,8 +24,8 @@ from dfdbench.report.content import gather, write_plots
 from dfdbench.results.record import SCORED, PairResult
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.wording import score_text, seconds_text
-from dfdbench.system.data_address import webp_address
 from dfdbench.system.files import write_whole
+from dfdbench.system.thumbnails import webp_address
 
 _PAGE = "report.html"
 _UNKNOWN = (191, 191, 191)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from dfdbench.board.ranking import Entry, ScoreBoard, Standing, boards
 from dfdbench.errors import unknown_name
-from dfdbench.leaderboard.ranking import Entry, ScoreBoard, Standing, boards
 from dfdbench.metrics.protocol import metrics_of, require_scored, title_of
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.told import told

@@ -14,8 +14,8 @@ import zarr
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
 from dfdbench.results.output_place import RUN_IDENTITY
 from dfdbench.results.record import PairResult, Result
@@ -202,7 +202,7 @@ def read_prediction(folder: Path, pair: Pair, shape: tuple[int, int]) -> NDArray
     return depth if kept else None
 
 
-def require_pairs_of(result: Result, store: Store, path: Path) -> None:
+def require_pairs_of(result: Result, store: Dataset, path: Path) -> None:
     """Refuse a result with pairs that its data set does not have.
 
     Raises

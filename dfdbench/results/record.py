@@ -17,7 +17,7 @@ from dfdbench.metrics.scores import LARGEST_NUMBER
 from dfdbench.system.record import Record
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 #: Bounds far above any run's keep sums of such numbers finite.
@@ -248,17 +248,6 @@ class Result(Record):
     def complete(self) -> bool:
         """True where every expected pair was evaluated; only then is there an average."""
         return all(pair.status == "ok" for pair in self.pairs)
-
-    def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
-        """Return the pairs' scores as a pandas table; see `dfdbench.results.frame.frame_of`."""
-        from dfdbench.results.frame import frame_of
-
-        return frame_of(self, protocol)
-
-    def _repr_html_(self) -> str:
-        from dfdbench.results.notebook import result_html
-
-        return result_html(self)
 
 
 def average(pairs: list[PairResult], protocols: list[str]) -> dict[str, dict[str, float | None]]:

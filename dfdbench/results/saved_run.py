@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.datasets.pair_images import PairImages
-from dfdbench.datasets.store import Store, open_store
+from dfdbench.datasets.dataset import Capture, Dataset, open_dataset
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
+from dfdbench.metrics.protocol import metrics_of
+from dfdbench.results.first_table import shown_protocol
 from dfdbench.results.folder import (
     PREDICTIONS,
     is_begun,
@@ -22,11 +23,19 @@ from dfdbench.results.folder import (
 )
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.record_file import RESULT, load_result
-from dfdbench.results.wording import labelled, method_label
+from dfdbench.results.run_tables import run_score_table
+from dfdbench.results.summary import ranked, summarise
+from dfdbench.results.wording import labelled, method_label, score_text
+from dfdbench.system.thumbnails import depth_map, gallery
+from dfdbench.tables.table import as_html
 from dfdbench.tables.wording import counted, listed
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+#: A notebook shows so many of the worst pairs.
+_WORST = 3
 
 
 @dataclass(frozen=True)
@@ -39,7 +48,7 @@ class SavedRun:
         The result file.
     result : Result
         What it says.
-    store : Store or None
+    store : Dataset or None
         The data set; None where its images cannot be shown.
     without : str
         Why there are no images; empty where there are.
@@ -50,7 +59,7 @@ class SavedRun:
 
     path: Path
     result: Result
-    store: Store | None
+    store: Dataset | None
     without: str
     place: str = ""
 
@@ -66,7 +75,7 @@ class SavedRun:
         """The method with its parameters, and the place where that is needed."""
         return labelled(method_label(self.result.method), self.place)
 
-    def images(self, pair: PairResult | str) -> tuple[PairImages, NDArray[np.float32]] | None:
+    def images(self, pair: PairResult | str) -> tuple[Capture, NDArray[np.float32]] | None:
         """Return a pair's images and the depth predicted for it, shape (y, x); None without.
 
         Parameters
@@ -102,12 +111,26 @@ class SavedRun:
 
     def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
         """Return the pairs' scores as a pandas table; see `dfdbench.results.frame.frame_of`."""
-        return self.result.to_frame(protocol)
+        from dfdbench.results.frame import frame_of  # it imports pandas
+
+        return frame_of(self.result, protocol)
 
     def _repr_html_(self) -> str:
-        from dfdbench.results.notebook import run_html
-
-        return run_html(self)
+        protocol = shown_protocol(self.result)
+        rows = []
+        for pair in ranked(self.result, protocol)[::-1][:_WORST]:
+            if (found := self.images(pair)) is None:
+                continue
+            images, prediction = found
+            (infocus, _), *others = images.thumbnails()
+            scores = ", ".join(
+                f"{metric.title} {score_text(pair.score(protocol, name))}"
+                for name, metric in metrics_of(protocol).items()
+            )
+            depth = depth_map(prediction, images.valid | True, f"prediction: {scores}")
+            rows.append([(infocus, f"{pair.id}, in-focus"), *others, depth])
+        worst = f"<p><b>worst pairs</b></p>{gallery(rows)}" if rows else ""
+        return as_html(run_score_table(summarise(self.result, protocol))) + worst
 
 
 def open_run(path: Path | str, dataset: str | None = None) -> SavedRun:
@@ -135,9 +158,9 @@ def open_run(path: Path | str, dataset: str | None = None) -> SavedRun:
     result = load_result(file)
     if not (file.parent / PREDICTIONS).is_dir():
         return SavedRun(file, result, None, "no depth maps lie beside the result")
-    found: Store | None
+    found: Dataset | None
     if dataset:
-        store = open_store(dataset)
+        store = open_dataset(dataset)
         if store.fingerprint != result.dataset.fingerprint:
             raise ResultError(
                 "the store holds other data than the run was made with",
@@ -153,19 +176,19 @@ def open_run(path: Path | str, dataset: str | None = None) -> SavedRun:
     return SavedRun(file, result, found, without)
 
 
-def _find_store(folder: Path, result: Result) -> tuple[Store | None, str]:
+def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
     """Return the store that a run was made with, or None and why there is none."""
     wanted = result.dataset.fingerprint
     noted = read_store_place(folder)
     without = ""
     if noted:
         with contextlib.suppress(DfdbenchError):
-            store = Store(noted)
+            store = Dataset(noted)
             if store.fingerprint == wanted:
                 return store, ""
         without = "the data that it was run on are not where they were: --dataset PATH names them"
     try:
-        store = open_store(result.dataset.name)
+        store = open_dataset(result.dataset.name)
     except DfdbenchError as error:
         return None, without or error.problems[0].what
     if store.fingerprint == wanted:

@@ -1,6 +1,6 @@
 """Find the transform from the LIDAR's depth map to the camera's image, from boards that both see.
 
-The thesis did it by hand with an interactive tool (3.2.5, step 6). Here `dfdbench.rig.board` turns
+The thesis did it by hand with an interactive tool (3.2.5, step 6). Here `rig.sighting` turns
 the LIDAR until a board's rays agree with its outline in the image. What one board leaves open,
 others that the same rig saw settle.
 """
@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import DfdbenchError, Problem
-from dfdbench.rig.board import (
+from dfdbench.rig.geometry import CaptureRig, Pose
+from dfdbench.rig.lidar import Beams, Floats
+from dfdbench.rig.sighting import (
     AGREED,
     SEARCH,
     Fitted,
@@ -28,8 +30,6 @@ from dfdbench.rig.board import (
     turn_into_place,
     under_pose,
 )
-from dfdbench.rig.geometry import CaptureRig, Pose
-from dfdbench.rig.lidar import Beams, Floats
 
 _MOVED = 5.0  # pixels that scenes may differ by themselves and still be of one rig
 _GIVEN_UP = 0.01  # how much of its own agreement a scene may give up for the rig's pose

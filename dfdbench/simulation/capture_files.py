@@ -12,14 +12,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.datasets.manifest import Capture
+from dfdbench.datasets.manifest import Recording
 from dfdbench.errors import InputError, Problem
 from dfdbench.optics.lens_table import LensTable, read_lens_table
-from dfdbench.rig.board import board_rays
 from dfdbench.rig.geometry import CaptureRig, Pose
 from dfdbench.rig.lidar import average_scans
 from dfdbench.rig.lidar_files import read_beams, write_ranges
 from dfdbench.rig.registration_file import NAME, write_registration
+from dfdbench.rig.sighting import board_rays
 from dfdbench.simulation.board_scene import MOUNTED, SimulatedScene, defocus
 from dfdbench.simulation.photographs import near_normal_numbers
 from dfdbench.system.files import write_whole
@@ -68,7 +68,7 @@ class CaptureSettings:
 def write_captures(
     folder: Path,
     scenes: Sequence[str],
-    capture: Capture,
+    capture: Recording,
     settings: CaptureSettings,
     workers: int = 1,
     on_scene: Callable[[int, int], None] | None = None,
@@ -83,7 +83,7 @@ def write_captures(
         Where to.
     scenes : sequence of str
         k00 to k63.
-    capture : Capture
+    capture : Recording
         Sizes, of the manifest.
     settings : CaptureSettings
         What is simulated.

@@ -15,8 +15,8 @@ from dfdbench.blur.formation import LOBES, form_pair, kernel_size_of, law_of
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS, Degradation
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
 from dfdbench.training.configuration import Expansion
 
@@ -40,7 +40,7 @@ class TrainingImages:
     levels: list[Tensor]
 
     @classmethod
-    def read(cls, store: Store, pairs: tuple[Pair, ...], ignore_unknown: bool) -> TrainingImages:
+    def read(cls, store: Dataset, pairs: tuple[Pair, ...], ignore_unknown: bool) -> TrainingImages:
         """Read pairs of a store; a depth map that several share is kept once."""
         pixels = []
         levels: list[Tensor] = []

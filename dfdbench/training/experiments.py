@@ -10,8 +10,8 @@ from pathlib import Path
 from statistics import fmean, stdev
 from typing import Any
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, unknown_name
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, load_weights, weights_sha256
@@ -125,7 +125,7 @@ class Trial:
 def trials(
     experiment: Experiment,
     method: str,
-    store: Store | Mapping[str, Store],
+    store: Dataset | Mapping[str, Dataset],
     config: str | Mapping[str, str],
     changes: Mapping[str, Any],
     folder: Path,
@@ -141,7 +141,7 @@ def trials(
         Which.
     method : str
         What is trained.
-    store : Store or mapping of str to Store
+    store : Dataset or mapping of str to Dataset
         On what; the set of each pair of voltage steps by its value where those vary.
     config : str or mapping of str to str
         The configuration to start from, a file or a shipped name; or that of each value, whose
@@ -161,7 +161,7 @@ def trials(
         If a value is none that the configuration takes, or the network cannot be trained.
     """
     chosen = tuple(values or (experiment.values if isinstance(config, str) else config))
-    if not isinstance(store, Store):
+    if not isinstance(store, Dataset):
         chosen = tuple(store)
     elif experiment.varies == FOLD:
         chosen = tuple(values or folds_of(store.manifest))
@@ -183,7 +183,7 @@ def trials(
         if experiment.varies == "expansion":
             configuration = configuration.with_examples_of_eight()
         for seed in range(repeats or experiment.repeats):
-            data = store if isinstance(store, Store) else store[str(value)]
+            data = store if isinstance(store, Dataset) else store[str(value)]
             task = task_of(method, data, configuration, experiment.split, fold, seed, start)
             require_trainable(task)
             name = "-".join(str(part) for part in (value, f"seed{seed}") if part != "")

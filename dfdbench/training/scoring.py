@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import nn
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store
 from dfdbench.methods.networks.inference import Predictor, Readout
 from dfdbench.metrics.metric import METRICS
 from dfdbench.metrics.protocol import PROTOCOLS, find_protocol, score
@@ -52,7 +52,7 @@ def same_threads() -> Iterator[None]:
 @same_threads()
 def mean_scores(
     network: nn.Module,
-    store: Store,
+    store: Dataset,
     pairs: Sequence[Pair],
     device: torch.device,
     readout: Readout = "mode",
@@ -65,7 +65,7 @@ def mean_scores(
     ----------
     network : nn.Module
         Left as it is: a copy is asked.
-    store : Store
+    store : Dataset
         If the pairs lie.
     pairs : sequence of Pair
         Which pairs.

@@ -9,9 +9,9 @@ from typing import Any
 import torch
 
 from dfdbench.blur.tracks import TRACKS
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.folds import require_fold, training_of
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.weights import build_network, weights_sha256
 from dfdbench.system.version import PACKAGE_VERSION
@@ -27,7 +27,7 @@ class Task:
     ----------
     method : str
         ``dfd-net`` or ``u-net``.
-    store : Store
+    store : Dataset
         The data set.
     train, test : tuple of Pair
         Pairs to train on, and pairs to score.
@@ -44,7 +44,7 @@ class Task:
     """
 
     method: str
-    store: Store
+    store: Dataset
     train: tuple[Pair, ...]
     test: tuple[Pair, ...]
     trained_on: str
@@ -70,7 +70,7 @@ class Task:
 
 def task_of(
     method: str,
-    store: Store,
+    store: Dataset,
     configuration: TrainingConfiguration,
     split: str = "train",
     fold: str | None = None,

@@ -10,9 +10,9 @@ from typing import Any
 import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN
-from dfdbench.leaderboard.board import leaderboard
-from dfdbench.leaderboard.ranking import Entry, ScoreBoard
-from dfdbench.leaderboard.tables import link_to, plain, tracks_of
+from dfdbench.board.board import leaderboard
+from dfdbench.board.ranking import Entry, ScoreBoard
+from dfdbench.board.tables import link_to, plain, tracks_of
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import SCORED, Result

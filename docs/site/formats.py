@@ -9,8 +9,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from dfdbench.board.row_file import Row
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.leaderboard.row_file import Row
 from dfdbench.results.record import Result
 from dfdbench.tables.render import escape_markdown
 from dfdbench.training.configuration import TrainingConfiguration

@@ -22,21 +22,21 @@ from dfdbench.audit.coverage import (
 )
 from dfdbench.audit.sides import DepthHistogram, Side, as_ranges, sides_of
 from dfdbench.blur.recipe import LEVELS
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 
 SCHEMA = Path(__file__).parents[2] / "dfdbench/results/schemas/coverage-1.json"
 COUNTS = arrays(np.int64, LEVELS, elements=st.integers(0, 1000))
 
 
-def side(store: Store, **levels: int) -> Side:
+def side(store: Dataset, **levels: int) -> Side:
     counts = np.zeros(LEVELS, np.int64)
     for level, pixels in levels.items():
         counts[int(level[1:])] = pixels
     return Side(store, "made", {"One": DepthHistogram(counts, counts.astype(float), 0, 1)}, ())
 
 
-def test_each_verdict_and_each_criterion_has_its_case(tiny_store: Store) -> None:
+def test_each_verdict_and_each_criterion_has_its_case(tiny_store: Dataset) -> None:
     train = side(tiny_store, l10=100_000, l20=5, l30=9_000, l50=40, l60=7)
     test = side(tiny_store, l10=1_000, l20=6, l30=1_000, l40=1, l50=40, l60=7)
     record = compare_depths(train, test, DensityBound(factor=4, floor=0.01))
@@ -64,7 +64,7 @@ def test_criteria_agree_with_each_other(train: NDArray[np.int64], test: NDArray[
     assert (uncovered(3 * train, test, Criterion.density, bound) == by[Criterion.density]).all()
 
 
-def test_what_is_no_bound_or_share_is_refused(tiny_store: Store) -> None:
+def test_what_is_no_bound_or_share_is_refused(tiny_store: Dataset) -> None:
     with pytest.raises(InputError, match="density factor"):
         DensityBound(factor=0.5)
     with pytest.raises(InputError, match="density floor"):
@@ -78,7 +78,7 @@ def test_the_published_schema_is_that_of_the_model() -> None:
     assert SCHEMA.read_text("utf-8") == schema + "\n"
 
 
-def test_ranges_and_shares_add_up(tiny_store: Store) -> None:
+def test_ranges_and_shares_add_up(tiny_store: Dataset) -> None:
     record = compare_depths(*sides_of(tiny_store))
     pixels = record.test.known_pixels
     assert sum(record.test.counts) == pixels
@@ -92,7 +92,7 @@ def test_ranges_and_shares_add_up(tiny_store: Store) -> None:
     assert (record.levels(Verdict.missing) == (tested > 0) & (seen == 0)).all()
 
 
-def test_criterion_and_allowance_decide(tiny_store: Store) -> None:
+def test_criterion_and_allowance_decide(tiny_store: Dataset) -> None:
     sides = sides_of(tiny_store)
     share = compare_depths(*sides).shares["thesis"]
     assert 0 < share < 1
@@ -100,7 +100,7 @@ def test_criterion_and_allowance_decide(tiny_store: Store) -> None:
     assert compare_depths(*sides, criterion=Criterion.thesis, allowed_share=share).covered
 
 
-def test_tables_hold_every_range_and_say_what_counts(tiny_store: Store) -> None:
+def test_tables_hold_every_range_and_say_what_counts(tiny_store: Dataset) -> None:
     record = compare_depths(*sides_of(tiny_store))
     table = coverage_table(record)
     assert [row[0] for row in table.rows] == [item.levels for item in record.ranges]
@@ -111,7 +111,7 @@ def test_tables_hold_every_range_and_say_what_counts(tiny_store: Store) -> None:
     assert "100.0 % allowed" in verdict_line(allowed)
 
 
-def test_each_row_is_one_comparison(tiny_store: Store) -> None:
+def test_each_row_is_one_comparison(tiny_store: Dataset) -> None:
     records = {name: compare_depths(*sides_of(tiny_store, fold=name)) for name in ("K1", "K2")}
     table = each_table(records, "fold")
     assert [row[:2] for row in table.rows] == [("K1", "One, Two"), ("K2", "Three")]

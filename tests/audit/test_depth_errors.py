@@ -10,8 +10,8 @@ from dfdbench.audit.depth_errors import (
     level_count_table,
 )
 from dfdbench.audit.sides import scene_histograms, side_of
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
-from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import Run, run_method
@@ -19,7 +19,7 @@ from dfdbench.evaluation.run import Run, run_method
 SCALE = DepthScale(law="inverse", near=0.5, far=5.0)
 
 
-def with_metres(store: Store) -> Store:
+def with_metres(store: Dataset) -> Dataset:
     """The store, as if its manifest said what its levels are in metres."""
     depth = store.manifest.depth.model_copy(update={"scale": SCALE})
     store.__dict__["manifest"] = store.manifest.model_copy(update={"depth": depth})
@@ -27,13 +27,13 @@ def with_metres(store: Store) -> Store:
 
 
 @pytest.fixture
-def run(tiny_store: Store, tmp_path: Path) -> Run:
+def run(tiny_store: Dataset, tmp_path: Path) -> Run:
     method = load_for(tiny_store, "constant", {"training_mean": 60.0})
     return run_method(tiny_store, method, "test", tmp_path / "run")
 
 
-def test_errors_are_those_of_all_known_pixels_by_their_depth(tiny_store: Store, run: Run) -> None:
-    store = with_metres(Store(tiny_store.path))
+def test_errors_are_those_of_all_known_pixels_by_their_depth(tiny_store: Dataset, run: Run) -> None:
+    store = with_metres(Dataset(tiny_store.path))
     found = depth_errors(store, run.result, run.folder, "mine")
     depths = [store.read_depth(pair) for pair in store.pairs("test")]
     known = np.concatenate([depth[valid] for depth, valid in depths]).astype(float)
@@ -51,9 +51,9 @@ def test_errors_are_those_of_all_known_pixels_by_their_depth(tiny_store: Store, 
 
 
 def test_the_table_has_a_row_a_band_that_occurs_and_metres_where_they_are_told(
-    tiny_store: Store, run: Run
+    tiny_store: Dataset, run: Run
 ) -> None:
-    store = with_metres(Store(tiny_store.path))
+    store = with_metres(Dataset(tiny_store.path))
     found = [depth_errors(store, run.result, run.folder, name) for name in ("a", "b")]
     levels, metres = depth_error_tables(store, "test", found)
     assert levels.columns == metres.columns == ("levels", "metres", "of all", "a", "b")
@@ -68,7 +68,7 @@ def test_the_table_has_a_row_a_band_that_occurs_and_metres_where_they_are_told(
 
 
 def test_runs_of_different_pairs_are_not_set_side_by_side(
-    tiny_store: Store, run: Run, tmp_path: Path
+    tiny_store: Dataset, run: Run, tmp_path: Path
 ) -> None:
     method = load_for(tiny_store, "constant", {"training_mean": 60.0})
     other = run_method(tiny_store, method, "train", tmp_path / "other")
@@ -77,7 +77,7 @@ def test_runs_of_different_pairs_are_not_set_side_by_side(
         depth_error_tables(tiny_store, "test", found)
 
 
-def test_levels_stand_sixteen_a_row_and_each_by_itself_as_data(tiny_store: Store) -> None:
+def test_levels_stand_sixteen_a_row_and_each_by_itself_as_data(tiny_store: Dataset) -> None:
     side = side_of(tiny_store, scene_histograms(tiny_store), "Three", ("Three",))
     counts = side.histogram.counts
     table = level_count_table(side)
@@ -91,7 +91,7 @@ def test_levels_stand_sixteen_a_row_and_each_by_itself_as_data(tiny_store: Store
 
 
 def test_levels_that_do_not_occur_are_named_and_scenes_that_are_not_there(
-    tiny_store: Store,
+    tiny_store: Dataset,
 ) -> None:
     histograms = scene_histograms(tiny_store)
     del histograms["Two"]

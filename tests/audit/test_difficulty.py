@@ -19,8 +19,8 @@ from dfdbench.audit.difficulty import (
 )
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError
 from dfdbench.methods.baselines import Local
 
@@ -99,7 +99,7 @@ def test_only_known_pixels_count() -> None:
 
 
 @pytest.mark.slow
-def test_the_errors_of_local_follow_it(demo_store: Store) -> None:
+def test_the_errors_of_local_follow_it(demo_store: Dataset) -> None:
     # Both views of one test scene under every light: the shares rank the errors, and pixels
     # whose blur shows only larger steps err more.
     predict, steps, errors, shares, means = Local(RECIPE), [], [], [], []

@@ -19,8 +19,8 @@ from dfdbench.audit.leaks import (
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
 
 
@@ -73,7 +73,7 @@ def test_data_sets_made_from_the_same_files_share_their_scenes() -> None:
     assert not manifest_leaks(other, ("Art",), default, ("Art",))
 
 
-def test_the_demo_set_leaks_nothing(demo_store: Store) -> None:
+def test_the_demo_set_leaks_nothing(demo_store: Dataset) -> None:
     manifest = demo_store.manifest
     train, test = (scene_hashes(demo_store, manifest.scenes_of(s)) for s in ("train", "test"))
     assert list(train["Attic"]) == ["Attic/view1", "Attic/view5"]
@@ -96,7 +96,7 @@ def test_a_copied_image_under_another_name_is_found_and_keeps_scenes_together(
     darker = cv2.resize((copied * 0.6).astype(np.uint8), (32, 24))
     cv2.imwrite(str(tiny_folder / "Three/Illum1/Exp1/view1.png"), darker)
     build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), tmp_path / "s.zarr")
-    hashes = scene_hashes(Store(tmp_path / "s.zarr"), tiny_manifest.scene_names)
+    hashes = scene_hashes(Dataset(tmp_path / "s.zarr"), tiny_manifest.scene_names)
     leaks = image_leaks({"One": hashes["One"]}, {n: hashes[n] for n in ("Two", "Three")})
     assert [(leak.train, leak.test) for leak in leaks] == [("One/view1", "Three/view1")]
     assert "bits" in leaks[0].as_problem().got
@@ -104,7 +104,7 @@ def test_a_copied_image_under_another_name_is_found_and_keeps_scenes_together(
     assert image_leaks({}, hashes) == []
 
 
-def test_an_image_that_cannot_be_read_is_told(tiny_store: Store) -> None:
+def test_an_image_that_cannot_be_read_is_told(tiny_store: Dataset) -> None:
     shutil.rmtree(Path(str(tiny_store.path)) / "Two/infocus")
     with pytest.raises(StoreError, match="cannot be read"):
-        scene_hashes(Store(tiny_store.path), ["One", "Two"])
+        scene_hashes(Dataset(tiny_store.path), ["One", "Two"])

@@ -19,7 +19,7 @@ from dfdbench.audit.run_errors import (
 )
 from dfdbench.audit.sides import sides_of
 from dfdbench.audit.trained_on import Training
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
@@ -66,7 +66,7 @@ def join_of(scarce: float, share: int = 20) -> ErrorJoin:
 
 
 @pytest.fixture
-def record(tiny_store: Store) -> CoverageRecord:
+def record(tiny_store: Dataset) -> CoverageRecord:
     return compare_depths(*sides_of(tiny_store))
 
 
@@ -125,7 +125,7 @@ def test_json_has_the_same_numbers(record: CoverageRecord) -> None:
     assert (content["training"], content["excess"]) == ("none", 0.5)
 
 
-def test_only_a_runs_own_predictions_are_joined(tiny_store: Store, tmp_path: Path) -> None:
+def test_only_a_runs_own_predictions_are_joined(tiny_store: Dataset, tmp_path: Path) -> None:
     run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
     record = compare_depths(*sides_of(tiny_store))
     join = join_errors(tiny_store, run.result, run.folder, record)

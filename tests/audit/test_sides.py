@@ -20,8 +20,8 @@ from dfdbench.audit.sides import (
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from tests.conftest import TINY_TOML
 
@@ -93,13 +93,13 @@ def test_levels_at_both_ends_are_told() -> None:
     assert as_ranges(np.ones(256, bool)) == "0-255"
 
 
-def build(toml: str, folder: Path, path: Path) -> Store:
+def build(toml: str, folder: Path, path: Path) -> Dataset:
     manifest = parse_manifest(toml.encode(), "tiny-1.toml")
     build_store(manifest, open_source(manifest, folder), path)
-    return Store(path)
+    return Dataset(path)
 
 
-def test_depth_maps_weigh_by_the_manifests_pairs(tiny_store: Store) -> None:
+def test_depth_maps_weigh_by_the_manifests_pairs(tiny_store: Dataset) -> None:
     histograms = scene_histograms(tiny_store)
     assert {name: h.pairs for name, h in histograms.items()} == {"One": 4, "Two": 4, "Three": 3}
     arrays = tiny_store.to_xarray("Three")
@@ -113,7 +113,7 @@ def test_depth_maps_weigh_by_the_manifests_pairs(tiny_store: Store) -> None:
 
 
 def test_a_store_with_fewer_lightings_gives_the_same_counts(
-    tiny_store: Store, tiny_folder: Path, tmp_path: Path
+    tiny_store: Dataset, tiny_folder: Path, tmp_path: Path
 ) -> None:
     for image in tiny_folder.rglob("Exp0/view*.png"):
         image.unlink()
@@ -151,16 +151,16 @@ def lose_record(path: Path) -> None:
 
 @pytest.mark.parametrize("damage", [lose_chunks, garble, lose_record])
 def test_a_damaged_depth_map_is_told_and_never_counted(
-    tiny_store: Store, damage: Callable[[Path], None]
+    tiny_store: Dataset, damage: Callable[[Path], None]
 ) -> None:
     damage(Path(str(tiny_store.path)))
     with pytest.raises(StoreError) as caught:
-        scene_histograms(Store(tiny_store.path))
+        scene_histograms(Dataset(tiny_store.path))
     assert "Two" in str(caught.value)
     assert "dfdbench verify" in str(caught.value) or "dfdbench build" in str(caught.value)
 
 
-def test_splits_folds_and_scenes_part_the_data_set(tiny_store: Store) -> None:
+def test_splits_folds_and_scenes_part_the_data_set(tiny_store: Dataset) -> None:
     train, test = sides_of(tiny_store)
     assert (list(train.scenes), list(test.scenes)) == (["One"], ["Two", "Three"])
     train, test = sides_of(tiny_store, fold="K1")
@@ -186,7 +186,7 @@ def test_scenes_that_are_not_built_are_named(tiny_folder: Path, tmp_path: Path) 
 
 
 def test_levels_are_turned_round_between_sets_that_grow_the_other_way(
-    tiny_store: Store, tiny_folder: Path, tmp_path: Path
+    tiny_store: Dataset, tiny_folder: Path, tmp_path: Path
 ) -> None:
     # The same depth maps, declared as distances: Eq. 7.1 maps level 4 to 251.
     far = build(

@@ -1,11 +1,11 @@
 import pytest
 
 from dfdbench.audit.trained_on import Training, coverage_warnings, sides_of_run, training_side
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 
 
-def test_the_text_names_scenes_of_the_store(tiny_store: Store) -> None:
+def test_the_text_names_scenes_of_the_store(tiny_store: Dataset) -> None:
     for text, scenes in (
         ("tiny-1, split train", ["One"]),
         ("tiny, all but K2, 30 epochs", ["One", "Two"]),
@@ -28,17 +28,17 @@ def test_the_text_names_scenes_of_the_store(tiny_store: Store) -> None:
     ],
 )
 def test_what_is_uncovered_or_cannot_be_told_is_said(
-    tiny_store: Store, text: str, told: str
+    tiny_store: Dataset, text: str, told: str
 ) -> None:
     (warning,) = coverage_warnings(text, tiny_store, "test")
     assert told in warning
 
 
-def test_nothing_is_said_of_a_method_that_names_no_training(tiny_store: Store) -> None:
+def test_nothing_is_said_of_a_method_that_names_no_training(tiny_store: Dataset) -> None:
     assert coverage_warnings(None, tiny_store, "test") == []
 
 
-def test_training_on_the_test_is_said(tiny_store: Store) -> None:
+def test_training_on_the_test_is_said(tiny_store: Dataset) -> None:
     (warning,) = coverage_warnings("tiny-1, split all", tiny_store, "test")
     assert warning.startswith("leak: tiny-1, all, trained on scenes or textures of the test: Two")
 
@@ -56,7 +56,7 @@ def test_training_on_the_test_is_said(tiny_store: Store) -> None:
     ],
 )
 def test_a_run_is_held_against_what_is_named_else_against_the_usual(
-    tiny_store: Store,
+    tiny_store: Dataset,
     split: str,
     trained_on: str | None,
     named: dict[str, str],
@@ -67,6 +67,6 @@ def test_a_run_is_held_against_what_is_named_else_against_the_usual(
     assert (sides.train.name, sides.test.name, sides.training) == (train, split, training)
 
 
-def test_a_run_on_every_scene_leaves_none_to_compare_with(tiny_store: Store) -> None:
+def test_a_run_on_every_scene_leaves_none_to_compare_with(tiny_store: Dataset) -> None:
     with pytest.raises(InputError, match="tested every scene"):
         sides_of_run(tiny_store, "all", None)

@@ -14,8 +14,8 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.building.build import scene_dataset
 from dfdbench.building.sources import SceneImages
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store
 from dfdbench.datasets.store_writer import StoreWriter
 
 
@@ -50,11 +50,11 @@ def store_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def coverage_of_all(path: Path) -> int:
-    return compare_depths(*sides_of(Store(path), "train", "all")).test.known_pixels
+    return compare_depths(*sides_of(Dataset(path), "train", "all")).test.known_pixels
 
 
 def pair_by_pair(path: Path) -> int:
-    store, counts = Store(path), np.zeros(256, np.int64)
+    store, counts = Dataset(path), np.zeros(256, np.int64)
     pairs: tuple[Pair, ...] = store.manifest.pairs("all")
     for pair in pairs:
         depth, valid = store.read_depth(pair)

@@ -21,7 +21,7 @@ from scipy.ndimage import correlate1d
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.graph_cuts import GraphCuts
 from dfdbench.methods.mrf import (
@@ -191,7 +191,7 @@ def test_split(benchmark: Any, energy: Energy, quality: Quality) -> None:
 
 
 @pytest.fixture(params=["demo", "aloe-exposure1", "aloe-exposure2"])
-def photograph(request: pytest.FixtureRequest, demo_store: Store) -> Energy:
+def photograph(request: pytest.FixtureRequest, demo_store: Dataset) -> Energy:
     """The published energy of a demo pair, and of the two published pairs with step 0.01."""
     if request.param != "demo":
         aloe: Callable[[int], Energy] = request.getfixturevalue("aloe")

@@ -10,8 +10,7 @@ import cv2
 import pytest
 
 from dfdbench.building.export import export_png
-from dfdbench.datasets.pair_sequence import open_pairs
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset, open_dataset
 
 CROP = (slice(100, 132), slice(150, 182))
 
@@ -31,11 +30,11 @@ def read_png_crops(folder: Path) -> list[Any]:
 
 @pytest.fixture(scope="module")
 def ways(
-    demo_store: Store, tmp_path_factory: pytest.TempPathFactory
+    demo_store: Dataset, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, Callable[[], Any]]:
     folder = tmp_path_factory.mktemp("png")
     export_png(demo_store, folder, "test")
-    data = open_pairs("demo", "test", store=demo_store.path)
+    data = open_dataset("demo", demo_store.path).captures("test")
     wanted = {"view": 1, "illumination": 2, "exposure": 2}
     chosen = [number for number, pair in enumerate(data.pairs) if pair.at == wanted]
     return {

@@ -13,15 +13,15 @@ import pytest
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS
+from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store, scene_dataset
 from dfdbench.building.fetching.checksums import known_checksums
 from dfdbench.building.sources import SceneImages, open_source
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError, UnknownNameError
-from dfdbench.leaderboard.row_file import known_fingerprints
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import ON_SERVERS, TINY_TOML
 
@@ -33,7 +33,7 @@ DFD_INDOOR_FINGERPRINT = "68f5d80d18baefecf7785129cdd0fb401ca14b38840cf63bd8ca7f
 
 @pytest.mark.parametrize("workers", [1, 2, 4])
 def test_the_fingerprint_does_not_depend_on_the_workers(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store, tmp_path: Path, workers: int
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset, tmp_path: Path, workers: int
 ) -> None:
     source = open_source(tiny_manifest, tiny_folder)
     report = build_store(tiny_manifest, source, tmp_path / "again.zarr", pool=Threads(workers))
@@ -52,7 +52,7 @@ def test_the_fingerprint_does_not_depend_on_the_workers(
 def test_the_fingerprint_does_not_depend_on_where_it_is_built(
     tiny_manifest: Manifest,
     tiny_folder: Path,
-    tiny_store: Store,
+    tiny_store: Dataset,
     tmp_path: Path,
     where: str,
     request: pytest.FixtureRequest,
@@ -87,12 +87,12 @@ def test_damaged_files_are_told_from_a_cluster_too(
     assert told == ["not a PNG file", "not a PNG file", "1 pairs are missing besides"]
 
 
-def test_the_demo_set_is_the_same_everywhere(demo_store: Store) -> None:
+def test_the_demo_set_is_the_same_everywhere(demo_store: Dataset) -> None:
     assert demo_store.fingerprint == DEMO_FINGERPRINT
 
 
 def test_a_second_build_keeps_what_is_finished(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     steps: list[tuple[int, int]] = []
     source = open_source(tiny_manifest, tiny_folder)
@@ -104,7 +104,7 @@ def test_a_second_build_keeps_what_is_finished(
 
 
 def test_a_changed_image_is_noticed(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     site = tiny_folder / "Two/Illum1"
     (site / "Exp0/view1.png").write_bytes((site / "Exp1/view1.png").read_bytes())
@@ -126,7 +126,7 @@ def test_missing_pairs_are_left_out_and_named(
         "Two/view1/illumination1/exposure0",
         "Two/view1/illumination1/exposure1",
     }
-    store = Store(report.path)
+    store = Dataset(report.path)
     assert set(store.attributes["missing_pairs"]) == missing
     assert len(store.pairs("all")) == report.pairs == 8
 
@@ -148,7 +148,7 @@ def test_damaged_files_are_all_named_and_nothing_is_put_into_place(
 
 
 @pytest.mark.slow
-def test_a_killed_build_goes_on(demo_store: Store, tmp_path: Path) -> None:
+def test_a_killed_build_goes_on(demo_store: Dataset, tmp_path: Path) -> None:
     path = tmp_path / "killed.zarr"
     command = [
         sys.executable,
@@ -226,7 +226,7 @@ def test_a_captured_set_bears_no_recipe(tmp_path: Path) -> None:
         build_store(manifest, Captured(manifest, gives_defocus=False), place)
     assert not place.exists()
     build_store(manifest, Captured(manifest), place)
-    store = Store(place)
+    store = Dataset(place)
     assert (store.recipe_name, store.recipe) == ("", None)
     assert (store.read(store.pairs("One")[0]).defocus == 45).all()
 

@@ -13,9 +13,9 @@ from dfdbench.building.build import build_store
 from dfdbench.building.export import export_png
 from dfdbench.building.sources import SceneImages, open_source
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.loading import load_here
 from dfdbench.evaluation.run import run_method
@@ -27,7 +27,7 @@ local = Local()
 
 
 def test_what_is_exported_builds_the_same_store_again(
-    tiny_manifest: Manifest, tiny_store: Store, tmp_path: Path
+    tiny_manifest: Manifest, tiny_store: Dataset, tmp_path: Path
 ) -> None:
     assert export_png(tiny_store, tmp_path / "png") == 11
     assert (tmp_path / "png/One/Illum1/Exp0/view1_lin_0.32_2.88.png").exists()
@@ -37,7 +37,7 @@ def test_what_is_exported_builds_the_same_store_again(
     assert report.fingerprint == tiny_store.fingerprint
 
 
-def test_only_a_split_and_nothing_is_overwritten(tiny_store: Store, tmp_path: Path) -> None:
+def test_only_a_split_and_nothing_is_overwritten(tiny_store: Dataset, tmp_path: Path) -> None:
     assert export_png(tiny_store, tmp_path, "One") == 4
     assert not (tmp_path / "Two").exists()
     times = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.png")}
@@ -83,7 +83,7 @@ def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -
             return ""
 
     build_store(manifest, One(), tmp_path / "s.zarr")
-    store = Store(tmp_path / "s.zarr")
+    store = Dataset(tmp_path / "s.zarr")
     assert export_png(store, tmp_path / "png") == 2
     written = {path.name for path in (tmp_path / "png/k03").iterdir()}
     blurred = "defocus" if captured else "lin_0.32_2.88"
@@ -96,7 +96,7 @@ def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -
 
 
 def test_images_alone_are_enough_for_the_scores_of_a_run(
-    tiny_store: Store, tmp_path: Path, read_image: Callable[[Path], NDArray[np.uint8]]
+    tiny_store: Dataset, tmp_path: Path, read_image: Callable[[Path], NDArray[np.uint8]]
 ) -> None:
     assert export_png(tiny_store, tmp_path / "images", "One", images_only=True) == 4
     written = list((tmp_path / "images").rglob("*.*"))
@@ -117,7 +117,7 @@ def test_the_published_images_come_out_again(
     manifest = find_manifest("middlebury")
     source = open_source(manifest, shared_data / "middlebury")
     build_store(manifest, source, tmp_path / "m.zarr")
-    export_png(Store(tmp_path / "m.zarr"), tmp_path / "png", "Aloe")
+    export_png(Dataset(tmp_path / "m.zarr"), tmp_path / "png", "Aloe")
     for exposure in (1, 2):
         ours = tmp_path / f"png/Aloe/Illum1/Exp{exposure}/view1_lin_0.32_2.88.png"
         name = f"Illum1_Exp{exposure}_view1_lin_0.32_2.88.png"

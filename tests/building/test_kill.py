@@ -14,10 +14,10 @@ import pytest
 from dfdbench.building.build import build_store
 from dfdbench.building.fetching.checksums import known_checksums
 from dfdbench.building.sources import download_middlebury, open_source
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import verify_store
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import Store
 from dfdbench.system.parallel import Threads
 from tests.conftest import TINY_TOML, write_png
 from tests.site import served
@@ -78,7 +78,7 @@ def test_killed_at_random_moments_the_next_build_ends_the_same(
         process.start()
         process.join()
         takes = time.monotonic() - started
-        assert Store(store).fingerprint == expected
+        assert Dataset(store).fingerprint == expected
         moments = random.Random(7)
         killed = 0
         for number in range(kills):
@@ -95,5 +95,5 @@ def test_killed_at_random_moments_the_next_build_ends_the_same(
         for number in range(kills // 3):
             store = tmp_path / f"{number}.zarr"
             fetch_and_build(toml, tmp_path / f"in{number}", store)
-            assert Store(store).fingerprint == expected
-            assert verify_store(Store(store)).sound
+            assert Dataset(store).fingerprint == expected
+            assert verify_store(Dataset(store)).sound

@@ -14,9 +14,9 @@ from dfdbench.building.build import build_store
 from dfdbench.building.export import export_png
 from dfdbench.building.plan import plan_build
 from dfdbench.building.sources import open_source
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import ATTRIBUTES_SHA256, attributes_digest
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import InputError, MethodError, StoreError
 from dfdbench.evaluation.loading import load_for
@@ -26,16 +26,16 @@ from dfdbench.system.parallel import Threads
 
 def built(
     manifest: Manifest, label: str, files: Path, place: Path, threads: int = 1
-) -> tuple[Store, str]:
+) -> tuple[Dataset, str]:
     tracked = with_track(manifest, label)
     report = build_store(tracked, open_source(tracked, files), place, pool=Threads(threads))
-    return Store(place), report.fingerprint
+    return Dataset(place), report.fingerprint
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["camera-2", "shift-1", "occlusion-3"])
 def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store, tmp_path: Path, label: str
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset, tmp_path: Path, label: str
 ) -> None:
     store, fingerprint = built(tiny_manifest, label, tiny_folder, tmp_path / "a.zarr")
     assert store.manifest == with_track(tiny_manifest, label)
@@ -58,7 +58,7 @@ def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
 
 
 def test_severity_0_is_the_clean_store_in_every_byte(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store, tmp_path: Path
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset, tmp_path: Path
 ) -> None:
     store, fingerprint = built(tiny_manifest, "camera-0", tiny_folder, tmp_path / "a.zarr")
     assert fingerprint == tiny_store.fingerprint
@@ -73,7 +73,7 @@ def test_one_track_s_store_is_not_replaced_by_another_s(
     for label in ("noise-2", "noise-0"):
         with pytest.raises(StoreError, match="holds another data set"):
             built(tiny_manifest, label, tiny_folder, place)
-    assert Store(place).fingerprint == fingerprint
+    assert Dataset(place).fingerprint == fingerprint
 
 
 def test_a_recipe_and_a_track_exclude_each_other(
@@ -95,7 +95,7 @@ def test_a_store_of_a_track_unknown_here_says_so(
     attributes["degradation"] = "lens-1"
     attributes[ATTRIBUTES_SHA256] = attributes_digest(dict(attributes))
     with pytest.raises(StoreError, match=r"(?s)does not know.*lens-1"):
-        Store(tmp_path / "a.zarr")
+        Dataset(tmp_path / "a.zarr")
 
 
 def test_a_method_that_asks_for_the_recipe_is_refused(

@@ -12,8 +12,8 @@ import pytest
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.cli import main
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import Store
 from tests.cli.command import Command, Outcome
 from tests.conftest import TINY_TOML, write_png
 from tests.site import Site, served
@@ -75,7 +75,7 @@ def site(tiny_folder: Path, tmp_path: Path) -> Iterator[Site]:
 
 
 @pytest.fixture
-def built(demo_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def built(demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # The demo store of the session stands in for the one that `build demo` would make.
     stores = tmp_path / "cache/stores"
     stores.mkdir(parents=True)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from tests.cli.command import QUICK, Command
 from tests.conftest import write_png
 
 
 @pytest.mark.slow
-def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_store: Store) -> None:
+def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_store: Dataset) -> None:
     command = [
         "thesis",
         "experiment",
@@ -34,7 +34,7 @@ def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_stor
     assert (folder / "scores.png").stat().st_size > 5000
 
 
-def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) -> None:
+def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset) -> None:
     store = ["--dataset", str(tiny_store.path)]
     for values, message in (("", "not a list"), ("16,17", "multiple of 4"), ("16,64", "24")):
         early = dfdbench(

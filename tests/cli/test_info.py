@@ -1,7 +1,7 @@
 import json
 from pathlib import Path
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from tests.cli.command import Command
 
 
@@ -39,7 +39,7 @@ def test_info_prints_croissant_of_a_name_and_of_a_store(
 
 
 def test_info_shows_whatever_another_packages_source_found_out(
-    tiny_store: Store, dfdbench: Command
+    tiny_store: Dataset, dfdbench: Command
 ) -> None:
     about = Path(str(tiny_store.path)) / "One/zarr.json"
     content = json.loads(about.read_text())

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import zarr
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from tests.cli.command import Command
 
 
@@ -105,7 +105,7 @@ def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -
     assert not Path("results").exists()
 
 
-def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store: Store) -> None:
+def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store: Dataset) -> None:
     Path("leaderboard/results").mkdir(parents=True)
     depth = zarr.open_group(str(tiny_store.path), mode="r+")["Two/depth"]
     assert isinstance(depth, zarr.Array)

@@ -2,7 +2,7 @@ import json
 import re
 from pathlib import Path
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record_file import load_result
 from tests.cli.command import Command
 
@@ -71,7 +71,7 @@ def test_the_whole_way(
 
 
 def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
-    dfdbench: Command, demo_store: Store, tmp_path: Path
+    dfdbench: Command, demo_store: Dataset, tmp_path: Path
 ) -> None:
     store = str(demo_store.path)
     asked = ("run", "--method", "mymodule:predict", "--dataset", store, "--protocol", "metric")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from tests.cli.command import Command
 from tests.conftest import TINY_TOML
 from tests.fuzz.arguments import verbs
@@ -50,7 +50,7 @@ COMMANDS = {
 
 
 @pytest.fixture
-def work(dfdbench: Command, tiny_store: Store) -> Iterator[None]:
+def work(dfdbench: Command, tiny_store: Dataset) -> Iterator[None]:
     for folder in ("run", "other"):
         made = dfdbench(
             "run", "--method", "constant", "--dataset", str(tiny_store.path), "--out", folder,
@@ -81,7 +81,7 @@ def test_every_option_that_names_a_place_is_looked_at() -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("work")
-def test_no_command_writes_into_a_data_set_or_a_run(dfdbench: Command, tiny_store: Store) -> None:
+def test_no_command_writes_into_a_data_set_or_a_run(dfdbench: Command, tiny_store: Dataset) -> None:
     store = str(tiny_store.path)
     for command in COMMANDS.values():
         for held in (store, "run"):
@@ -108,7 +108,7 @@ def test_no_command_writes_into_a_data_set_or_a_run(dfdbench: Command, tiny_stor
     ],
 )
 def test_no_command_writes_into_what_it_reads(
-    dfdbench: Command, tiny_store: Store, command: str
+    dfdbench: Command, tiny_store: Dataset, command: str
 ) -> None:
     Path("tiny.toml").write_text(TINY_TOML)
     Path("alone.json").write_bytes(Path("run/result.json").read_bytes())
@@ -121,7 +121,7 @@ def test_no_command_writes_into_what_it_reads(
 
 @pytest.mark.parametrize("command", ["run", "tracks", "score --predictions ."])
 def test_a_url_is_no_folder_to_write_into(
-    dfdbench: Command, tiny_store: Store, command: str
+    dfdbench: Command, tiny_store: Dataset, command: str
 ) -> None:
     method = [] if command.startswith("score") else ["--method", "constant"]
     dataset = "demo" if command == "tracks" else str(tiny_store.path)
@@ -144,7 +144,7 @@ def test_a_url_is_no_folder_to_write_into(
     ],
 )
 def test_places_that_lead_nowhere_end_with_status_2(
-    dfdbench: Command, tiny_store: Store, command: str
+    dfdbench: Command, tiny_store: Dataset, command: str
 ) -> None:
     Path("LOOP").symlink_to("LOOP")
     done = dfdbench(*command.replace("STORE", str(tiny_store.path)).split())

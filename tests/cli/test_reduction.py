@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.networks.weights import build_network, save_weights
 from tests.cli.command import Command
 from tests.methods.made_weights import card, save_small
@@ -20,7 +20,7 @@ HERE = ["--device", "cpu", "--threads", "1"]
 
 @pytest.mark.slow
 def test_reduced_networks_are_written_trained_and_compared(
-    dfdbench: Command, tiny_store: Store
+    dfdbench: Command, tiny_store: Dataset
 ) -> None:
     weights, dataset = str(save_small(Path("mine.safetensors"))), str(tiny_store.path)
     done = dfdbench(
@@ -59,7 +59,7 @@ def test_reduced_networks_are_written_trained_and_compared(
     assert one.status == 0, one.err
 
 
-def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) -> None:
+def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset) -> None:
     small = str(save_small(Path("mine.safetensors")))
     unet = {"filters": [2, 4, 8, 16, 32]}
     made = card(method="u-net", architecture=unet)
@@ -84,7 +84,7 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) 
 
 
 def test_unknown_rows_are_named_before_anything_is_trained(
-    dfdbench: Command, tiny_store: Store
+    dfdbench: Command, tiny_store: Dataset
 ) -> None:
     dataset = ["--dataset", str(tiny_store.path), *HERE]
     Path("rows").mkdir()

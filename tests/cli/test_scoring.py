@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record_file import load_result
 from tests.cli.command import Command
 
@@ -11,7 +11,7 @@ from tests.cli.command import Command
 @pytest.mark.slow
 @pytest.mark.usefixtures("built")
 def test_a_folder_named_by_info_is_scored_and_submitted(
-    dfdbench: Command, demo_store: Store, tmp_path: Path
+    dfdbench: Command, demo_store: Dataset, tmp_path: Path
 ) -> None:
     ids = dfdbench("info", "demo", "--pairs", "test").out.split()
     pairs = {pair.id: pair for pair in demo_store.pairs("test")}

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from tests.cli.command import Command
 
 SMALL = [
@@ -18,7 +18,7 @@ FOLDER = Path("training/tiny-search/thesis-quick")
 
 
 @pytest.mark.slow
-def test_search_then_train_what_was_found(dfdbench: Command, tiny_store: Store) -> None:
+def test_search_then_train_what_was_found(dfdbench: Command, tiny_store: Dataset) -> None:
     search = ["thesis", "search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
     early = dfdbench(*search, "--max-time", "0.001s")
     assert early.status == 0, early.err
@@ -45,7 +45,7 @@ def test_search_then_train_what_was_found(dfdbench: Command, tiny_store: Store) 
     assert dfdbench(*search).out == done.out
 
 
-def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) -> None:
+def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset) -> None:
     search = ["thesis", "search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
     assert dfdbench(*search, "--iterations=0").status == 0
     log = FOLDER / "positions.csv"
@@ -79,7 +79,7 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) 
 
 
 def test_a_search_that_found_nothing_ends_with_status_1(
-    dfdbench: Command, tiny_store: Store
+    dfdbench: Command, tiny_store: Dataset
 ) -> None:
     search = ["thesis", "search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
     done = dfdbench(*search, "--iterations=0", "--set=learning_rate=1e30")

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from tests.cli.command import QUICK, Command
 
 
 @pytest.mark.slow
-def test_train_then_run(dfdbench: Command, tiny_store: Store) -> None:
+def test_train_then_run(dfdbench: Command, tiny_store: Dataset) -> None:
     store = ["--dataset", str(tiny_store.path)]
     done = dfdbench("train", "dfd-net", *store, *QUICK)
     assert done.status == 0, done.err
@@ -39,7 +39,7 @@ def test_train_then_run(dfdbench: Command, tiny_store: Store) -> None:
 
 
 @pytest.mark.slow
-def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Store) -> None:
+def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Dataset) -> None:
     train = ["train", "dfd-net", "--dataset", str(tiny_store.path), *QUICK]
     early = dfdbench(*train, "--resume")
     assert early.status == 2
@@ -71,7 +71,7 @@ def test_a_folder_in_use_wants_a_word(dfdbench: Command, tiny_store: Store) -> N
     assert Path("other/precious.txt").read_text() == "keep"
 
 
-def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Store) -> None:
+def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset) -> None:
     Path("taken").write_text("keep")
     store = ["--dataset", str(tiny_store.path)]
     for arguments, message in (

@@ -11,13 +11,13 @@ import pytest
 
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.damage import scene_record
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import attributes_digest
 from dfdbench.datasets.integrity import verify_store
-from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
 
 
-def damaged(store: Store, place: str, change: Callable[[dict[str, Any]], object]) -> Path:
+def damaged(store: Dataset, place: str, change: Callable[[dict[str, Any]], object]) -> Path:
     path = Path(store.path.path) / place / "zarr.json"
     content = json.loads(path.read_text())
     change(content)
@@ -26,7 +26,7 @@ def damaged(store: Store, place: str, change: Callable[[dict[str, Any]], object]
 
 
 def _read_one(path: Path) -> None:
-    store = Store(path)
+    store = Dataset(path)
     store.read(store.pairs("Two")[0])
 
 
@@ -34,17 +34,17 @@ def _read_one(path: Path) -> None:
     ("name", "value"),
     [("manifest", 1.5), ("recipe", []), ("options", None), ("missing_pairs", "One")],
 )
-def test_attributes_of_another_kind_are_told(tiny_store: Store, name: str, value: object) -> None:
+def test_attributes_of_another_kind_are_told(tiny_store: Dataset, name: str, value: object) -> None:
     path = damaged(tiny_store, "", lambda content: content["attributes"].update({name: value}))
     with pytest.raises(StoreError, match=r"attributes are damaged"):
-        Store(path)
+        Dataset(path)
 
 
 @pytest.mark.parametrize("name", ["recipe", "attributes_sha256"])
-def test_an_attribute_that_is_absent_is_told(tiny_store: Store, name: str) -> None:
+def test_an_attribute_that_is_absent_is_told(tiny_store: Dataset, name: str) -> None:
     path = damaged(tiny_store, "", lambda content: content["attributes"].pop(name))
     with pytest.raises(StoreError, match="field is missing"):
-        Store(path)
+        Dataset(path)
 
 
 def _double_the_blur(attributes: dict[str, Any]) -> None:
@@ -70,14 +70,14 @@ def _shrink_the_crop(attributes: dict[str, Any]) -> None:
     ],
 )
 def test_a_store_whose_attributes_were_edited_is_refused(
-    tiny_store: Store, edit: Callable[[dict[str, Any]], None]
+    tiny_store: Dataset, edit: Callable[[dict[str, Any]], None]
 ) -> None:
     path = damaged(tiny_store, "", lambda content: edit(content["attributes"]))
     with pytest.raises(StoreError, match="attributes were edited"):
-        Store(path)
+        Dataset(path)
 
 
-def test_a_store_of_an_edited_released_manifest_is_refused(tiny_store: Store) -> None:
+def test_a_store_of_an_edited_released_manifest_is_refused(tiny_store: Dataset) -> None:
     def forge(attributes: dict[str, Any]) -> None:
         demo = find_manifest("demo").toml
         attributes["manifest"] = demo.replace("network_crop = 224", "network_crop = 16")
@@ -85,7 +85,7 @@ def test_a_store_of_an_edited_released_manifest_is_refused(tiny_store: Store) ->
 
     path = damaged(tiny_store, "", lambda content: forge(content["attributes"]))
     with pytest.raises(StoreError, match="another manifest than demo-1"):
-        Store(path)
+        Dataset(path)
 
 
 @pytest.mark.parametrize(
@@ -98,17 +98,17 @@ def test_a_store_of_an_edited_released_manifest_is_refused(tiny_store: Store) ->
     ],
 )
 def test_arrays_that_are_not_as_built_are_told(
-    tiny_store: Store, place: str, change: dict[str, Any]
+    tiny_store: Dataset, place: str, change: dict[str, Any]
 ) -> None:
     path = damaged(tiny_store, place, lambda content: content.update(change))
     with pytest.raises(StoreError, match="cannot be read"):
         _read_one(path)
     with_one_gone = Path(shutil.copytree(path, path.with_name("copy.zarr")))
     shutil.rmtree(with_one_gone / "Two")
-    assert not verify_store(Store(with_one_gone)).sound
+    assert not verify_store(Dataset(with_one_gone)).sound
 
 
-def test_a_scene_that_cannot_be_opened_is_one_difference(tiny_store: Store) -> None:
+def test_a_scene_that_cannot_be_opened_is_one_difference(tiny_store: Dataset) -> None:
     damaged(tiny_store, "Two/depth", lambda content: content.update(codecs=3))
     found = verify_store(tiny_store)
     assert [item.scene for item in found.differences] == ["Two"]
@@ -120,8 +120,8 @@ def test_a_scene_that_cannot_be_opened_is_one_difference(tiny_store: Store) -> N
     [("array_digests", "\u202e"), ("digest", 3), ("source_sha256", None), ("found", [])],
 )
 def test_a_scene_record_of_another_kind_is_told_by_name(
-    tiny_store: Store, name: str, value: object
+    tiny_store: Dataset, name: str, value: object
 ) -> None:
     path = damaged(tiny_store, "One", lambda content: content["attributes"].update({name: value}))
     with pytest.raises(StoreError, match=rf"record is damaged[^:]*One: {name}"):
-        scene_record(Store(path).to_xarray("One").attrs, f"{path}, One")
+        scene_record(Dataset(path).to_xarray("One").attrs, f"{path}, One")

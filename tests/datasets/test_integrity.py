@@ -8,17 +8,17 @@ import pytest
 import zarr
 from zarr.codecs import BloscCodec, GzipCodec
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import combine, scene_digests
 from dfdbench.datasets.integrity import StoreDifference, require_sound, verify_store
-from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
 
 
-def local(store: Store) -> Path:
+def local(store: Dataset) -> Path:
     return Path(store.path.path)
 
 
-def test_a_sound_store(tiny_store: Store) -> None:
+def test_a_sound_store(tiny_store: Dataset) -> None:
     steps: list[tuple[int, int]] = []
     found = verify_store(tiny_store, on_scene=lambda *step: steps.append(step))
     assert found.sound
@@ -30,7 +30,7 @@ def test_a_sound_store(tiny_store: Store) -> None:
 @pytest.mark.parametrize("codec", [GzipCodec(level=1), BloscCodec(cname="lz4"), None])
 @pytest.mark.parametrize("chunk", [9, 999])
 def test_chunks_and_compression_do_not_matter(
-    tiny_store: Store, tmp_path: Path, codec: GzipCodec | BloscCodec | None, chunk: int
+    tiny_store: Dataset, tmp_path: Path, codec: GzipCodec | BloscCodec | None, chunk: int
 ) -> None:
     other = tmp_path / "other.zarr"
     root = zarr.open_group(other, mode="w", zarr_format=3)
@@ -49,12 +49,12 @@ def test_chunks_and_compression_do_not_matter(
         scene.to_zarr(
             other, group=name, mode="w", zarr_format=3, encoding=encoding, consolidated=False
         )
-    found = verify_store(Store(other))
+    found = verify_store(Dataset(other))
     assert found.sound
     assert found.recomputed == tiny_store.fingerprint
 
 
-def test_the_arrays_that_differ_are_named(tiny_store: Store) -> None:
+def test_the_arrays_that_differ_are_named(tiny_store: Dataset) -> None:
     root = zarr.open_group(local(tiny_store), mode="r+")
     depth = root["Two/depth"]
     assert isinstance(depth, zarr.Array)
@@ -64,7 +64,7 @@ def test_the_arrays_that_differ_are_named(tiny_store: Store) -> None:
     )
     chunk.write_bytes(b"rot")
     shutil.rmtree(local(tiny_store) / "Three/valid")
-    found = verify_store(Store(tiny_store.path))
+    found = verify_store(Dataset(tiny_store.path))
     assert not found.sound
     assert found.recomputed == ""
     assert [(d.scene, d.array) for d in found.differences] == [
@@ -79,44 +79,44 @@ def test_the_arrays_that_differ_are_named(tiny_store: Store) -> None:
     )
 
 
-def test_a_scene_that_is_gone_is_named(tiny_store: Store) -> None:
+def test_a_scene_that_is_gone_is_named(tiny_store: Dataset) -> None:
     shutil.rmtree(local(tiny_store) / "Two")
-    found = verify_store(Store(tiny_store.path))
+    found = verify_store(Dataset(tiny_store.path))
     assert found.differences == (StoreDifference("Two", "", "the scene is missing"),)
     assert found.recomputed not in ("", found.recorded)
 
 
-def test_what_was_added_is_named(tiny_store: Store) -> None:
+def test_what_was_added_is_named(tiny_store: Dataset) -> None:
     scene = zarr.open_group(local(tiny_store), path="One", mode="r+")
     scene.create_array("more", data=np.zeros(24), dimension_names=("y",))
-    found = verify_store(Store(tiny_store.path))
+    found = verify_store(Dataset(tiny_store.path))
     assert [(d.array, d.what) for d in found.differences] == [
         ("more", "was not there when it was built")
     ]
 
 
-def test_digests_changed_together_with_the_arrays_are_noticed(tiny_store: Store) -> None:
+def test_digests_changed_together_with_the_arrays_are_noticed(tiny_store: Dataset) -> None:
     root = zarr.open_group(local(tiny_store), mode="r+")
     depth = root["Two/depth"]
     assert isinstance(depth, zarr.Array)
     depth[...] = np.asarray(depth[...]) ^ 1
     scene = zarr.open_group(local(tiny_store), path="Two", mode="r+")
-    dataset = Store(tiny_store.path).to_xarray("Two")
+    dataset = Dataset(tiny_store.path).to_xarray("Two")
     digests = scene_digests(dataset)
     scene.attrs.update({"array_digests": digests, "digest": combine(digests)})
-    found = verify_store(Store(tiny_store.path))
+    found = verify_store(Dataset(tiny_store.path))
     assert not found.differences
     assert not found.sound
 
 
-def test_a_store_that_is_not_as_built_is_refused_with_all_that_differs(tiny_store: Store) -> None:
+def test_a_store_that_is_not_as_built_is_refused_with_all_that_differs(tiny_store: Dataset) -> None:
     require_sound(tiny_store)
     for name in ("depth", "infocus"):
         array = zarr.open_group(local(tiny_store), mode="r+")[f"Two/{name}"]
         assert isinstance(array, zarr.Array)
         array[...] = np.asarray(array[...]) ^ 1
     with pytest.raises(StoreError, match="does not hold what was built") as caught:
-        require_sound(Store(tiny_store.path))
+        require_sound(Dataset(tiny_store.path))
     assert [problem.where.rpartition(", ")[2] for problem in caught.value.problems] == [
         "Two/depth",
         "Two/infocus",

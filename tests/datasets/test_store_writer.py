@@ -11,9 +11,9 @@ from upath import UPath
 
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import verify_store
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 from dfdbench.datasets.store_writer import StoreWriter
 from dfdbench.errors import StoreError
 from dfdbench.system.location import copy_folder, exists, folders_in
@@ -21,12 +21,12 @@ from dfdbench.system.parallel import Threads
 
 
 def test_the_same_store_wherever_it_lies(
-    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     source = open_source(tiny_manifest, tiny_folder)
     report = build_store(tiny_manifest, source, place("s.zarr"), pool=Threads(2))
     assert report.fingerprint == tiny_store.fingerprint
-    store = Store(str(place("s.zarr")))
+    store = Dataset(str(place("s.zarr")))
     assert store.scenes == tiny_store.scenes
     pair = store.pairs("test")[2]
     region = (slice(3, 9), slice(20, 27))
@@ -55,7 +55,7 @@ def test_two_builds_do_not_mix_on_disk(tmp_path: Path, tiny_manifest: Manifest) 
 
 
 def test_a_build_that_failed_goes_on(
-    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     image = tiny_folder / "Three/Illum1/Exp0/view1.png"
     right = image.read_bytes()
@@ -72,7 +72,7 @@ def test_a_build_that_failed_goes_on(
 
 
 def test_a_move_cut_short_is_gone_on_with(
-    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     if place("s.zarr").protocol == "":
         pytest.skip("on disk a folder is renamed at once")
@@ -83,10 +83,10 @@ def test_a_move_cut_short_is_gone_on_with(
     (place("s.zarr") / "zarr.json").unlink()
     (place("s.zarr") / "One/zarr.json").unlink()
     with pytest.raises(StoreError):
-        Store(place("s.zarr"))
+        Dataset(place("s.zarr"))
     report = build_store(tiny_manifest, source, place("s.zarr"))
     assert report.scenes_built == ()
-    assert Store(place("s.zarr")).fingerprint == tiny_store.fingerprint
+    assert Dataset(place("s.zarr")).fingerprint == tiny_store.fingerprint
 
 
 def test_what_is_no_store_is_never_replaced(
@@ -108,18 +108,18 @@ def test_an_object_store_that_does_not_answer(
     with pytest.raises(StoreError, match="cannot write the store"):
         build_store(tiny_manifest, source, "s3://no-such-bucket/s.zarr")
     with pytest.raises(StoreError, match="no such store"):
-        Store(f"{object_store}/nothing.zarr")
+        Dataset(f"{object_store}/nothing.zarr")
 
 
 def test_a_build_that_lacks_pairs_of_the_store_is_refused(
-    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+    place: Callable[[str], UPath], tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), place("s.zarr"))
     (tiny_folder / "Two/Illum1/Exp0/view1.png").unlink()
     source = open_source(tiny_manifest, tiny_folder)
     with pytest.raises(StoreError, match="holds 1 pairs that this build lacks"):
         build_store(tiny_manifest, source, place("s.zarr"))
-    assert Store(place("s.zarr")).fingerprint == tiny_store.fingerprint
+    assert Dataset(place("s.zarr")).fingerprint == tiny_store.fingerprint
     build_store(tiny_manifest, source, place("less.zarr"))
 
 

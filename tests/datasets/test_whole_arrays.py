@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import verify_store
-from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
 
 
 @pytest.mark.parametrize("name", ["available", "depth", "valid", "infocus", "defocus"])
-def test_a_lost_chunk_is_told_and_never_read_as_zeros(tiny_store: Store, name: str) -> None:
+def test_a_lost_chunk_is_told_and_never_read_as_zeros(tiny_store: Dataset, name: str) -> None:
     place = Path(tiny_store.path.path) / "Two" / name / "c"
     chunk = sorted(path for path in [place, *place.rglob("*")] if path.is_file())[0]
     chunk.unlink()
@@ -22,6 +22,6 @@ def test_a_lost_chunk_is_told_and_never_read_as_zeros(tiny_store: Store, name: s
     if name != "available":
         with pytest.raises(FileNotFoundError, match="is missing"):
             _ = tiny_store.to_xarray("Two")[name].values
-    (found,) = verify_store(Store(tiny_store.path)).differences
+    (found,) = verify_store(Dataset(tiny_store.path)).differences
     assert (found.scene, found.array) == ("Two", name)
     assert "cannot be decoded" in found.what

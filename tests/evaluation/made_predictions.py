@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store
 
 
 def write_all(
-    store: Store,
+    store: Dataset,
     split: str,
     folder: Path,
     write: Callable[[Path, NDArray[Any]], Any],
@@ -32,7 +32,7 @@ def write_all(
     return made
 
 
-def in_metres(store: Store) -> tuple[Store, DepthScale]:
+def in_metres(store: Dataset) -> tuple[Dataset, DepthScale]:
     """The store as it were if its manifest said how levels become metres."""
     scale = DepthScale(law="inverse", near=0.5, far=2.0)
     depth = store.manifest.depth.model_copy(update={"scale": scale})

@@ -8,10 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 from dfdbench.cli import app
-from dfdbench.datasets.pair_sequence import open_pairs
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.evaluation.evaluate import evaluate
+from dfdbench.results.frame import frame_of
 from dfdbench.results.record_file import load_result
 from dfdbench.results.saved_run import open_run
 
@@ -35,7 +35,7 @@ def scores(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def test_it_gives_the_numbers_of_the_command(
-    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     ran = CliRunner().invoke(
@@ -48,14 +48,14 @@ def test_it_gives_the_numbers_of_the_command(
     assert run.result.warnings == commanded.warnings
     for protocol in commanded.protocol_names:
         pd.testing.assert_frame_equal(
-            scores(run.to_frame(protocol)), scores(commanded.to_frame(protocol))
+            scores(run.to_frame(protocol)), scores(frame_of(commanded, protocol))
         )
     hashes = [[pair.prediction_sha256 for pair in r.pairs] for r in (run.result, commanded)]
     assert hashes[0] == hashes[1]
 
 
 def test_what_has_no_name_of_its_own_is_run_with_its_facts_and_parameters(
-    tiny_store: Store,
+    tiny_store: Dataset,
 ) -> None:
     def local(infocus: Any, defocus: Any, gain: float) -> Any:
         return grey(infocus, defocus, gain)
@@ -82,7 +82,7 @@ def test_what_has_no_name_of_its_own_is_run_with_its_facts_and_parameters(
 
 
 def test_a_changed_function_is_never_taken_for_the_one_before(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     errors = [
         evaluate(
@@ -96,7 +96,7 @@ def test_a_changed_function_is_never_taken_for_the_one_before(
 
 
 def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     done: list[tuple[int, int]] = []
     run = evaluate(grey, tiny_store, limit=2, on_pair=lambda *counts: done.append(counts))
@@ -120,7 +120,7 @@ def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
         again.images("Desk")
 
 
-def test_what_is_not_there_is_named(tiny_store: Store, tmp_path: Path) -> None:
+def test_what_is_not_there_is_named(tiny_store: Dataset, tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="dfdbench build demo"):
         evaluate("constant", "demo", cache=tmp_path)
     with pytest.raises(UnknownNameError, match="constnat"):
@@ -130,19 +130,19 @@ def test_what_is_not_there_is_named(tiny_store: Store, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("limit", [0, -1])
-def test_less_than_one_pair_is_no_limit(tiny_store: Store, limit: int) -> None:
+def test_less_than_one_pair_is_no_limit(tiny_store: Dataset, limit: int) -> None:
     with pytest.raises(InputError, match="no number of pairs"):
         evaluate(grey, tiny_store, limit=limit)
 
 
-def test_pairs_are_no_data_set_but_their_store_is(tiny_store: Store) -> None:
-    pairs = open_pairs(str(tiny_store.path), "test")
-    with pytest.raises(InputError, match=r"pairs\.store"):
+def test_pairs_are_no_data_set_but_their_store_is(tiny_store: Dataset) -> None:
+    pairs = open_dataset(str(tiny_store.path)).captures("test")
+    with pytest.raises(InputError, match=r"captures\.dataset"):
         evaluate(grey, pairs)  # type: ignore[arg-type]
-    assert evaluate(grey, pairs.store, limit=1).result.dataset.evaluated == 1
+    assert evaluate(grey, pairs.dataset, limit=1).result.dataset.evaluated == 1
 
 
-def test_a_run_is_not_kept_inside_its_store(tiny_store: Store) -> None:
+def test_a_run_is_not_kept_inside_its_store(tiny_store: Dataset) -> None:
     place = Path(str(tiny_store.path))
     for out in (place, place / "run"):
         with pytest.raises(InputError, match="would write into"):

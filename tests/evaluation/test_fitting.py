@@ -8,11 +8,10 @@ import typer
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.cli.screen import progress
+from dfdbench.datasets.dataset import WHOLE, Capture, Dataset, Region
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.pair_images import PairImages
-from dfdbench.datasets.store import WHOLE, Region, Store
 from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.evaluation.fitting import FIT, Fit, fit_method, keep_fit, read_fit, training_pairs
 from dfdbench.evaluation.loading import load_for
@@ -58,19 +57,19 @@ def mean(tmp_path: Path) -> str:
     return f"{tmp_path / 'mean.py'}:Mean"
 
 
-def mean_of(store: Store, *scenes: str) -> float:
+def mean_of(store: Dataset, *scenes: str) -> float:
     pairs = [store.read(pair) for scene in scenes for pair in store.pairs(scene)]
     return float(np.mean([pair.depth[pair.valid].mean() for pair in pairs]))
 
 
-class Guarded(Store):
+class Guarded(Dataset):
     """A store that raises where a scene is read that it guards."""
 
     def __init__(self, place: Any, *guarded: str) -> None:
         super().__init__(place)
         self.guarded = guarded
 
-    def read(self, pair: Pair, region: Region = WHOLE) -> PairImages:
+    def read(self, pair: Pair, region: Region = WHOLE) -> Capture:
         assert pair.scene not in self.guarded, f"read {pair.id}"
         return super().read(pair, region)
 
@@ -84,7 +83,7 @@ class Guarded(Store):
     ],
 )
 def test_a_fit_sees_all_training_pairs_and_no_other(
-    tiny_store: Store, mean: str, split: str, trains: tuple[str, ...], tests: Any, name: str
+    tiny_store: Dataset, mean: str, split: str, trains: tuple[str, ...], tests: Any, name: str
 ) -> None:
     store = Guarded(tiny_store.path, *tests)
     with pytest.raises(AssertionError, match="read Two"):
@@ -104,7 +103,7 @@ def test_a_fit_sees_all_training_pairs_and_no_other(
 
 
 def test_a_fit_cannot_change_the_pairs_and_its_time_is_recorded_apart(
-    tiny_store: Store, mean: str, tmp_path: Path
+    tiny_store: Dataset, mean: str, tmp_path: Path
 ) -> None:
     before = [tiny_store.read(pair) for pair in tiny_store.pairs("all")]
     result = run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out").result
@@ -121,7 +120,7 @@ def test_a_fit_cannot_change_the_pairs_and_its_time_is_recorded_apart(
 
 
 def test_a_run_that_goes_on_is_not_fitted_again(
-    tiny_store: Store, mean: str, tmp_path: Path
+    tiny_store: Dataset, mean: str, tmp_path: Path
 ) -> None:
     fits = []
     for options in (RunOptions(limit=2), RunOptions(), RunOptions(fresh=True), RunOptions(seed=1)):
@@ -135,7 +134,7 @@ def test_a_run_that_goes_on_is_not_fitted_again(
 
 
 def test_a_fit_that_keeps_it_in_itself_is_called_again_and_stays_in_its_process(
-    tiny_store: Store, mean: str, tmp_path: Path
+    tiny_store: Dataset, mean: str, tmp_path: Path
 ) -> None:
     for reused in (0, 7):
         method = load_for(tiny_store, mean, {"keep": False})
@@ -154,7 +153,7 @@ def test_a_fit_that_keeps_it_in_itself_is_called_again_and_stays_in_its_process(
 
 
 @pytest.mark.slow
-def test_workers_are_given_what_was_learned(tiny_store: Store, mean: str, tmp_path: Path) -> None:
+def test_workers_are_given_what_was_learned(tiny_store: Dataset, mean: str, tmp_path: Path) -> None:
     alone, together = (
         run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / name, pool=pool)
         for name, pool in (("alone", None), ("together", Processes(2)))
@@ -166,7 +165,7 @@ def test_workers_are_given_what_was_learned(tiny_store: Store, mean: str, tmp_pa
 
 
 def test_a_fit_that_fails_leaves_no_run_behind_and_an_earlier_one_alone(
-    tiny_store: Store, mean: str, tmp_path: Path
+    tiny_store: Dataset, mean: str, tmp_path: Path
 ) -> None:
     run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "runs/out")
     wrong = load_for(tiny_store, mean, {"wrong": True})
@@ -178,7 +177,7 @@ def test_a_fit_that_fails_leaves_no_run_behind_and_an_earlier_one_alone(
 
 
 def test_what_was_learned_and_then_damaged_is_not_trusted(
-    tiny_store: Store, mean: str, tmp_path: Path
+    tiny_store: Dataset, mean: str, tmp_path: Path
 ) -> None:
     run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out")
     assert read_fit(tmp_path / "out").fitted_on == "tiny-1, split train"
@@ -191,7 +190,7 @@ def test_what_was_learned_and_then_damaged_is_not_trusted(
 
 @pytest.mark.parametrize("split", ["all", "train"])
 def test_nothing_is_tested_on_what_it_was_fitted_on(
-    tiny_store: Store, mean: str, tmp_path: Path, split: str
+    tiny_store: Dataset, mean: str, tmp_path: Path, split: str
 ) -> None:
     with pytest.raises(MethodError, match=r"fitted on[\s\S]*One[\s\S]*test, K1, K2"):
         run_method(tiny_store, load_for(tiny_store, mean, {}), split, tmp_path / "out")
@@ -204,7 +203,7 @@ def test_a_set_without_training_pairs_says_what_to_do(
     text = TINY_TOML.replace('name = "train"', 'name = "learn"')
     manifest = parse_manifest(text.encode(), "tiny-1.toml")
     build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
-    store = Store(tmp_path / "s.zarr")
+    store = Dataset(tmp_path / "s.zarr")
     with pytest.raises(StoreError, match=r"no training split[\s\S]*learn, test[\s\S]*--split NAME"):
         run_method(store, load_for(store, mean, {}), "test", tmp_path / "out")
     assert fit_method(store, load_for(store, mean, {}), "K2", 0) is not None
@@ -217,7 +216,7 @@ def test_a_store_without_its_training_scenes_says_what_to_build(
         png.unlink()
     manifest = parse_manifest(TINY_TOML.encode(), "tiny-1.toml")
     build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
-    store = Store(tmp_path / "s.zarr")
+    store = Dataset(tmp_path / "s.zarr")
     with pytest.raises(StoreError, match=r"no training pair[\s\S]*split train[\s\S]*build tiny"):
         run_method(store, load_for(store, mean, {}), "test", tmp_path / "out")
 
@@ -233,7 +232,7 @@ class Stopped:
 
 
 def test_ctrl_c_in_a_fit_does_not_promise_to_go_on_from_there(
-    tiny_store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tiny_store: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     method = Method("mine", "tests:Stopped", Stopped(), {}, (), "0" * 64)
     with pytest.raises(typer.Exit) as ended, progress("running mine"):

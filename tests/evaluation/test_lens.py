@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from dfdbench.blur.law import BlurLaw
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import DfdbenchError, MethodError
 from dfdbench.evaluation.lens import lens_law, rig_of, told_by_lens
 from dfdbench.evaluation.loading import load_for
@@ -109,7 +109,7 @@ def test_other_recipes_are_left_as_they_are(tiny_manifest: Manifest, recipe: Any
 
 
 def test_a_constructor_gets_the_facts_and_none_for_what_is_not_known(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     (tmp_path / "mine.py").write_text(
         "class Mine:\n"
@@ -128,7 +128,7 @@ def test_a_constructor_gets_the_facts_and_none_for_what_is_not_known(
 
 @pytest.mark.parametrize("method", ["local", "graph-cuts"])
 def test_told_a_lens_a_method_finds_depth_on_both_sides_of_the_focus(
-    tiny_store: Store, method: str
+    tiny_store: Dataset, method: str
 ) -> None:
     tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(**FACTS), SCALE)
     loaded = load_for(tiny_store, method, {"recipe": "rig"})
@@ -142,7 +142,7 @@ def test_told_a_lens_a_method_finds_depth_on_both_sides_of_the_focus(
         assert np.median(widths) == pytest.approx(law.sigmas[level], rel=0.05)
 
 
-def test_a_run_says_that_a_lens_was_told(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_run_says_that_a_lens_was_told(tiny_store: Dataset, tmp_path: Path) -> None:
     tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(**FACTS), SCALE)
     for number, recipe in enumerate(("rig", LENS)):
         loaded = load_for(tiny_store, "local", {"recipe": recipe})
@@ -152,7 +152,7 @@ def test_a_run_says_that_a_lens_was_told(tiny_store: Store, tmp_path: Path) -> N
         assert told(result) == "lens told"
 
 
-def test_methods_that_take_no_recipe_say_so(tiny_store: Store) -> None:
+def test_methods_that_take_no_recipe_say_so(tiny_store: Dataset) -> None:
     tiny_store.manifest = of_manifest(tiny_store.manifest, Rig(**FACTS), SCALE)
     with pytest.raises(DfdbenchError, match="unknown parameter"):
         load_for(tiny_store, "constant", {"recipe": "rig"})

@@ -6,8 +6,8 @@ import pytest
 
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import Store
 from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import MethodError, StoreError
 from dfdbench.evaluation.loading import load_for, training_mean
@@ -19,7 +19,7 @@ from dfdbench.system.parallel import Processes
 from tests.conftest import TINY_TOML
 
 
-def test_the_training_mean_counts_each_depth_map_once(tiny_store: Store) -> None:
+def test_the_training_mean_counts_each_depth_map_once(tiny_store: Dataset) -> None:
     scene = tiny_store.to_xarray("One")
     depth, valid = scene["depth"].values, scene["valid"].values
     assert training_mean(tiny_store) == pytest.approx(depth[valid].mean())
@@ -31,7 +31,7 @@ def test_a_set_without_a_training_split_says_what_to_do(tiny_folder: Path, tmp_p
     text = TINY_TOML.replace('name = "train"', 'name = "learn"')
     manifest = parse_manifest(text.encode(), "tiny-1.toml")
     build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "s.zarr")
-    store = Store(tmp_path / "s.zarr")
+    store = Dataset(tmp_path / "s.zarr")
     with pytest.raises(StoreError, match=r"(?s)training split.*learn, test.*--param training_mean"):
         load_for(store, "constant", {})
     assert load_for(store, "constant", {"training_mean": 90}).uses == ()
@@ -41,7 +41,7 @@ def grey(infocus: Any, defocus: Any) -> Any:
     return infocus[..., 0]
 
 
-def test_a_function_or_class_may_be_given_itself(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_function_or_class_may_be_given_itself(tiny_store: Dataset, tmp_path: Path) -> None:
     loaded = load_for(tiny_store, grey, {})
     assert loaded.name == loaded.entry == "tests.evaluation.test_loading:grey"
     assert loaded.predict is grey
@@ -51,7 +51,7 @@ def test_a_function_or_class_may_be_given_itself(tiny_store: Store, tmp_path: Pa
 
 
 @pytest.mark.parametrize("given", [lambda infocus, defocus: infocus, Constant(90.0), 7])
-def test_what_has_no_name_of_its_own_is_refused(tiny_store: Store, given: Any) -> None:
+def test_what_has_no_name_of_its_own_is_refused(tiny_store: Dataset, given: Any) -> None:
     with pytest.raises(MethodError, match=r"(?s)could be found again.*file\.py:name"):
         load_for(tiny_store, given, {})
 
@@ -74,18 +74,18 @@ class Fitting(Asking):
 
 
 def test_where_no_recipe_is_told_a_method_with_a_fit_gets_none(
-    tiny_store: Store, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = load_for(tiny_store, Fitting, {})
     assert (told.predict.recipe, told.uses) == (tiny_store.recipe, ("recipe",))  # type: ignore[attr-defined]
-    monkeypatch.setattr(Store, "recipe", None)
+    monkeypatch.setattr(Dataset, "recipe", None)
     found = load_for(tiny_store, Fitting, {})
     assert (found.predict.recipe, found.uses) == (None, ())  # type: ignore[attr-defined]
     with pytest.raises(MethodError, match=r"asks for a blur recipe[\s\S]*--param recipe="):
         load_for(tiny_store, Asking, {})
 
 
-def test_a_user_may_withhold_the_recipe(tiny_store: Store) -> None:
+def test_a_user_may_withhold_the_recipe(tiny_store: Dataset) -> None:
     found = load_for(tiny_store, Fitting, {"recipe": None})
     assert found.predict.recipe is None  # type: ignore[attr-defined]
     assert found.parameters == {"recipe": None}
@@ -97,7 +97,7 @@ def test_told_a_method_gets_the_true_law_of_a_track_and_the_record_says_so(
 ) -> None:
     tracked = with_track(parse_manifest(TINY_TOML.encode(), "tiny-1.toml"), "psf-3")
     build_store(tracked, open_source(tracked, tiny_folder), tmp_path / "psf.zarr")
-    store = Store(tmp_path / "psf.zarr")
+    store = Dataset(tmp_path / "psf.zarr")
     told = load_for(store, "local", {}, told=True)
     assert told.fit is None
     assert told.uses == ("recipe",)
@@ -114,7 +114,7 @@ def test_told_a_method_gets_the_true_law_of_a_track_and_the_record_says_so(
     assert among.pairs[0].prediction_sha256 == first.pairs[0].prediction_sha256
 
 
-def test_where_there_is_nothing_to_tell_that_is_said(tiny_store: Store) -> None:
+def test_where_there_is_nothing_to_tell_that_is_said(tiny_store: Dataset) -> None:
     assert load_for(tiny_store, "local", {}, told=True).uses == ("recipe",)
     for method, given in (("constant", {}), ("local", {"recipe": "text"})):
         with pytest.raises(MethodError, match="nothing to tell"):

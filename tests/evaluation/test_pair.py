@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PRINTED, PairEvaluator, RemoteEvaluator
@@ -16,7 +16,7 @@ from dfdbench.metrics.protocol import PROTOCOLS, score
 from tests.evaluation.made_methods import Counting, method
 
 
-def test_the_energy_of_graph_cuts_is_kept(tiny_store: Store, tmp_path: Path) -> None:
+def test_the_energy_of_graph_cuts_is_kept(tiny_store: Dataset, tmp_path: Path) -> None:
     loaded = load_for(tiny_store, "graph-cuts", {"labels": 16})
     result = run_method(tiny_store, loaded, "test", tmp_path / "out", RunOptions(limit=1)).result
     assert result.pairs[0].numbers["energy"] > 0
@@ -27,7 +27,9 @@ def printing(infocus: Any, defocus: Any) -> Any:
     return infocus[..., 0]
 
 
-def test_a_method_is_warmed_up_once_and_scored_under_the_protocols_asked(tiny_store: Store) -> None:
+def test_a_method_is_warmed_up_once_and_scored_under_the_protocols_asked(
+    tiny_store: Dataset,
+) -> None:
     predict = Counting()
     evaluate = PairEvaluator(tiny_store, method(predict), 0, [PROTOCOLS["valid"]])
     records = [evaluate(pair) for pair in tiny_store.pairs("One")]
@@ -42,7 +44,7 @@ def test_a_method_is_warmed_up_once_and_scored_under_the_protocols_asked(tiny_st
         assert record.prediction_sha256 == array_digest("depth", ("y", "x"), depth)
 
 
-def test_what_goes_wrong_is_recorded_and_stops_nothing(tiny_store: Store) -> None:
+def test_what_goes_wrong_is_recorded_and_stops_nothing(tiny_store: Dataset) -> None:
     evaluate = PairEvaluator(tiny_store, method(Counting(fail_at=1)), 0)
     first, second = tiny_store.pairs("One")[:2]
     record, depth = evaluate(first)
@@ -53,12 +55,12 @@ def test_what_goes_wrong_is_recorded_and_stops_nothing(tiny_store: Store) -> Non
     assert evaluate(second)[0].status == "ok"
 
 
-def test_what_it_printed_is_counted_and_begun(tiny_store: Store) -> None:
+def test_what_it_printed_is_counted_and_begun(tiny_store: Dataset) -> None:
     record, _ = PairEvaluator(tiny_store, method(printing), 0)(tiny_store.pairs("One")[0])
     assert record.warnings[0] == f"{PRINTED} 21 characters: one line"
 
 
-def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Store) -> None:
+def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Dataset) -> None:
     def drawing(infocus: Any, defocus: Any) -> Any:
         return np.random.uniform(0, 255, infocus.shape[:2])
 
@@ -70,7 +72,9 @@ def test_a_pair_draws_the_same_numbers_whatever_came_before(tiny_store: Store) -
     assert PairEvaluator(tiny_store, method(drawing), 4)(pair)[0].prediction_sha256 != first
 
 
-def test_another_process_gives_the_same_but_for_the_time(tiny_store: Store, tmp_path: Path) -> None:
+def test_another_process_gives_the_same_but_for_the_time(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
     file = tmp_path / "mine.py"
     file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 2\n")
     loaded = load_for(tiny_store, f"{file}:half", {})
@@ -88,7 +92,9 @@ def test_another_process_gives_the_same_but_for_the_time(tiny_store: Store, tmp_
     assert there.model_copy(update=blank) == here.model_copy(update=blank)
 
 
-def test_another_process_with_another_method_is_refused(tiny_store: Store, tmp_path: Path) -> None:
+def test_another_process_with_another_method_is_refused(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
     file = tmp_path / "mine.py"
     file.write_text("def half(infocus, defocus):\n    return infocus[..., 0] / 2\n")
     loaded = load_for(tiny_store, f"{file}:half", {})

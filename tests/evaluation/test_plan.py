@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions, plan_run
@@ -28,7 +28,7 @@ class Filtered:
 
 
 def test_a_file_that_a_parameter_names_counts_by_its_content(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     (tmp_path / "mine.py").write_text(FILTERED)
     file = tmp_path / "level.txt"
@@ -45,7 +45,7 @@ def test_a_file_that_a_parameter_names_counts_by_its_content(
     assert str(tmp_path) not in json.dumps(run.result.method.parameters)
 
 
-def of_smaller_crop(store: Store) -> Store:
+def of_smaller_crop(store: Dataset) -> Dataset:
     """The same images, under a manifest by which `thesis-networks` scores fewer pixels."""
     text = store.manifest.toml.replace("network_crop = 16", "network_crop = 8")
     other = copy(store)
@@ -53,7 +53,7 @@ def of_smaller_crop(store: Store) -> Store:
     return other
 
 
-def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Store) -> None:
+def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Dataset) -> None:
     plan = plan_run(tiny_store, method(Counting()), "test", RunOptions())
     first = plan.identity
     weights = Counting()
@@ -88,7 +88,7 @@ def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Store)
     ]
 
 
-def test_a_stopped_run_is_the_same_run(tiny_store: Store) -> None:
+def test_a_stopped_run_is_the_same_run(tiny_store: Dataset) -> None:
     first = plan_run(tiny_store, method(Counting()), "test", RunOptions()).identity
     for options in (RunOptions(limit=2), RunOptions(fresh=True)):
         assert plan_run(tiny_store, method(Counting()), "test", options).identity == first
@@ -96,7 +96,7 @@ def test_a_stopped_run_is_the_same_run(tiny_store: Store) -> None:
     assert json.loads(json.dumps(first)) == first
 
 
-def test_the_first_pairs_that_the_store_holds_are_chosen(tiny_store: Store) -> None:
+def test_the_first_pairs_that_the_store_holds_are_chosen(tiny_store: Dataset) -> None:
     tiny_store.scenes = ("Three",)
     lacking = [p.id for p in tiny_store.manifest.pairs() if p.scene != "Three"]
     tiny_store.attributes["missing_pairs"] = lacking
@@ -109,9 +109,11 @@ def test_the_first_pairs_that_the_store_holds_are_chosen(tiny_store: Store) -> N
 
 
 @pytest.mark.parametrize(("lost", "split"), [("Two", "test"), ("One", "test")])
-def test_a_scene_lost_since_the_build_is_refused(tiny_store: Store, lost: str, split: str) -> None:
+def test_a_scene_lost_since_the_build_is_refused(
+    tiny_store: Dataset, lost: str, split: str
+) -> None:
     shutil.rmtree(Path(str(tiny_store.path)) / lost)
-    store = Store(tiny_store.path)
+    store = Dataset(tiny_store.path)
     with pytest.raises(StoreError, match="no longer in the store") as told:
         plan_run(store, method(Counting()), split, RunOptions())
     (problem,) = told.value.problems

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.predict import Predictor, pairs_in, predict, write_depth
@@ -65,7 +65,7 @@ def test_photographs_are_laid_on_each_other(pair: tuple[Image, Image, Image]) ->
     assert Predictor("local", "published")(sharp, blurred).found == ""
 
 
-def test_a_run_lends_what_its_fit_learned(demo_store: Store, tmp_path: Path) -> None:
+def test_a_run_lends_what_its_fit_learned(demo_store: Dataset, tmp_path: Path) -> None:
     method = load_for(demo_store, "local", {"window": 5})
     run_method(demo_store, method, "test", tmp_path / "run")
     images = demo_store.read(demo_store.pairs("test")[0])

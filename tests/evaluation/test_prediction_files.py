@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.prediction_files import find_predictions
 from tests.evaluation.made_predictions import in_metres, write_all
@@ -54,7 +54,7 @@ def save_npz(stem: Path, levels: NDArray[Any]) -> None:
 )
 @pytest.mark.parametrize("flat", [False, True])
 def test_every_format_holds_the_same_levels(
-    tiny_store: Store, folder: Path, write: Write, step: float, flat: bool
+    tiny_store: Dataset, folder: Path, write: Write, step: float, flat: bool
 ) -> None:
     truths = write_all(tiny_store, "test", folder, write, flat)
     found = find_predictions(folder, tiny_store, "test", "levels")
@@ -75,7 +75,7 @@ def test_every_format_holds_the_same_levels(
     ids=["npy", "png16", "tiff"],
 )
 def test_metres_become_levels_by_the_manifests_scale(
-    tiny_store: Store, folder: Path, write: Write
+    tiny_store: Dataset, folder: Path, write: Write
 ) -> None:
     store, scale = in_metres(tiny_store)
 
@@ -91,7 +91,7 @@ def test_metres_become_levels_by_the_manifests_scale(
 
 
 def test_what_lies_beyond_the_scale_counts_as_its_end_and_is_counted(
-    tiny_store: Store, folder: Path
+    tiny_store: Dataset, folder: Path
 ) -> None:
     store, _ = in_metres(tiny_store)
     write_all(store, "test", folder, lambda stem, d: np.save(f"{stem}.npy", np.full(d.shape, 9)))
@@ -102,7 +102,7 @@ def test_what_lies_beyond_the_scale_counts_as_its_end_and_is_counted(
 
 
 def test_all_that_is_wrong_is_told_together_and_nothing_else(
-    tiny_store: Store, folder: Path
+    tiny_store: Dataset, folder: Path
 ) -> None:
     write_all(tiny_store, "test", folder, lambda stem, d: np.save(f"{stem}.npy", d))
     files = sorted(folder.rglob("*.npy"))
@@ -168,7 +168,7 @@ def boastful_npy(path: Path) -> None:
     ],
 )
 def test_what_is_no_depth_map_is_told(
-    tiny_store: Store, folder: Path, spoil: Callable[[Path], Any], told: str
+    tiny_store: Dataset, folder: Path, spoil: Callable[[Path], Any], told: str
 ) -> None:
     write_all(tiny_store, "Two", folder, lambda stem, d: np.save(f"{stem}.npy", d))
     path = min(folder.rglob("*.npy"))
@@ -188,7 +188,7 @@ def test_what_is_no_depth_map_is_told(
     ],
 )
 def test_what_is_no_distance_is_told(
-    tiny_store: Store, folder: Path, write: Write, told: str
+    tiny_store: Dataset, folder: Path, write: Write, told: str
 ) -> None:
     store, _ = in_metres(tiny_store)
     write_all(store, "test", folder, write)
@@ -197,7 +197,9 @@ def test_what_is_no_distance_is_told(
     assert told in str(raised.value)
 
 
-def test_metres_without_a_scale_and_a_folder_that_is_none(tiny_store: Store, folder: Path) -> None:
+def test_metres_without_a_scale_and_a_folder_that_is_none(
+    tiny_store: Dataset, folder: Path
+) -> None:
     with pytest.raises(ResultError) as raised:
         find_predictions(folder / "no", tiny_store, "test", "metres")
     assert "no folder of depth maps" in str(raised.value)
@@ -205,13 +207,13 @@ def test_metres_without_a_scale_and_a_folder_that_is_none(tiny_store: Store, fol
 
 
 def test_files_of_other_pairs_are_counted_and_of_many_wrong_ones_some_are_told(
-    tiny_store: Store, folder: Path
+    tiny_store: Dataset, folder: Path
 ) -> None:
     write_all(tiny_store, "all", folder, lambda stem, d: np.save(f"{stem}.npy", d))
     assert find_predictions(folder, tiny_store, "test", "levels").others == 4
 
 
-def test_a_file_that_changed_meanwhile_is_told(tiny_store: Store, folder: Path) -> None:
+def test_a_file_that_changed_meanwhile_is_told(tiny_store: Dataset, folder: Path) -> None:
     write_all(tiny_store, "test", folder, lambda stem, d: np.save(f"{stem}.npy", d))
     found = find_predictions(folder, tiny_store, "test", "levels")
     pair, path = next(iter(found.files.items()))
@@ -222,7 +224,7 @@ def test_a_file_that_changed_meanwhile_is_told(tiny_store: Store, folder: Path) 
 
 @pytest.mark.parametrize("shape", ["(99999999, 99999999)", "(2, 9"])
 def test_a_head_that_claims_what_the_file_does_not_hold(
-    tiny_store: Store, tmp_path: Path, shape: str
+    tiny_store: Dataset, tmp_path: Path, shape: str
 ) -> None:
     write_all(tiny_store, "Two", tmp_path, lambda stem, depth: np.save(f"{stem}.npy", depth))
     path = min(tmp_path.rglob("*.npy"))
@@ -234,7 +236,7 @@ def test_a_head_that_claims_what_the_file_does_not_hold(
 
 
 def test_an_archive_is_not_unpacked_where_it_is_larger_than_any_depth_map(
-    tiny_store: Store, folder: Path
+    tiny_store: Dataset, folder: Path
 ) -> None:
     write_all(tiny_store, "Two", folder, lambda stem, depth: np.save(f"{stem}.npy", depth))
     path = min(folder.rglob("*.npy"))

@@ -4,14 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.results.record_file import RESULT
 from tests.evaluation.made_methods import method
 
 
-def test_a_result_says_nothing_of_where_files_lay(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_result_says_nothing_of_where_files_lay(tiny_store: Dataset, tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text("def predict(infocus, defocus):\n    return infocus[..., 0]\n")
     loaded = load_for(tiny_store, f"{file}:predict", {})
@@ -21,7 +21,7 @@ def test_a_result_says_nothing_of_where_files_lay(tiny_store: Store, tmp_path: P
     assert str(tmp_path) not in json.dumps(content["method"]["entry"])
 
 
-def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Store, tmp_path: Path) -> None:
+def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
     depths = {
         images.infocus.tobytes(): images.depth.astype(np.float32)
         for images in map(tiny_store.read, tiny_store.pairs("test"))

@@ -9,9 +9,9 @@ import xarray
 
 from dfdbench.building.build import build_store
 from dfdbench.building.sources.middlebury import MiddleburyScenes
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import ResultError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
@@ -26,7 +26,7 @@ from tests.evaluation.made_methods import Counting, grey, method
 
 
 def test_a_run_predicts_once_and_scores_under_every_protocol(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     predict = Counting()
     run = run_method(tiny_store, method(predict), "test", tmp_path / "out")
@@ -50,7 +50,7 @@ def test_a_run_predicts_once_and_scores_under_every_protocol(
     assert (recorded.expected, recorded.evaluated) == (7, 7)
 
 
-def test_a_stopped_run_goes_on(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_stopped_run_goes_on(tiny_store: Dataset, tmp_path: Path) -> None:
     whole = run_method(tiny_store, method(Counting()), "test", tmp_path / "whole").result
     with pytest.raises(KeyboardInterrupt):
         run_method(tiny_store, method(Counting(stop_at=5)), "test", tmp_path / "out")
@@ -63,7 +63,7 @@ def test_a_stopped_run_goes_on(tiny_store: Store, tmp_path: Path) -> None:
     assert [pair.scores for pair in run.result.pairs] == [pair.scores for pair in whole.pairs]
 
 
-def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Dataset, tmp_path: Path) -> None:
     run = run_method(tiny_store, method(Counting(fail_at=3)), "test", tmp_path / "out")
     failed = [pair for pair in run.result.pairs if pair.status == "failed"]
     assert [(pair.error or "").split(" (")[0] for pair in failed] == [
@@ -79,7 +79,7 @@ def test_a_failed_pair_is_recorded_and_tried_again(tiny_store: Store, tmp_path: 
 
 
 def test_a_changed_method_starts_over_and_the_old_run_is_kept(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
     old = (tmp_path / "out" / RESULT).read_text()
@@ -111,7 +111,7 @@ def predict(infocus, defocus):
 @pytest.mark.parametrize("limit", [3, None])
 @pytest.mark.parametrize("edited", ["mixed_helper.py", "coef.json"])
 def test_a_run_takes_nothing_over_from_another_method(
-    tiny_store: Store,
+    tiny_store: Dataset,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     limit: int | None,
@@ -138,7 +138,7 @@ def test_a_run_takes_nothing_over_from_another_method(
 
 
 def test_other_versions_start_over_and_are_named(
-    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
     monkeypatch.setattr(np, "__version__", "1.0")
@@ -148,7 +148,7 @@ def test_other_versions_start_over_and_are_named(
     assert run.because[0].endswith(" and is 1.0")
 
 
-def test_a_file_edited_during_a_run_is_told(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_file_edited_during_a_run_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
     (tmp_path / "mixed.py").write_text(MIXED.replace("import mixed_helper", ""))
     (tmp_path / "coef.json").write_text("10")
     loaded = load_for(tiny_store, f"{tmp_path / 'mixed.py'}:predict", {})
@@ -161,7 +161,7 @@ def test_a_file_edited_during_a_run_is_told(tiny_store: Store, tmp_path: Path) -
 
 
 def test_each_pair_keeps_the_machine_that_it_was_run_on(
-    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here = describe_environment()
     run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
@@ -176,7 +176,9 @@ def test_each_pair_keeps_the_machine_that_it_was_run_on(
     assert load_result(tmp_path / "out") == result
 
 
-def test_answers_that_differ_from_call_to_call_are_told(tiny_store: Store, tmp_path: Path) -> None:
+def test_answers_that_differ_from_call_to_call_are_told(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
     random = np.random.default_rng(0)
 
     def drawing(infocus: Any, defocus: Any) -> Any:
@@ -192,7 +194,7 @@ def test_answers_that_differ_from_call_to_call_are_told(tiny_store: Store, tmp_p
 
 
 def test_a_limited_run_is_incomplete_and_can_be_completed(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     run = run_method(tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(limit=2))
     assert [pair.status for pair in run.result.pairs] == ["ok"] * 2 + ["not-run"] * 5
@@ -208,7 +210,7 @@ def test_pairs_that_the_store_lacks_are_missing(
     (tiny_folder / "Two/Illum1/Exp0/view1.png").unlink()
     path = tmp_path / "s.zarr"
     build_store(tiny_manifest, MiddleburyScenes(tiny_manifest, tiny_folder), path)
-    run = run_method(Store(path), method(Counting()), "test", tmp_path / "out")
+    run = run_method(Dataset(path), method(Counting()), "test", tmp_path / "out")
     assert [pair.status for pair in run.result.pairs].count("missing") == 1
     assert run.result.averages is None
     lacking = next(pair.id for pair in run.result.pairs if pair.status == "missing")
@@ -219,10 +221,12 @@ def test_pairs_that_the_store_lacks_are_missing(
     other = tmp_path / "o.zarr"
     build_store(tiny_manifest, MiddleburyScenes(tiny_manifest, tiny_folder), other)
     with pytest.raises(StoreError, match="no pair of split test"):
-        run_method(Store(other), method(Counting()), "test", tmp_path / "o")
+        run_method(Dataset(other), method(Counting()), "test", tmp_path / "o")
 
 
-def test_without_predictions_nothing_but_scores_is_kept(tiny_store: Store, tmp_path: Path) -> None:
+def test_without_predictions_nothing_but_scores_is_kept(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
     run = run_method(
         tiny_store, method(Counting()), "test", tmp_path / "out", RunOptions(keep_predictions=False)
     )
@@ -232,14 +236,14 @@ def test_without_predictions_nothing_but_scores_is_kept(tiny_store: Store, tmp_p
     assert read_prediction(tmp_path / "out", pair, tiny_store.shape_of(pair.scene)) is None
 
 
-def test_a_folder_with_other_things_is_left_alone(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_folder_with_other_things_is_left_alone(tiny_store: Dataset, tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("years of work")
     with pytest.raises(ResultError, match="something else"):
         run_method(tiny_store, method(Counting()), "test", tmp_path)
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
 
 
-def test_two_runs_do_not_mix(tiny_store: Store, tmp_path: Path) -> None:
+def test_two_runs_do_not_mix(tiny_store: Dataset, tmp_path: Path) -> None:
     seen: list[str] = []
 
     def starting_another(infocus: Any, defocus: Any) -> Any:
@@ -256,7 +260,7 @@ def test_two_runs_do_not_mix(tiny_store: Store, tmp_path: Path) -> None:
 
 
 def test_a_full_disk_says_that_it_goes_on(
-    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -266,7 +270,9 @@ def test_a_full_disk_says_that_it_goes_on(
         run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
 
 
-def test_kept_depth_maps_are_found_by_their_coordinates(tiny_store: Store, tmp_path: Path) -> None:
+def test_kept_depth_maps_are_found_by_their_coordinates(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
     run_method(tiny_store, method(grey), "Two", tmp_path / "out")
     kept = xarray.open_zarr(tmp_path / "out" / PREDICTIONS, group="Two", consolidated=False)
     images = tiny_store.read(tiny_store.pairs("Two")[1])
@@ -277,14 +283,14 @@ def test_kept_depth_maps_are_found_by_their_coordinates(tiny_store: Store, tmp_p
         kept["depth"].sel(view=2)
 
 
-def test_a_result_is_read_from_the_folder_of_its_run(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_result_is_read_from_the_folder_of_its_run(tiny_store: Dataset, tmp_path: Path) -> None:
     run = run_method(tiny_store, method(grey), "One", tmp_path / "out")
     assert load_result(tmp_path / "out") == run.result
     with pytest.raises(ResultError, match=r"result\.json"):
         load_result(tmp_path)
 
 
-def test_a_seeded_method_repeats_itself(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_seeded_method_repeats_itself(tiny_store: Dataset, tmp_path: Path) -> None:
     def drawing(infocus: Any, defocus: Any) -> Any:
         return np.random.uniform(0, 255, infocus.shape[:2])
 
@@ -301,7 +307,7 @@ def test_a_seeded_method_repeats_itself(tiny_store: Store, tmp_path: Path) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize("where", ["processes", pytest.param("cluster", marks=ON_SERVERS)])
 def test_pairs_at_once_give_the_same_scores_and_say_so(
-    tiny_store: Store, tmp_path: Path, where: str, request: pytest.FixtureRequest
+    tiny_store: Dataset, tmp_path: Path, where: str, request: pytest.FixtureRequest
 ) -> None:
     (tmp_path / "drawing.py").write_text(
         "import numpy as np\n"
@@ -332,7 +338,7 @@ def test_pairs_at_once_give_the_same_scores_and_say_so(
 
 
 def test_a_run_leaves_no_lock_and_notes_where_the_data_lie(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     run_method(tiny_store, method(Counting()), "test", tmp_path / "runs/out")
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["out"]
@@ -341,7 +347,7 @@ def test_a_run_leaves_no_lock_and_notes_where_the_data_lie(
 
 
 def test_what_a_method_does_to_the_process_ends_with_its_call(
-    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     seen = []

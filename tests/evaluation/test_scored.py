@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, ResultError, StoreError
 from dfdbench.evaluation.run import run_method
 from dfdbench.evaluation.scored import score_predictions
@@ -18,7 +18,7 @@ from tests.evaluation.made_predictions import in_metres, write_all
 
 
 def test_it_scores_as_a_run_does_and_says_that_nothing_was_run(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     ran = run_method(tiny_store, method(grey), "test", tmp_path / "run").result
     for pair in tiny_store.pairs("test"):
@@ -42,7 +42,7 @@ def test_it_scores_as_a_run_does_and_says_that_nothing_was_run(
     np.testing.assert_array_equal(kept, tiny_store.read(pair).infocus[..., 0])
 
 
-def test_a_result_with_times_was_not_only_scored(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_result_with_times_was_not_only_scored(tiny_store: Dataset, tmp_path: Path) -> None:
     write_all(tiny_store, "test", tmp_path / "made", lambda stem, d: np.save(f"{stem}.npy", d))
     score_predictions(tmp_path / "made", tiny_store, "test", tmp_path / "out", "mine")
     path = tmp_path / "out" / RESULT
@@ -53,7 +53,7 @@ def test_a_result_with_times_was_not_only_scored(tiny_store: Store, tmp_path: Pa
         load_result(path)
 
 
-def test_nothing_is_written_where_a_file_is_wrong(tiny_store: Store, tmp_path: Path) -> None:
+def test_nothing_is_written_where_a_file_is_wrong(tiny_store: Dataset, tmp_path: Path) -> None:
     (tmp_path / "made").mkdir()
     with pytest.raises(ResultError, match="pairs without a depth map: 7"):
         score_predictions(tmp_path / "made", tiny_store, "test", tmp_path / "out", "mine")
@@ -62,7 +62,7 @@ def test_nothing_is_written_where_a_file_is_wrong(tiny_store: Store, tmp_path: P
         score_predictions(tmp_path / "made", tiny_store, "test", tmp_path / "out", "a\nb")
 
 
-def test_what_looks_like_another_unit_is_said(tiny_store: Store, tmp_path: Path) -> None:
+def test_what_looks_like_another_unit_is_said(tiny_store: Dataset, tmp_path: Path) -> None:
     write_all(tiny_store, "all", tmp_path / "a", lambda stem, d: np.save(f"{stem}.npy", d / 255))
     said = score_predictions(tmp_path / "a", tiny_store, "test", tmp_path / "out", "mine").result
     assert "no depth map rises above level 1; levels go from 0 to 255" in said.warnings
@@ -76,10 +76,12 @@ def test_what_looks_like_another_unit_is_said(tiny_store: Store, tmp_path: Path)
     assert told.endswith("of all pixels lie beyond 0.5 to 2 m and count as the end")
 
 
-def test_pairs_that_the_store_lacks_are_asked_of_nobody(tiny_store: Store, tmp_path: Path) -> None:
+def test_pairs_that_the_store_lacks_are_asked_of_nobody(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
     write_all(tiny_store, "test", tmp_path / "made", lambda stem, d: np.save(f"{stem}.npy", d))
     shutil.rmtree(Path(str(tiny_store.path)) / "Three")
-    partial = Store(tiny_store.path)
+    partial = Dataset(tiny_store.path)
     with pytest.raises(StoreError, match="no longer in the store"):
         score_predictions(tmp_path / "made", partial, "test", tmp_path / "out", "m")
     # As of a build that was lacking the scene's files.

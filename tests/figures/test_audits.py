@@ -7,8 +7,8 @@ from dfdbench.audit.coverage import Verdict, compare_depths
 from dfdbench.audit.depth_errors import DepthErrors
 from dfdbench.audit.run_errors import LevelErrors, join_errors
 from dfdbench.audit.sides import sides_of
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
-from dfdbench.datasets.store import Store
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.audits import (
@@ -19,7 +19,7 @@ from dfdbench.figures.audits import (
 )
 
 
-def test_offending_ranges_are_marked(tiny_store: Store) -> None:
+def test_offending_ranges_are_marked(tiny_store: Dataset) -> None:
     record = compare_depths(*sides_of(tiny_store))
     figure = coverage_figure(record)
     top, middle, _ = figure.axes
@@ -28,7 +28,7 @@ def test_offending_ranges_are_marked(tiny_store: Store) -> None:
 
 
 def test_masks_lie_over_the_errors_of_the_worst_pair_of_each_scene(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     run = run_method(tiny_store, load_for(tiny_store, "constant", {}), "test", tmp_path / "run")
     record = compare_depths(*sides_of(tiny_store))

@@ -1,13 +1,12 @@
 import numpy as np
 import pytest
 
-from dfdbench.datasets.pair_sequence import open_pairs
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.figures.pairs import show
 
 
-def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Store) -> None:
-    pair = open_pairs(str(tiny_store.path), "test")[0]
+def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Dataset) -> None:
+    pair = open_dataset(str(tiny_store.path)).captures("test")[0]
     titles = [axis.get_title() for axis in show(pair).axes]
     assert titles[:3] == ["in-focus", "defocus", "ground truth"]
     figure = show(pair, pair.depth.astype(np.float32) + 3)
@@ -18,12 +17,15 @@ def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Store) 
     assert np.ma.getmaskarray(error)[~pair.valid].all()
 
 
-def test_what_is_no_pair_is_told(tiny_store: Store) -> None:
-    for wrong, kind in ((None, "NoneType"), (open_pairs(str(tiny_store.path)), "PairSequence")):
+def test_what_is_no_pair_is_told(tiny_store: Dataset) -> None:
+    for wrong, kind in (
+        (None, "NoneType"),
+        (open_dataset(str(tiny_store.path)).captures(), "Captures"),
+    ):
         with pytest.raises(TypeError, match=f"draws one pair.* got {kind}"):
             show(wrong)  # type: ignore[arg-type]
 
 
-def test_a_notebook_shows_the_picture(tiny_store: Store) -> None:
-    figure = show(open_pairs(str(tiny_store.path), "test")[0])
+def test_a_notebook_shows_the_picture(tiny_store: Dataset) -> None:
+    figure = show(open_dataset(str(tiny_store.path)).captures("test")[0])
     assert figure._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Scene
-from dfdbench.datasets.store import Store
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
@@ -38,7 +38,7 @@ SCENES = [
 
 
 @pytest.mark.slow
-def test_a_run_is_drawn(demo_store: Store, tmp_path: Path) -> None:
+def test_a_run_is_drawn(demo_store: Dataset, tmp_path: Path) -> None:
     method = load_for(demo_store, "constant", {})
     run = run_method(demo_store, method, "test", tmp_path, RunOptions(limit=4))
     paths = draw_run(demo_store, summarise(run.result, "thesis"), tmp_path)
@@ -70,7 +70,7 @@ def test_axes_are_labelled_and_colours_tell_apart() -> None:
     assert len({line.get_marker() for line in lines}) == len(lines) == 2
 
 
-def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Store) -> None:
+def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Dataset) -> None:
     # One's images have 24 x 30 pixels, Two's 24 x 31, Three's 24 x 32.
     places = [(scene, 1, 1, exposure) for scene in ("One", "Two", "Three") for exposure in (0, 1)]
     result = make_result(dict.fromkeys(places, 0.1))
@@ -90,7 +90,7 @@ def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Store) -> None
     assert pixel_time_figure(tiny_store, alone) is None
 
 
-def test_dark_pairs_are_drawn_brighter_and_say_so(demo_store: Store, tmp_path: Path) -> None:
+def test_dark_pairs_are_drawn_brighter_and_say_so(demo_store: Dataset, tmp_path: Path) -> None:
     # Exposure 0 is a sixteenth of exposure 2's light.
     method = load_for(demo_store, "constant", {})
     run = run_method(demo_store, method, "test", tmp_path, RunOptions(limit=3))

@@ -11,15 +11,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.rig.lidar_files import write_ranges
 from dfdbench.rig.registration_file import write_registration
+from tests.board.made_boards import add
+from tests.board.made_tracks import make_tracks
 from tests.conftest import TINY_TOML, make_tiny_set
 from tests.evaluation.made_predictions import write_all
-from tests.leaderboard.made_boards import add
-from tests.leaderboard.made_tracks import make_tracks
 from tests.made_folder import FOLDER_TOML, make_folder, photograph
 
 QUICK = """narrow = 64
@@ -116,7 +116,7 @@ def _tiny(bench: Bench, path: Path) -> None:
 
 def _run(method: str) -> Callable[[Bench, Path], None]:
     def make(bench: Bench, path: Path) -> None:
-        store = Store(bench.item("tiny.zarr"))
+        store = Dataset(bench.item("tiny.zarr"))
         named = method.replace("mine.py", str(bench.item("mine.py")))
         run_method(store, load_for(store, named, {}), "test", path)
 
@@ -124,7 +124,7 @@ def _run(method: str) -> Callable[[Bench, Path], None]:
 
 
 def _maps(bench: Bench, path: Path) -> None:
-    store = Store(bench.item("tiny.zarr"))
+    store = Dataset(bench.item("tiny.zarr"))
     write_all(store, "test", path, lambda stem, depth: np.save(f"{stem}.npy", depth))
     first, *_ = sorted(path.rglob("*.npy"))
     depth = np.load(first)
@@ -140,7 +140,7 @@ def _maps(bench: Bench, path: Path) -> None:
 
 
 def _board(bench: Bench, path: Path) -> None:
-    from dfdbench.leaderboard.submission import submit
+    from dfdbench.board.submission import submit
 
     shutil.copytree(_REPOSITORY / "leaderboard/published", path / "published")
     for name, score in (("mine", 0.1), ("other", 0.2)):

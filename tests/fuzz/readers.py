@@ -13,8 +13,8 @@ from dfdbench.building.sources.image_files import (
     read_depth_file,
     read_photograph,
 )
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import Store
 from dfdbench.evaluation.prediction_files import find_predictions
 from dfdbench.methods.parameters import read_parameters
 from dfdbench.optics.lens_table import rank_pairs, read_lens_table
@@ -47,7 +47,7 @@ def _weights(path: Path) -> None:
 
 def _maps(path: Path) -> None:
     folder = next(above for above in path.parents if above.name == "maps")
-    find_predictions(folder, Store(folder.parent / "tiny.zarr"), "test", "levels")
+    find_predictions(folder, Dataset(folder.parent / "tiny.zarr"), "test", "levels")
 
 
 def _python(path: Path) -> None:

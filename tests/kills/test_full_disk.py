@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record_file import load_result
 from tests.fuzz.bench import Bench
 from tests.fuzz.worker import call
@@ -75,7 +75,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def _fingerprint(place: Path) -> object:
-    return Store(place).fingerprint
+    return Dataset(place).fingerprint
 
 
 def _scores(place: Path) -> object:

@@ -24,8 +24,8 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.cli import main
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import verify_store
-from dfdbench.datasets.store import Store
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.results.record_file import load_result
 from tests.fuzz.bench import TRAIN, Bench
@@ -191,7 +191,7 @@ def test_a_build_in_an_object_store_ends_the_same(
         bench.copy(item, tmp_path)
     aws = {name: value for name, value in os.environ.items() if name.startswith("AWS_")}
     killer = Killer({**aws, "DFDBENCH_CACHE": str(tmp_path / "cache")})
-    expected = Store(bench.item("tiny.zarr")).fingerprint
+    expected = Dataset(bench.item("tiny.zarr")).fingerprint
     base = f"{object_store}/{uuid.uuid4().hex}"
     command = "build tiny-1.toml --source site --workers 1 --store"
     takes = killer.seconds(f"{command} {base}/whole.zarr", tmp_path)
@@ -201,7 +201,7 @@ def test_a_build_in_an_object_store_ends_the_same(
         for _ in range(_IN_A_ROW):
             killed += killer.kill(f"{command} {place}", tmp_path, takes)
         killer.seconds(f"{command} {place}", tmp_path)
-        store = Store(place)
+        store = Dataset(place)
         assert store.fingerprint == expected
         assert verify_store(store).sound
     assert killed >= KILLS // 3

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
@@ -23,7 +23,7 @@ from tests.methods.networks.test_architectures import SMALL
 
 @pytest.mark.slow
 def test_a_run_keeps_the_weights_hash_and_warns_of_another_recipe(
-    weights: Path, tiny_store: Store, tmp_path: Path
+    weights: Path, tiny_store: Dataset, tmp_path: Path
 ) -> None:
     method = load_for(tiny_store, "dfd-net", {"weights": str(weights), "device": "cpu"})
     result = run_method(tiny_store, method, "test", tmp_path / "run").result
@@ -45,7 +45,7 @@ def test_a_run_keeps_the_weights_hash_and_warns_of_another_recipe(
 
 
 def test_other_weights_under_the_same_name_are_another_run(
-    weights: Path, tiny_store: Store, tmp_path: Path
+    weights: Path, tiny_store: Dataset, tmp_path: Path
 ) -> None:
     parameters = {"weights": str(weights), "device": "cpu"}
     run_method(tiny_store, load_for(tiny_store, "dfd-net", parameters), "test", tmp_path / "run")

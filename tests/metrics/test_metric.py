@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from dfdbench.datasets.store import Store
+from dfdbench.board.ranking import Entry, boards
+from dfdbench.board.tables import lighting_table, standings_table
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.figures.comparisons import lighting_figures
 from dfdbench.figures.runs import group_figures, panel_figure, score_figure
-from dfdbench.leaderboard.ranking import Entry, boards
-from dfdbench.leaderboard.tables import lighting_table, standings_table
 from dfdbench.metrics import metric
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric
 from dfdbench.metrics.protocol import PROTOCOLS, metrics_of
@@ -47,12 +47,14 @@ def shows_it(figure: Figure) -> bool:
     return any(TITLE in text for text in texts)
 
 
-def run_constant(store: Store, folder: Path) -> Result:
+def run_constant(store: Dataset, folder: Path) -> Result:
     return run_method(store, load_for(store, "constant", {}), "all", folder).result
 
 
 @pytest.mark.usefixtures("with_a_fourth")
-def test_a_metric_more_is_in_every_table_figure_and_page(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_metric_more_is_in_every_table_figure_and_page(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
     folder = tmp_path / "run"
     result = run_constant(tiny_store, folder)
     first = result.pairs[0].scores["valid"]
@@ -118,7 +120,7 @@ def test_a_metric_more_is_in_what_experiments_show() -> None:
 
 @pytest.mark.slow
 def test_in_metres_every_table_figure_and_page_shows_their_metrics(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     store, _ = in_metres(tiny_store)
     folder = tmp_path / "run"
@@ -165,7 +167,7 @@ def test_in_metres_every_table_figure_and_page_shows_their_metrics(
 
 
 def test_a_result_from_before_a_metric_is_shown_without_it(
-    tiny_store: Store, tmp_path: Path, request: pytest.FixtureRequest
+    tiny_store: Dataset, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     run_constant(tiny_store, tmp_path / "run")
     request.getfixturevalue("with_a_fourth")
@@ -189,7 +191,7 @@ def test_a_result_from_before_a_metric_is_shown_without_it(
 
 @pytest.mark.parametrize("scores", [{"nrmse": 0.1, "nmae": 0.1}, {"other": 0.1}, {"ssim": 1.5}])
 def test_scores_of_other_metrics_are_refused(
-    tiny_store: Store, tmp_path: Path, scores: dict[str, float]
+    tiny_store: Dataset, tmp_path: Path, scores: dict[str, float]
 ) -> None:
     run_constant(tiny_store, tmp_path / "run")
     content = json.loads((tmp_path / "run" / RESULT).read_text())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.method import Method
@@ -24,7 +24,7 @@ def half(infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]) -> NDArray[np.f
 
 
 @pytest.fixture(scope="session")
-def saved_runs(demo_store: Store, tmp_path_factory: pytest.TempPathFactory) -> list[SavedRun]:
+def saved_runs(demo_store: Dataset, tmp_path_factory: pytest.TempPathFactory) -> list[SavedRun]:
     methods = {
         "constant": load_for(demo_store, "constant", {}),
         "hostile": Method(HOSTILE, "m:half", half),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import zarr
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
 from dfdbench.results.folder import PREDICTIONS, keep_prediction, read_prediction
 
@@ -29,7 +29,7 @@ def no_metadata(place: Path) -> None:
 
 @pytest.mark.parametrize("spoil", [other_dtype, no_array, other_axes, no_metadata])
 def test_depth_maps_that_are_something_else_are_told(
-    tiny_store: Store, tmp_path: Path, spoil: Callable[[Path], None]
+    tiny_store: Dataset, tmp_path: Path, spoil: Callable[[Path], None]
 ) -> None:
     pair = tiny_store.pairs("test")[0]
     shape = tiny_store.shape_of(pair.scene)

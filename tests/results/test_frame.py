@@ -3,15 +3,15 @@ from typing import Any
 import pytest
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.results.frame import mean_scores, scores_of
-from tests.leaderboard.made_tracks import make_tracks
+from dfdbench.results.frame import frame_of, mean_scores, scores_of
+from tests.board.made_tracks import make_tracks
 from tests.made_results import limited, make_demo_result, make_result
 
 SCORES = {("One", 1, 1, 0): 0.2, ("One", 1, 1, 1): None, ("Two", 5, 1, 0): 0.1}
 
 
 def test_a_row_a_pair_with_its_place_and_scores() -> None:
-    frame = make_result(SCORES).to_frame()
+    frame = frame_of(make_result(SCORES))
     assert list(frame.columns) == [
         *("scene", "view", "illumination", "exposure"),
         *("status", "nrmse", "nmae", "ssim", "seconds"),
@@ -26,7 +26,7 @@ def test_pairs_that_were_not_run_are_there_without_numbers() -> None:
     result = make_result(SCORES)
     blank: dict[str, Any] = {"status": "not-run", "scores": {}, "seconds": None}
     first = result.pairs[0].model_copy(update=blank)
-    frame = result.model_copy(update={"pairs": [first, *result.pairs[1:]]}).to_frame("thesis")
+    frame = frame_of(result.model_copy(update={"pairs": [first, *result.pairs[1:]]}), "thesis")
     assert frame["status"].tolist() == ["not-run", "ok", "ok"]
     assert frame["nrmse"].isna().tolist() == [True, True, False]
     assert frame["seconds"].dtype == float
@@ -34,7 +34,7 @@ def test_pairs_that_were_not_run_are_there_without_numbers() -> None:
 
 def test_a_protocol_it_was_not_scored_under_is_refused() -> None:
     with pytest.raises(UnknownNameError, match="valid"):
-        make_result(SCORES).to_frame("valid")
+        frame_of(make_result(SCORES), "valid")
 
 
 def test_any_number_of_runs_are_one_long_table() -> None:

@@ -2,8 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
+from dfdbench.evaluation.evaluate import evaluate
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.results.folder import open_run_folder
@@ -26,10 +27,12 @@ def test_a_folder_of_runs_names_them(tmp_path: Path) -> None:
 
 
 def test_a_run_on_a_path_finds_its_store_again(
-    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    run_method(Store(Path("tiny.zarr")), load_for(tiny_store, "constant", {}), "test", Path("out"))
+    run_method(
+        Dataset(Path("tiny.zarr")), load_for(tiny_store, "constant", {}), "test", Path("out")
+    )
     monkeypatch.chdir("/")
     found = open_run(tmp_path / "out")
     assert found.store is not None
@@ -52,3 +55,13 @@ def test_a_run_that_was_stopped_is_told_as_one(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="stopped before its end") as told:
         open_run(tmp_path / "run")
     assert "the same command" in str(told.value)
+
+
+def test_a_run_shows_its_worst_pairs_worst_first(tiny_store: Dataset) -> None:
+    run = evaluate(lambda infocus, defocus: defocus.mean(axis=2), tiny_store)
+    text = run._repr_html_()
+    worst = run.to_frame()["nrmse"].nlargest(3).index
+    places = [text.index(f"{pair}, in-focus") for pair in worst]
+    assert places == sorted(places)
+    assert text.count("<img") == 3 * 4
+    assert "prediction: NRMSE" in text

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from dfdbench.optics.lens_table import read_lens_table
-from dfdbench.rig.board import Sighting, board_rays
 from dfdbench.rig.geometry import CaptureRig, Pose
 from dfdbench.rig.lidar import average_scans, depth_image, warp
 from dfdbench.rig.lidar_files import read_beams
 from dfdbench.rig.registration import Registration, register, sight
+from dfdbench.rig.sighting import Sighting, board_rays
 from dfdbench.simulation.board_scene import MOUNTED, SimulatedScene, defocus
 from dfdbench.simulation.raycast import View
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.manifest import Capture
+from dfdbench.datasets.manifest import Recording
 from dfdbench.errors import InputError
 from dfdbench.rig.registration_file import read_registration
 from dfdbench.simulation.capture_files import CaptureSettings, write_captures, write_lens_test
@@ -12,7 +12,7 @@ FEW = CaptureSettings(steps=(135,), exposures=(30,), frames=1, scans=2)
 
 
 @pytest.fixture(scope="module")
-def capture() -> Capture:
+def capture() -> Recording:
     found = find_manifest("realworld").capture
     assert found is not None
     # A quarter of the pixels: what is tested does not depend on them.
@@ -20,7 +20,7 @@ def capture() -> Capture:
 
 
 def test_captures_are_the_same_on_every_run_and_a_stopped_one_goes_on(
-    capture: Capture, tmp_path: Path
+    capture: Recording, tmp_path: Path
 ) -> None:
     first, second = tmp_path / "a", tmp_path / "b"
     assert write_captures(first, ("k03", "k05"), capture, FEW, workers=2) == ("k03", "k05")
@@ -38,7 +38,7 @@ def test_captures_are_the_same_on_every_run_and_a_stopped_one_goes_on(
     assert read_registration(first / "truth/k03/registration.toml").shape == (3, 3)
 
 
-def test_what_is_not_ours_is_left_alone(capture: Capture, tmp_path: Path) -> None:
+def test_what_is_not_ours_is_left_alone(capture: Recording, tmp_path: Path) -> None:
     (tmp_path / "k03").mkdir()
     (tmp_path / "k03/holiday.jpg").write_bytes(b"mine")
     with pytest.raises(InputError, match="captures of another kind"):

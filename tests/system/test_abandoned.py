@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.system.abandoned import keep_quiet_of_abandoned_tasks
 
 # The garbage collector comes by when it likes: here it is called.
@@ -24,7 +24,7 @@ for _ in range(20):
 """
 
 
-def test_a_store_with_several_damaged_scenes_is_one_error(tiny_store: Store) -> None:
+def test_a_store_with_several_damaged_scenes_is_one_error(tiny_store: Dataset) -> None:
     path = tiny_store.path
     first, *others = tiny_store.scenes
     (path / first / "zarr.json").write_text("{")

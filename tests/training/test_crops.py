@@ -13,7 +13,7 @@ from dfdbench.blur.formation import form_pair
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import TRACKS
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 from dfdbench.training.crops import (
     IGNORED,
@@ -29,11 +29,11 @@ SMALL_BLUR = BlurRecipe(0.3, 0.005, kernel_size=7)
 
 
 @pytest.fixture
-def images(tiny_store: Store) -> TrainingImages:
+def images(tiny_store: Dataset) -> TrainingImages:
     return TrainingImages.read(tiny_store, tiny_store.pairs("test"), ignore_unknown=False)
 
 
-def test_images_are_those_of_the_store(tiny_store: Store, images: TrainingImages) -> None:
+def test_images_are_those_of_the_store(tiny_store: Dataset, images: TrainingImages) -> None:
     pairs = tiny_store.pairs("test")
     pair = tiny_store.read(pairs[2])
     assert len(images.pixels) == len(pairs) == 7
@@ -43,7 +43,7 @@ def test_images_are_those_of_the_store(tiny_store: Store, images: TrainingImages
     assert images.levels[0] is images.levels[1]  # exposures of a view share a depth map
 
 
-def test_unknown_pixels_may_be_left_out(tiny_store: Store) -> None:
+def test_unknown_pixels_may_be_left_out(tiny_store: Dataset) -> None:
     pairs = tiny_store.pairs("train")
     depth = tiny_store.read(pairs[0])
     found = TrainingImages.read(tiny_store, pairs, ignore_unknown=True).levels[0].numpy()
@@ -51,7 +51,7 @@ def test_unknown_pixels_may_be_left_out(tiny_store: Store) -> None:
     assert (found[depth.valid] == depth.depth[depth.valid]).all()
 
 
-def test_channel_means_are_those_of_all_pixels(tiny_store: Store, images: TrainingImages) -> None:
+def test_channel_means_are_those_of_all_pixels(tiny_store: Dataset, images: TrainingImages) -> None:
     pixels = [
         np.concatenate([pair.infocus, pair.defocus], axis=2).reshape(-1, 6)
         for pair in map(tiny_store.read, tiny_store.pairs("test"))

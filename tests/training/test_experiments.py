@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, UnknownNameError
 from dfdbench.training.experiments import (
     experiment_table,
@@ -51,7 +51,7 @@ def test_folds_are_the_manifests_or_single_scenes(tiny_manifest: Manifest) -> No
     assert folds_of(without) == ("One", "Two", "Three")
 
 
-def test_each_value_and_seed_is_a_training(tiny_store: Store, tmp_path: Path) -> None:
+def test_each_value_and_seed_is_a_training(tiny_store: Dataset, tmp_path: Path) -> None:
     found = trials(
         find_experiment("noise"),
         "dfd-net",
@@ -81,7 +81,7 @@ def test_each_value_and_seed_is_a_training(tiny_store: Store, tmp_path: Path) ->
 
 
 def test_wrong_values_are_told_before_anything_is_trained(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     def planned(name: str, **more: Any) -> None:
         changes = QUICK | more.pop("changes", {})
@@ -98,7 +98,7 @@ def test_wrong_values_are_told_before_anything_is_trained(
         planned("cross-validation", values=("K9",))
 
 
-def test_a_training_that_has_ended_is_taken_over(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_training_that_has_ended_is_taken_over(tiny_store: Dataset, tmp_path: Path) -> None:
     def one(**changes: Any) -> Any:
         experiment = find_experiment("repeatability")
         found = trials(
@@ -115,7 +115,7 @@ def test_a_training_that_has_ended_is_taken_over(tiny_store: Store, tmp_path: Pa
         run_trial(one(noise=1), None, "cpu")
 
 
-def test_time_that_was_too_short_is_given_more(tiny_store: Store, tmp_path: Path) -> None:
+def test_time_that_was_too_short_is_given_more(tiny_store: Dataset, tmp_path: Path) -> None:
     experiment = find_experiment("repeatability")
     found = trials(experiment, "dfd-net", tiny_store, "published", QUICK, tmp_path, repeats=1)[0]
     assert run_trial(found, 1e-9, "cpu").steps == 1
@@ -151,7 +151,7 @@ def test_the_table_of_a_protocol_has_its_scores_alone() -> None:
     assert experiment_table(folds, cards).rows[1][3] == "0.2000"
 
 
-def test_both_expansions_get_as_many_examples_a_step(tiny_store: Store, tmp_path: Path) -> None:
+def test_both_expansions_get_as_many_examples_a_step(tiny_store: Dataset, tmp_path: Path) -> None:
     changes = {**QUICK, "crops_per_step": 3}
     asked = find_experiment("expansion")
     assert asked.values == ("basic", "eight")
@@ -162,7 +162,7 @@ def test_both_expansions_get_as_many_examples_a_step(tiny_store: Store, tmp_path
 
 
 def test_trainings_begin_with_weights_and_are_known_again_by_them(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     def planned(folder: str, start: Path | None) -> Any:
         asked = find_experiment("cross-validation")

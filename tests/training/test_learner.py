@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 from dfdbench.training.crops import IGNORED
 from dfdbench.training.learner import Learner, LevelLoss
@@ -16,7 +16,7 @@ from tests.training.test_trainer import task
 CPU = torch.device("cpu")
 
 
-def test_restored_it_learns_as_if_it_had_not_stopped(tiny_store: Store) -> None:
+def test_restored_it_learns_as_if_it_had_not_stopped(tiny_store: Dataset) -> None:
     learner = Learner(task(tiny_store), CPU)
     learner.learn()
     state = copy.deepcopy(learner.state())
@@ -27,7 +27,7 @@ def test_restored_it_learns_as_if_it_had_not_stopped(tiny_store: Store) -> None:
     assert (other.step, other.trained.tolist()) == (3, learner.trained.tolist())
 
 
-def test_prelus_decay_as_in_dlib_where_the_configuration_says_so(tiny_store: Store) -> None:
+def test_prelus_decay_as_in_dlib_where_the_configuration_says_so(tiny_store: Dataset) -> None:
     def decayed(**changes: bool) -> set[str]:
         learner = Learner(task(tiny_store, weight_decay=0.5, **changes), CPU)
         named = {id(parameter): name for name, parameter in learner.network.named_parameters()}
@@ -44,7 +44,7 @@ def test_prelus_decay_as_in_dlib_where_the_configuration_says_so(tiny_store: Sto
     assert not any("normalize" in name for name in with_slopes)
 
 
-def test_a_loss_that_is_no_number_ends_it(tiny_store: Store) -> None:
+def test_a_loss_that_is_no_number_ends_it(tiny_store: Dataset) -> None:
     learner = Learner(task(tiny_store), CPU)
     with torch.no_grad():
         next(learner.network.parameters()).fill_(float("nan"))

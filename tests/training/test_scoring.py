@@ -10,8 +10,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store
 from dfdbench.methods.networks.inference import Predictor
 from dfdbench.methods.networks.weights import build_network
 from dfdbench.metrics.protocol import PROTOCOLS, score
@@ -31,7 +31,7 @@ def test_some_of_the_pairs_are_spread_over_all(count: int, pairs: int) -> None:
     assert steps.max() - steps.min() <= 1
 
 
-def test_they_are_the_means_of_the_thesis_protocols(tiny_store: Store) -> None:
+def test_they_are_the_means_of_the_thesis_protocols(tiny_store: Dataset) -> None:
     torch.manual_seed(1)
     network = build_network("dfd-net", {"filters": list(SMALL)}).train()
     before = copy.deepcopy(network.state_dict())
@@ -55,7 +55,7 @@ def test_they_are_the_means_of_the_thesis_protocols(tiny_store: Store) -> None:
     assert all(torch.equal(before[name], after[name]) for name in before)
 
 
-def test_without_pairs_there_is_no_score(tiny_store: Store) -> None:
+def test_without_pairs_there_is_no_score(tiny_store: Dataset) -> None:
     network = build_network("dfd-net", {"filters": list(SMALL)})
     assert mean_scores(network, tiny_store, (), CPU) == {"thesis": {}, "thesis-networks-2": {}}
 

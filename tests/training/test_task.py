@@ -8,14 +8,14 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.blur.tracks import TRACKS
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.task import Task, require_trainable, task_of
 from tests.methods.made_weights import save_small
 
 
-def test_folds_and_splits_say_what_they_trained_on(tiny_store: Store) -> None:
+def test_folds_and_splits_say_what_they_trained_on(tiny_store: Dataset) -> None:
     choices = TrainingConfiguration()
     fold = task_of("dfd-net", tiny_store, choices, fold="K2")
     assert {pair.scene for pair in fold.train} == {"One", "Two"}
@@ -27,12 +27,12 @@ def test_folds_and_splits_say_what_they_trained_on(tiny_store: Store) -> None:
         task_of("dfd-net", tiny_store, choices, split="trian")
 
 
-def task(store: Store, **changes: Any) -> Task:
+def task(store: Dataset, **changes: Any) -> Task:
     return task_of("dfd-net", store, TrainingConfiguration.model_validate({"crop": 16} | changes))
 
 
 def test_another_seed_choice_or_start_is_another_training(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     first = task(tiny_store)
     assert first.identity == task(tiny_store).identity
@@ -50,14 +50,14 @@ def test_another_seed_choice_or_start_is_another_training(
     assert replace(first, test=()).identity == first.identity
 
 
-def test_a_store_without_the_splits_scenes_is_told(tiny_store: Store) -> None:
+def test_a_store_without_the_splits_scenes_is_told(tiny_store: Dataset) -> None:
     tiny_store.scenes = ("Two",)
     with pytest.raises(StoreError, match="no pair to train on, of tiny-1, split train"):
         task(tiny_store)
     assert len(task_of("dfd-net", tiny_store, TrainingConfiguration(), "test").train) == 4
 
 
-def test_what_fits_gives_the_networks_arguments(tiny_store: Store) -> None:
+def test_what_fits_gives_the_networks_arguments(tiny_store: Dataset) -> None:
     assert require_trainable(task(tiny_store, narrow=4))["filters"][0] > 0
 
 
@@ -73,21 +73,21 @@ def test_what_fits_gives_the_networks_arguments(tiny_store: Store) -> None:
     ],
 )
 def test_choices_that_do_not_fit_are_told(
-    tiny_store: Store, changes: dict[str, Any], told: str
+    tiny_store: Dataset, changes: dict[str, Any], told: str
 ) -> None:
     with pytest.raises(InputError, match=told):
         require_trainable(task(tiny_store, **changes))
 
 
 def test_captured_defocus_cannot_be_redrawn(
-    tiny_store: Store, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Store, "recipe", None)
+    monkeypatch.setattr(Dataset, "recipe", None)
     with pytest.raises(InputError, match="captured defocus"):
         require_trainable(task(tiny_store, redraw_depth=True))
 
 
-def test_what_was_trained_on_random_tracks_says_so(tiny_store: Store) -> None:
+def test_what_was_trained_on_random_tracks_says_so(tiny_store: Dataset) -> None:
     some = task(tiny_store, redraw_depth=True, tracks=["noise", "psf"])
     assert some.trained_on == "tiny-1, split train, random tracks: noise psf"
     every = task(tiny_store, redraw_depth=True, tracks=list(TRACKS))

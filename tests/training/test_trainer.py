@@ -14,8 +14,8 @@ import torch
 
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
@@ -37,7 +37,7 @@ QUICK = {
 }
 
 
-def task(store: Store, seed: int = 0, **changes: Any) -> Task:
+def task(store: Dataset, seed: int = 0, **changes: Any) -> Task:
     return task_of(
         "dfd-net", store, TrainingConfiguration.model_validate(QUICK | changes), seed=seed
     )
@@ -48,7 +48,7 @@ def losses(folder: Path) -> list[str]:
         return [row["loss"] for row in csv.DictReader(file)]
 
 
-def test_a_training_leaves_weights_card_and_log(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_training_leaves_weights_card_and_log(tiny_store: Dataset, tmp_path: Path) -> None:
     outcome = train(task(tiny_store), tmp_path / "t", device="cpu")
     network, card = load_weights(outcome.weights, "dfd-net")
     assert card == outcome.card
@@ -77,7 +77,7 @@ def test_a_training_leaves_weights_card_and_log(tiny_store: Store, tmp_path: Pat
 
 
 def test_the_card_keeps_the_precision_that_auto_came_to(
-    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(torch.cpu, "get_capabilities", dict)
     outcome = train(task(tiny_store, precision="auto", steps=2), tmp_path / "t", device="cpu")
@@ -93,7 +93,7 @@ def test_the_card_keeps_the_precision_that_auto_came_to(
 @pytest.mark.slow
 @pytest.mark.parametrize("schedule", ["progress", "cosine"])
 def test_stopped_and_resumed_it_has_the_same_losses_bit_for_bit(
-    tiny_store: Store, tmp_path: Path, schedule: str
+    tiny_store: Dataset, tmp_path: Path, schedule: str
 ) -> None:
     whole = train(task(tiny_store, schedule=schedule), tmp_path / "whole", device="cpu")
     for stop in (4, 9):
@@ -113,14 +113,14 @@ def test_stopped_and_resumed_it_has_the_same_losses_bit_for_bit(
         assert torch.equal(one, other)
 
 
-def test_seeds_differ_and_repeat(tiny_store: Store, tmp_path: Path) -> None:
+def test_seeds_differ_and_repeat(tiny_store: Dataset, tmp_path: Path) -> None:
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         train(task(tiny_store, seed, steps=3), tmp_path / name, device="cpu")
     assert losses(tmp_path / "a") == losses(tmp_path / "b") != losses(tmp_path / "c")
 
 
 @pytest.mark.slow
-def test_time_is_up(tiny_store: Store, tmp_path: Path) -> None:
+def test_time_is_up(tiny_store: Dataset, tmp_path: Path) -> None:
     outcome = train(task(tiny_store), tmp_path / "t", 1e-9, "cpu")
     assert (outcome.card.steps, outcome.card.ended_by) == (1, "its time limit")
     assert not outcome.within_warm_up
@@ -132,7 +132,7 @@ def test_time_is_up(tiny_store: Store, tmp_path: Path) -> None:
 
 
 def test_another_configuration_in_the_same_folder_is_refused(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     train(task(tiny_store), tmp_path / "t", 1e-9, "cpu")
     with pytest.raises(InputError, match="noise"):
@@ -140,7 +140,7 @@ def test_another_configuration_in_the_same_folder_is_refused(
 
 
 @pytest.mark.slow
-def test_training_goes_on_from_weights_and_says_so(tiny_store: Store, tmp_path: Path) -> None:
+def test_training_goes_on_from_weights_and_says_so(tiny_store: Dataset, tmp_path: Path) -> None:
     first = train(task(tiny_store), tmp_path / "first", device="cpu")
     more = replace(task(tiny_store, learning_rate=1e-9, steps=1), start=first.weights)
     second = train(more, tmp_path / "second", device="cpu")
@@ -157,7 +157,7 @@ def test_training_goes_on_from_weights_and_says_so(tiny_store: Store, tmp_path: 
 
 @pytest.mark.slow
 def test_an_unusual_network_is_trained_loaded_and_told_from_others(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     choices: dict[str, Any] = {
         "kernels": [[5, 1], *[3] * 12, 1],
@@ -182,7 +182,7 @@ def test_an_unusual_network_is_trained_loaded_and_told_from_others(
 
 
 @pytest.mark.slow
-def test_with_fixed_normalization_the_means_stay(tiny_store: Store, tmp_path: Path) -> None:
+def test_with_fixed_normalization_the_means_stay(tiny_store: Dataset, tmp_path: Path) -> None:
     first = train(task(tiny_store), tmp_path / "first", device="cpu")
     fine = replace(task(tiny_store, normalization="fixed"), start=first.weights)
     second = train(fine, tmp_path / "second", device="cpu")
@@ -197,7 +197,7 @@ def test_with_fixed_normalization_the_means_stay(tiny_store: Store, tmp_path: Pa
         train(task(tiny_store, normalization="fixed"), tmp_path / "none", device="cpu")
 
 
-def test_what_cannot_be_trained(tiny_store: Store, tmp_path: Path) -> None:
+def test_what_cannot_be_trained(tiny_store: Dataset, tmp_path: Path) -> None:
     for changes, message in (
         ({"crop": 18}, "a multiple of 4"),
         ({"crop": 64}, "at most 24"),
@@ -207,7 +207,7 @@ def test_what_cannot_be_trained(tiny_store: Store, tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=message):
             train(task(tiny_store, **changes), tmp_path / "t", None, "cpu")
-    one = Store(tiny_store.path)
+    one = Dataset(tiny_store.path)
     one.scenes = ("Two",)
     with pytest.raises(StoreError, match="no pair to train on"):
         task(one)
@@ -238,7 +238,7 @@ def test_a_tiny_dfd_net_learns_to_beat_constant_on_a_cpu(
     noise_scenes(tmp_path / "site")
     path = tmp_path / "tiny.zarr"
     build_store(tiny_manifest, open_source(tiny_manifest, tmp_path / "site"), path)
-    store = Store(path)
+    store = Dataset(path)
     choices = TrainingConfiguration(
         narrow=8,
         crops_per_step=6,

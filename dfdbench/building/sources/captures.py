@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.image_files import Image, average_frames, image_problems, read_rgb
-from dfdbench.datasets.manifest import Capture
+from dfdbench.datasets.manifest import Recording
 from dfdbench.errors import Problem, SourceError
 from dfdbench.rig.geometry import CaptureRig
 from dfdbench.rig.lidar import Beams, average_scans, depth_image, warp
@@ -31,11 +31,11 @@ class PublishedScene:
     ----------
     folder : Path
         The scene's.
-    capture : Capture
+    capture : Recording
         Of the manifest.
     """
 
-    def __init__(self, folder: Path, capture: Capture) -> None:
+    def __init__(self, folder: Path, capture: Recording) -> None:
         self.folder = folder
         self._capture = capture
 
@@ -88,11 +88,11 @@ class RawScene:
     ----------
     folder : Path
         The scene's; its ``beams.csv``, or the one beside it, replaces the thesis's calibration.
-    capture : Capture
+    capture : Recording
         Of the manifest.
     """
 
-    def __init__(self, folder: Path, capture: Capture) -> None:
+    def __init__(self, folder: Path, capture: Recording) -> None:
         self.folder = folder
         self._capture = capture
         height, width = capture.frame_size
@@ -231,7 +231,7 @@ class RawScene:
 
 
 def find_captured_scene(
-    folder: Path, name: str, capture: Capture
+    folder: Path, name: str, capture: Recording
 ) -> PublishedScene | RawScene | None:
     """Return a scene's files in the layout that they are in; None where there is no such folder."""
     place = folder / name

@@ -19,11 +19,11 @@ from dfdbench.building.sources.realworld import as_told
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.lens_table import read_lens_table
-from dfdbench.rig.board import Rays, Sighting
 from dfdbench.rig.geometry import CaptureRig, Pose
 from dfdbench.rig.lidar import average_scans, depth_image, warp
 from dfdbench.rig.lidar_files import read_beams
 from dfdbench.rig.registration import register, sight
+from dfdbench.rig.sighting import Rays, Sighting
 from dfdbench.simulation.board_scene import SCENES, SimulatedScene, defocus
 from dfdbench.simulation.photographs import photograph
 from dfdbench.simulation.raycast import View

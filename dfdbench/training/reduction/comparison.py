@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, unknown_name
 from dfdbench.methods.networks.inference import Predictor, find_device
 from dfdbench.methods.networks.weights import Card, load_weights
@@ -55,7 +55,7 @@ def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str,
     return {name: there[name] for name in chosen}
 
 
-def seconds_an_image(weights: Mapping[str, Path], store: Store, device: str) -> dict[str, float]:
+def seconds_an_image(weights: Mapping[str, Path], store: Dataset, device: str) -> dict[str, float]:
     """Return how long each network takes for the first pair of a store, warmed up.
 
     The shortest of nine runs each, taken in turns, so that other load on the machine slows all of
@@ -65,7 +65,7 @@ def seconds_an_image(weights: Mapping[str, Path], store: Store, device: str) -> 
     ----------
     weights : mapping of str to Path
         A file of weights, by row.
-    store : Store
+    store : Dataset
         If the pair lies.
     device : str
         As for the methods.

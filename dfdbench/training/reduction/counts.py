@@ -13,8 +13,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, MethodError, Problem, StoreError
 from dfdbench.tables.table import Table
 from dfdbench.training.reduction.self_organising_map import Tuning, noise_gram, winners
@@ -81,7 +81,7 @@ class Counts:
         return {layer: _statistic(counts, statistic) for layer, counts in self.found.items()}
 
 
-def samples_of(store: Store, split: str) -> tuple[Pair, ...]:
+def samples_of(store: Dataset, split: str) -> tuple[Pair, ...]:
     """Return the first pair of each scene of a split: one sample a scene (6.2).
 
     Raises
@@ -102,7 +102,7 @@ def samples_of(store: Store, split: str) -> tuple[Pair, ...]:
 
 def count_clusters(
     network: nn.Module,
-    store: Store,
+    store: Dataset,
     samples: Sequence[Pair],
     seed: int = 0,
     tuning: Tuning = "own",
@@ -114,7 +114,7 @@ def count_clusters(
     ----------
     network : nn.Module
         DfD-Net in evaluation mode.
-    store : Store
+    store : Dataset
         If the samples lie.
     samples : sequence of Pair
         On which the layers' outputs are taken.

@@ -11,7 +11,7 @@ from typing import Literal
 import torch
 
 from dfdbench.blur.recipe import LEVELS as DEPTH_LEVELS
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.choices import LAYERS
 from dfdbench.methods.networks.weights import build_network, count_parameters, load_weights
@@ -82,7 +82,7 @@ class Reduction:
 
 def reduce_weights(
     weights: Path,
-    store: Store,
+    store: Dataset,
     configuration: TrainingConfiguration,
     split: str = "test",
     level: int | None = None,
@@ -98,7 +98,7 @@ def reduce_weights(
     ----------
     weights : Path
         What ``dfdbench train dfd-net`` wrote.
-    store : Store
+    store : Dataset
         If the samples lie, the first pair of each scene.
     configuration : TrainingConfiguration
         How the rows are to be trained; widths and layers are those of the weights.

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import nn
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
-from dfdbench.datasets.store import Store
 from dfdbench.errors import InputError, MethodError
 from dfdbench.methods.networks.inference import Predictor, Readout, find_device
 from dfdbench.methods.networks.weights import load_weights
@@ -65,7 +65,7 @@ def objective(train: Mapping[str, float], other: Mapping[str, float], gamma: flo
 @same_threads()
 def mean_parts(
     network: nn.Module,
-    store: Store,
+    store: Dataset,
     pairs: Sequence[Pair],
     device: torch.device,
     readout: Readout,
@@ -77,7 +77,7 @@ def mean_parts(
     ----------
     network : nn.Module
         In evaluation mode; its batch normalization is folded in place.
-    store : Store
+    store : Dataset
         If the pairs lie.
     pairs : sequence of Pair
         Which pairs.
@@ -257,7 +257,7 @@ def _trained_and_scored(job: Job) -> Outcome:
     work, readout = job.work, job.configuration.readout
     if time.time() >= work.until:
         raise _TimeUpError
-    store = Store(work.place)
+    store = Dataset(work.place)
     sides = [tuple(p for p in store.pairs("all") if p.scene in s) for s in (work.train, work.other)]
     task = Task(
         "dfd-net", store, sides[0], (), work.trained_on, "", job.configuration, seed=job.seed

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, Problem, StoreError, unknown_name
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import find_device
@@ -84,7 +84,7 @@ class SearchPlan:
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set.
     base : TrainingConfiguration
         Every choice that a particle does not make.
@@ -94,7 +94,7 @@ class SearchPlan:
         Scenes that train, and those that select.
     """
 
-    store: Store
+    store: Dataset
     base: TrainingConfiguration
     choices: Choices
     train: tuple[str, ...]
@@ -190,7 +190,7 @@ class SearchPlan:
 
 
 def plan_search(
-    store: Store,
+    store: Dataset,
     base: TrainingConfiguration,
     changes: Mapping[str, Any],
     choices: Choices,
@@ -200,7 +200,7 @@ def plan_search(
 
     Parameters
     ----------
-    store : Store
+    store : Dataset
         The data set.
     base : TrainingConfiguration
         Every choice that a particle does not make.

@@ -3,14 +3,14 @@ import pytest
 
 from dfdbench.building.sources.demo import DemoScenes, photograph_light
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError
 from dfdbench.methods.baselines import Local
 from dfdbench.metrics.scores import nmae
 
 
-def histogram(store: Store, split: str) -> np.ndarray:
+def histogram(store: Dataset, split: str) -> np.ndarray:
     counts = np.zeros(256, np.int64)
     for pair in store.pairs(split):
         depth, valid = store.read_depth(pair)
@@ -18,19 +18,19 @@ def histogram(store: Store, split: str) -> np.ndarray:
     return counts
 
 
-def test_every_test_depth_is_covered_by_the_training_depths(demo_store: Store) -> None:
+def test_every_test_depth_is_covered_by_the_training_depths(demo_store: Dataset) -> None:
     train, test = histogram(demo_store, "train"), histogram(demo_store, "test")
     assert (test <= train).all()
 
 
-def test_some_depth_is_unknown_as_in_middlebury(demo_store: Store) -> None:
+def test_some_depth_is_unknown_as_in_middlebury(demo_store: Dataset) -> None:
     for scene in demo_store.scenes:
         unknown = 1 - demo_store.to_xarray(scene)["valid"].values.mean()
         assert 0.01 < unknown < 0.12, scene
 
 
 @pytest.mark.slow
-def test_low_exposure_is_darker_and_harder(demo_store: Store) -> None:
+def test_low_exposure_is_darker_and_harder(demo_store: Dataset) -> None:
     method = Local()
     brightness, error = [], []
     for exposure in (0, 1, 2):
@@ -49,7 +49,7 @@ def test_low_exposure_is_darker_and_harder(demo_store: Store) -> None:
     assert error[0] > 1.3 * error[2]
 
 
-def test_the_views_see_the_same_scene_shifted_by_the_disparity(demo_store: Store) -> None:
+def test_the_views_see_the_same_scene_shifted_by_the_disparity(demo_store: Dataset) -> None:
     scene = demo_store.to_xarray("Kitchen")
     left, right = (
         scene["infocus"].sel(view=view, illumination=2, exposure=2).values.astype(float)
@@ -104,7 +104,7 @@ def test_other_axes_are_told() -> None:
         DemoScenes(manifest.model_copy(update={"depth": depth}))
 
 
-def test_one_view_and_one_light_make_the_same_images_as_all(demo_store: Store) -> None:
+def test_one_view_and_one_light_make_the_same_images_as_all(demo_store: Dataset) -> None:
     few = DemoScenes(with_axes(view=[5], illumination=[3], exposure=[1])).read("Attic")
     scene = demo_store.to_xarray("Attic")
     at = {"view": 5, "illumination": 3, "exposure": 1}

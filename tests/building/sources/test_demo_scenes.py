@@ -1,9 +1,9 @@
 from dfdbench.building.sources.demo_scenes import SCENES
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store
 
 
-def test_training_and_test_share_no_photograph(demo_store: Store) -> None:
+def test_training_and_test_share_no_photograph(demo_store: Dataset) -> None:
     manifest: Manifest = demo_store.manifest
     used = {
         split: {

@@ -10,17 +10,17 @@ import cv2
 import numpy as np
 import pytest
 
+from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store
 from dfdbench.building.fetching.checksums import known_checksums
 from dfdbench.building.sources import open_source
 from dfdbench.building.sources.folder import FolderScenes
 from dfdbench.building.sources.interface import SceneError
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError, StoreError
-from dfdbench.leaderboard.row_file import known_fingerprints
 from dfdbench.system.parallel import Threads
 from tests.building.test_sources import check_interface
 from tests.made_folder import FOLDER_TOML, SCENES, make_folder
@@ -54,10 +54,10 @@ def test_the_same_store_for_any_number_of_workers(
     report = build_store(manifest, open_source(manifest, folder), place, pool=Threads(workers))
     once = build_store(manifest, open_source(manifest, folder), tmp_path / "again.zarr")
     assert report.fingerprint == once.fingerprint
-    found = Store(place).to_xarray("desk").attrs["found"]
+    found = Dataset(place).to_xarray("desk").attrs["found"]
     assert found["desk/capture1"]["right"] == pytest.approx(-2, abs=0.1)
     assert manifest.depth.scale is not None
-    images = Store(place).read(manifest.pairs("desk")[0])
+    images = Dataset(place).read(manifest.pairs("desk")[0])
     metres = manifest.depth.scale.to_metres(images.depth[images.valid])
     assert metres.min() == pytest.approx(1.0, abs=0.02)
     assert metres.max() == pytest.approx(4.0, abs=0.1)
@@ -100,7 +100,7 @@ def test_broken_scenes_are_named_together_and_the_others_built(
         "the images of the pair do not match: no alignment was found",
     ]
     assert "depth_unit = 0.01 (centimetres)" in report.problems[1].fix
-    assert [pair.id for pair in Store(tmp_path / "mine.zarr").pairs("all")] == ["shelf/capture1"]
+    assert [pair.id for pair in Dataset(tmp_path / "mine.zarr").pairs("all")] == ["shelf/capture1"]
 
 
 def test_a_build_that_would_lose_scenes_is_refused(folder: Path, tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_a_build_that_would_lose_scenes_is_refused(folder: Path, tmp_path: Path)
     (folder / "desk/depth.png").write_bytes(b"nothing")
     with pytest.raises(StoreError, match="holds 1 pairs that this build lacks"):
         build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
-    assert len(Store(tmp_path / "mine.zarr").pairs("all")) == 4
+    assert len(Dataset(tmp_path / "mine.zarr").pairs("all")) == 4
 
 
 def test_where_no_scene_is_whole_nothing_is_built(folder: Path, tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.building.sources.realworld import RealworldFolder
 from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.store import Store
 from dfdbench.errors import SourceError
 from dfdbench.rig.lidar_files import write_ranges
 from dfdbench.rig.registration_file import NAME as REGISTRATION
@@ -52,7 +52,7 @@ def test_the_published_layout_is_built_as_captured(published: Path, tmp_path: Pa
     source = open_source(CAPTURED, published)
     report = build_store(CAPTURED, source, tmp_path / "s.zarr")
     assert (report.pairs, report.scenes_built) == (4, ("k33", "k34"))
-    store = Store(tmp_path / "s.zarr")
+    store = Dataset(tmp_path / "s.zarr")
     assert (store.recipe_name, store.recipe) == ("", None)
     assert store.attributes["options"] == {"pair": [141, 129]}
     pair = store.pairs("test")[1]
@@ -93,7 +93,7 @@ def test_brighter_is_nearer_and_unknown_stays_0(published: Path, tmp_path: Path)
     ):
         place = tmp_path / f"{name}.zarr"
         build_store(manifest, open_source(manifest, published), place)
-        store = Store(place)
+        store = Dataset(place)
         images = store.read(store.pairs("k33")[0])
         assert (images.depth[20:] == expected).all()
         assert (images.depth[:9] == 0).all()
@@ -112,7 +112,7 @@ def test_the_board_at_1_5_m_is_brighter_than_the_one_at_2_5_m(
     shutil.copy(raw / "truth/k00" / REGISTRATION, raw / "k00" / REGISTRATION)
     (raw / "k03").symlink_to(captures / "k03")
     build_store(CAPTURED, open_source(CAPTURED, raw), tmp_path / "s.zarr")
-    store = Store(tmp_path / "s.zarr")
+    store = Dataset(tmp_path / "s.zarr")
     far, near = (store.read(store.pairs(name)[0]) for name in ("k00", "k03"))
     assert np.median(far.depth[far.valid]) == pytest.approx(5, abs=2)
     assert np.median(near.depth[near.valid]) == pytest.approx(105, abs=2)
@@ -122,7 +122,7 @@ def test_the_board_at_1_5_m_is_brighter_than_the_one_at_2_5_m(
 def test_raw_captures_give_back_the_truth(captures: Path, tmp_path: Path) -> None:
     report = build_store(CAPTURED, open_source(CAPTURED, captures), tmp_path / "s.zarr")
     assert report.pairs == 2
-    store = Store(tmp_path / "s.zarr")
+    store = Dataset(tmp_path / "s.zarr")
     for pair in store.pairs("all"):
         images = store.read(pair)
         truth = cv2.imread(str(captures / "truth" / pair.scene / "distance_mm.png"), -1)
@@ -150,7 +150,7 @@ def test_synthetic_blur_takes_the_sharpest_step_and_inverts_the_depth(
 ) -> None:
     manifest = manifest_with_few_steps("realworld-synthetic")
     build_store(manifest, open_source(manifest, captures), tmp_path / "s.zarr")
-    store = Store(tmp_path / "s.zarr")
+    store = Dataset(tmp_path / "s.zarr")
     pair = store.pairs("k03")[0]
     images = store.read(pair)
     scene = raw_scene(captures, "k03")

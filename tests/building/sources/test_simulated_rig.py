@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dfdbench.board.row_file import known_fingerprints
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.building.sources.realworld import RealworldFolder
@@ -10,7 +11,6 @@ from dfdbench.building.sources.simulated_rig import SimulatedRig
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
-from dfdbench.leaderboard.row_file import known_fingerprints
 from dfdbench.system.parallel import Threads
 
 RELEASED = find_manifest("realworld-sim")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, UnknownNameError
 from dfdbench.methods.networks.weights import Card
 from dfdbench.training.reduction.comparison import (
@@ -64,7 +64,7 @@ def test_rows_are_those_of_the_folder_and_others_are_named(tmp_path: Path) -> No
         configurations_in(tmp_path / "nowhere", None)
 
 
-def test_seconds_are_of_an_answer(tiny_store: Store, tmp_path: Path) -> None:
+def test_seconds_are_of_an_answer(tiny_store: Dataset, tmp_path: Path) -> None:
     small = save_small(tmp_path / "w.safetensors")
     seconds = seconds_an_image({"original": small, "B-01-01": small}, tiny_store, "cpu")
     assert list(seconds) == ["original", "B-01-01"]

@@ -7,7 +7,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 from torch import Tensor
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, MethodError, UnknownNameError
 from dfdbench.methods.networks.architectures import DfDNet, UNet
 from dfdbench.methods.networks.choices import LAYERS
@@ -23,7 +23,7 @@ from dfdbench.training.reduction.counts import (
 from tests.methods.networks.test_architectures import SMALL
 
 
-def test_a_sample_is_the_first_pair_of_each_scene(tiny_store: Store) -> None:
+def test_a_sample_is_the_first_pair_of_each_scene(tiny_store: Dataset) -> None:
     assert [pair.scene for pair in samples_of(tiny_store, "test")] == ["Two", "Three"]
     assert samples_of(tiny_store, "test")[0] == tiny_store.pairs("test")[0]
     with pytest.raises(UnknownNameError, match="test"):
@@ -31,7 +31,7 @@ def test_a_sample_is_the_first_pair_of_each_scene(tiny_store: Store) -> None:
 
 
 @pytest.mark.slow
-def test_layers_are_counted_and_equal_filters_once(tiny_store: Store) -> None:
+def test_layers_are_counted_and_equal_filters_once(tiny_store: Dataset) -> None:
     torch.manual_seed(1)
     network = DfDNet(SMALL).eval()
     with torch.no_grad():
@@ -51,7 +51,7 @@ def test_layers_are_counted_and_equal_filters_once(tiny_store: Store) -> None:
     assert count_clusters(network, tiny_store, samples) == counts
 
 
-def test_a_sample_too_small_is_named(tiny_store: Store) -> None:
+def test_a_sample_too_small_is_named(tiny_store: Dataset) -> None:
     wide = DfDNet((*[4] * 6, 50, 4, 50, *[4] * 8, 256)).eval()  # 6 x 7 pixels on the third level
     with pytest.raises(InputError, match=r"Two/.*, layer 34"):
         count_clusters(wide, tiny_store, samples_of(tiny_store, "test"))

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
-from dfdbench.datasets.store import Store
+from dfdbench.board.published import load_published
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, MethodError
-from dfdbench.leaderboard.published import load_published
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.methods.networks.weights import build_network, count_parameters, save_weights
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
@@ -29,7 +29,7 @@ from tests.methods.networks.test_architectures import SMALL
 
 
 def test_weights_become_configurations_of_narrower_networks(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     choices = TrainingConfiguration(narrow=8, crop=16, steps=3)
     found = reduce_weights(save_small(tmp_path / "w.safetensors"), tiny_store, choices)
@@ -56,7 +56,7 @@ def test_weights_become_configurations_of_narrower_networks(
 
 
 def test_layers_stay_what_they_are_and_rounding_adds_rows(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     architecture = {"filters": list(SMALL), "sampling_size": 3, "first_activation": "sigmoid"}
     path = tmp_path / "w.safetensors"
@@ -73,7 +73,7 @@ def test_layers_stay_what_they_are_and_rounding_adds_rows(
 
 
 def test_weights_of_another_network_and_unknown_levels_are_refused(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     unet = {"filters": [2, 4, 8, 16, 32]}
     path = tmp_path / "u.safetensors"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search.evaluation import Outcome
 from dfdbench.training.search.log import Row
@@ -20,7 +20,7 @@ BOUNDS = {"crop": "12:16", "kernel": "1:3", "width": "8:128"}
 
 
 def small_plan(
-    store: Store, configuration: dict[str, Any] | None = None, **choices: Any
+    store: Dataset, configuration: dict[str, Any] | None = None, **choices: Any
 ) -> SearchPlan:
     """Return a search on the tiny set: trains on one scene of `test`, selects on the other."""
     base = TrainingConfiguration.model_validate(SMALL | (configuration or {}))

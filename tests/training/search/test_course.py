@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.training.configuration import read_configuration
 from dfdbench.training.search.course import best_as_toml, course_table, iteration_of, network_table
@@ -19,7 +19,7 @@ from dfdbench.training.search.swarm import begun, judged
 from tests.training.search.made_searches import small_plan, some_rows
 
 
-def test_an_iteration_in_numbers(tiny_store: Store) -> None:
+def test_an_iteration_in_numbers(tiny_store: Dataset) -> None:
     plan = small_plan(tiny_store)
     swarm = begun(plan.box, 4, 0)
     same = np.repeat(swarm.positions[1][None], 4, 0)
@@ -35,7 +35,7 @@ def test_an_iteration_in_numbers(tiny_store: Store) -> None:
     assert math.isnan(empty.mean)
 
 
-def test_tables_say_what_selected_and_what_failed(tiny_store: Store) -> None:
+def test_tables_say_what_selected_and_what_failed(tiny_store: Dataset) -> None:
     plan = small_plan(tiny_store, split="train", as_thesis=True, particles=3)
     rows = some_rows(plan)
     values = np.array([row.outcome.value for row in rows])
@@ -52,7 +52,7 @@ def swarm_s(value: float = 0.5) -> Row:
     return Row((4, 2), position, Outcome(value, "", scores, scores, 1234, 2, 0.5))
 
 
-def test_the_network_found_stands_beside_the_baseline(tiny_store: Store) -> None:
+def test_the_network_found_stands_beside_the_baseline(tiny_store: Dataset) -> None:
     table = network_table(small_plan(tiny_store), swarm_s())
     assert table.rows[0] == ("52", "145", "128", "3 x 3", "yes", "sigmoid")
     assert table.rows[3] == ("42", "238", "256", "2 x 2", "", "")
@@ -61,7 +61,7 @@ def test_the_network_found_stands_beside_the_baseline(tiny_store: Store) -> None
 
 
 def test_the_best_is_a_configuration_that_trains_the_same_network(
-    tiny_store: Store, tmp_path: Path
+    tiny_store: Dataset, tmp_path: Path
 ) -> None:
     plan = small_plan(tiny_store, {"noise": 2.0, "precision": "float32"}, as_thesis=True)
     path = tmp_path / "best.toml"

@@ -11,7 +11,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 import numpy as np
 import pytest
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, ResultError
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.weights import load_weights
@@ -31,13 +31,13 @@ from dfdbench.training.search.evaluation import mean_parts
 from tests.methods.networks.test_architectures import SMALL
 
 
-def job(store: Store, folder: Path, until: float = math.inf, **configuration: Any) -> Job:
+def job(store: Dataset, folder: Path, until: float = math.inf, **configuration: Any) -> Job:
     plan = small_plan(store, configuration)
     position = position_of(FILTERS["original"], crop=12)
     return plan.job(plan.work("cpu", 1, until), 0, 1, position, folder / "000-001")
 
 
-def test_a_particle_is_trained_and_scored_on_both_sets(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_particle_is_trained_and_scored_on_both_sets(tiny_store: Dataset, tmp_path: Path) -> None:
     asked = job(tiny_store, tmp_path)
     outcome = evaluate(asked)
     assert outcome is not None
@@ -58,7 +58,7 @@ def test_a_particle_is_trained_and_scored_on_both_sets(tiny_store: Store, tmp_pa
     ],
 )
 def test_a_training_that_fails_is_infinitely_bad(
-    tiny_store: Store,
+    tiny_store: Dataset,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     raised: Exception | None,
@@ -77,7 +77,7 @@ def test_a_training_that_fails_is_infinitely_bad(
 
 
 def test_what_says_nothing_of_the_network_is_raised(
-    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: Any, **__: Any) -> None:
         raise ResultError("cannot write the training", got="No space left on device")
@@ -87,7 +87,7 @@ def test_what_says_nothing_of_the_network_is_raised(
         evaluate(job(tiny_store, tmp_path))
 
 
-def test_time_is_up_before_and_within_a_training(tiny_store: Store, tmp_path: Path) -> None:
+def test_time_is_up_before_and_within_a_training(tiny_store: Dataset, tmp_path: Path) -> None:
     assert evaluate(job(tiny_store, tmp_path, until=time.time())) is None
     assert not (tmp_path / "000-001").exists()
     late = job(tiny_store, tmp_path, until=time.time() + 0.5, steps=100_000)
@@ -95,7 +95,7 @@ def test_time_is_up_before_and_within_a_training(tiny_store: Store, tmp_path: Pa
     assert (tmp_path / "000-001/checkpoint.pt").exists()
 
 
-def test_no_two_processes_train_the_same_particle(tiny_store: Store, tmp_path: Path) -> None:
+def test_no_two_processes_train_the_same_particle(tiny_store: Dataset, tmp_path: Path) -> None:
     taken = InputError("taken")
     with (
         hold(tmp_path / ".000-001.lock", taken),
@@ -122,14 +122,14 @@ def network() -> Any:
     return DfDNet(SMALL).eval()
 
 
-def test_whole_images_are_scored_as_trainings_are(tiny_store: Store) -> None:
+def test_whole_images_are_scored_as_trainings_are(tiny_store: Dataset) -> None:
     pairs = tiny_store.pairs("test")[:3]
     found = mean_parts(network(), tiny_store, pairs, CPU, "mode", centre=False)
     assert found == mean_scores(network(), tiny_store, pairs, CPU)["thesis"]
 
 
 def test_the_author_scores_the_centre_and_divides_by_255(
-    tiny_store: Store, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "CENTRE", (16, 400))  # the images have 24 rows and 30 columns
     (pair,) = tiny_store.pairs("test")[:1]

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
 from dfdbench.training.search.log import Row, SearchFolder
 from dfdbench.training.search.particle import COMPONENTS
@@ -23,7 +23,7 @@ def opened(plan: SearchPlan, path: Path) -> SearchFolder:
 
 
 @pytest.fixture
-def plan(tiny_store: Store) -> SearchPlan:
+def plan(tiny_store: Dataset) -> SearchPlan:
     return small_plan(tiny_store, particles=3)
 
 
@@ -112,7 +112,7 @@ def test_a_position_that_the_search_does_not_come_to_is_named(plan: SearchPlan, 
 
 
 def test_another_search_is_refused_with_what_differs(
-    plan: SearchPlan, path: Path, tiny_store: Store
+    plan: SearchPlan, path: Path, tiny_store: Dataset
 ) -> None:
     before = {file.name: file.read_bytes() for file in path.iterdir()}
     others = small_plan(tiny_store, {"noise": 1.0}, particles=3, gamma=0.5)

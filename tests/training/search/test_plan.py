@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.training.configuration import TrainingConfiguration
@@ -17,7 +17,7 @@ from dfdbench.training.search.plan import Choices, plan_search
 from tests.training.search.made_searches import BOUNDS, small_plan
 
 
-def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Store) -> None:
+def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Dataset) -> None:
     plan = small_plan(tiny_store)
     assert {plan.train, plan.other} == {("Two",), ("Three",)}
     assert plan.selected_on == f"scenes held out of test, drawn from seed 0: {plan.other[0]}"
@@ -27,7 +27,7 @@ def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Store)
     assert plan.work("cpu", 1, 0).trained_on == f"tiny-1, split test, less {plan.other[0]}"
 
 
-def test_as_the_thesis_the_test_selects_and_that_is_told(tiny_store: Store) -> None:
+def test_as_the_thesis_the_test_selects_and_that_is_told(tiny_store: Dataset) -> None:
     plan = small_plan(tiny_store, split="train", as_thesis=True)
     assert (plan.train, plan.other) == (("One",), ("Two", "Three"))
     assert "the TEST scenes, as the thesis did: Two, Three" in plan.selected_on
@@ -37,7 +37,7 @@ def test_as_the_thesis_the_test_selects_and_that_is_told(tiny_store: Store) -> N
         small_plan(tiny_store, split="train", as_thesis=True)
 
 
-def test_patches_a_step_are_the_author_s_where_the_base_has_28(tiny_store: Store) -> None:
+def test_patches_a_step_are_the_author_s_where_the_base_has_28(tiny_store: Dataset) -> None:
     plan = small_plan(tiny_store, {"crop": 32, "crops_per_step": 28})
     for crop, patches in PATCHES.items():
         particle = particle_at(position_of(FILTERS["original"], crop=crop))
@@ -47,7 +47,7 @@ def test_patches_a_step_are_the_author_s_where_the_base_has_28(tiny_store: Store
     assert few.configuration_of(particle).crops_per_step == 1
 
 
-def test_a_job_is_what_a_position_means(tiny_store: Store, tmp_path: Any) -> None:
+def test_a_job_is_what_a_position_means(tiny_store: Dataset, tmp_path: Any) -> None:
     plan = small_plan(tiny_store)
     position = position_of(FILTERS["pso"], first_activation="sigmoid")
     job = plan.job(plan.work("cpu", 1, 0), 3, 1, position, tmp_path)
@@ -58,14 +58,14 @@ def test_a_job_is_what_a_position_means(tiny_store: Store, tmp_path: Any) -> Non
     assert len(seeds) == 27
 
 
-def test_only_the_author_s_first_particle_is_known(tiny_store: Store) -> None:
+def test_only_the_author_s_first_particle_is_known(tiny_store: Dataset) -> None:
     assert small_plan(tiny_store).known is None
     known = small_plan(tiny_store, variant="author", bounds=Bounds(crop=(12, 16))).known
     assert known is not None
     assert np.array_equal(known, position_of(FILTERS["original"]))
 
 
-def test_every_choice_makes_another_search(tiny_store: Store) -> None:
+def test_every_choice_makes_another_search(tiny_store: Dataset) -> None:
     plans = [
         small_plan(tiny_store, configuration, **choices)
         for configuration, choices in [
@@ -100,13 +100,13 @@ def test_every_choice_makes_another_search(tiny_store: Store) -> None:
     ],
 )
 def test_what_cannot_be_searched_is_told(
-    tiny_store: Store, configuration: dict[str, Any], choices: dict[str, Any], told: str
+    tiny_store: Dataset, configuration: dict[str, Any], choices: dict[str, Any], told: str
 ) -> None:
     with pytest.raises(InputError, match=told):
         small_plan(tiny_store, configuration, **choices)
 
 
-def test_a_choice_of_the_particles_is_not_set(tiny_store: Store) -> None:
+def test_a_choice_of_the_particles_is_not_set(tiny_store: Dataset) -> None:
     base = TrainingConfiguration.model_validate({"crop": 16})
     with pytest.raises(InputError, match="chooses this itself"):
         plan_search(tiny_store, base, {"crop": 16}, Choices(split="test"))

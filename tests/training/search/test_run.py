@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, ResultError
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.system.parallel import Cluster, Processes
@@ -28,7 +28,7 @@ ITERATIONS = 2
 MANY = int(os.environ.get("DFDBENCH_KILLS", "16"))
 
 
-def searched(store: Store, folder: Path, particles: int = 2) -> SearchOutcome:
+def searched(store: Dataset, folder: Path, particles: int = 2) -> SearchOutcome:
     plan = small_plan(store, particles=particles)
     return run_search(plan, folder, ITERATIONS, device="cpu", threads=1)
 
@@ -43,7 +43,7 @@ def same(one: SearchOutcome, other: SearchOutcome) -> bool:
 
 
 @pytest.mark.slow
-def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Dataset, tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     plan = small_plan(tiny_store)
     outcome = run_search(
@@ -71,7 +71,7 @@ def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Store, tmp_path
 def search_here(place: str, folder: Path) -> None:
     """What `dfdbench thesis search architecture` does; run in a process that is killed."""
     torch.set_num_threads(1)
-    searched(Store(place), folder)
+    searched(Dataset(place), folder)
 
 
 @pytest.mark.slow
@@ -79,7 +79,7 @@ def search_here(place: str, folder: Path) -> None:
     ("kills", "hits"), [(4, 2), pytest.param(MANY, MANY // 2, marks=pytest.mark.slow)]
 )
 def test_killed_at_random_moments_it_ends_with_the_same_swarm(
-    tiny_store: Store, tmp_path: Path, kills: int, hits: int
+    tiny_store: Dataset, tmp_path: Path, kills: int, hits: int
 ) -> None:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
@@ -113,7 +113,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_swarm(
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["processes", pytest.param("cluster", marks=ON_SERVERS)])
 def test_elsewhere_it_ends_with_the_same_swarm(
-    kind: str, tiny_store: Store, tmp_path: Path, request: pytest.FixtureRequest
+    kind: str, tiny_store: Dataset, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     pool = Processes(2) if kind == "processes" else Cluster(request.getfixturevalue("cluster"))
     here = searched(tiny_store, tmp_path / "here")
@@ -123,7 +123,7 @@ def test_elsewhere_it_ends_with_the_same_swarm(
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_goes_away_loses_nothing(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_scheduler_that_goes_away_loses_nothing(tiny_store: Dataset, tmp_path: Path) -> None:
     class Gone:
         def map(self, function, items, on_outcome=None, on_done=None):  # type: ignore[no-untyped-def]
             on_outcome(items[0], function(items[0]))
@@ -139,7 +139,7 @@ def test_a_scheduler_that_goes_away_loses_nothing(tiny_store: Store, tmp_path: P
 
 
 def test_a_failed_training_is_told_and_searched_past(
-    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def sometimes(job: Job) -> Outcome | None:
         if job.particle == 0:
@@ -160,7 +160,7 @@ def test_a_failed_training_is_told_and_searched_past(
 
 @pytest.mark.slow
 def test_time_is_up_and_more_time_goes_on(
-    tiny_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = small_plan(tiny_store)
     early = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1, max_seconds=0)
@@ -178,7 +178,7 @@ def test_time_is_up_and_more_time_goes_on(
     assert same(searched(tiny_store, tmp_path / "s"), searched(tiny_store, tmp_path / "t"))
 
 
-def test_one_search_a_folder(tiny_store: Store, tmp_path: Path) -> None:
+def test_one_search_a_folder(tiny_store: Dataset, tmp_path: Path) -> None:
     with (
         hold(tmp_path / ".s.lock", ResultError("taken")),
         pytest.raises(ResultError, match="another search is writing"),
@@ -187,7 +187,7 @@ def test_one_search_a_folder(tiny_store: Store, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
-def test_a_place_that_cannot_be_written_is_told(tiny_store: Store, tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     with pytest.raises(ResultError, match="cannot write the search"):
         searched(tiny_store, tmp_path / "s")

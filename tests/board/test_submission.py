@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
+from dfdbench.board.row_file import read_row
+from dfdbench.board.submission import submit
 from dfdbench.errors import ResultError
-from dfdbench.leaderboard.row_file import read_row
-from dfdbench.leaderboard.submission import submit
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.results.record import Result
-from tests.leaderboard.made_boards import scored
-from tests.leaderboard.made_tracks import make_tracks
+from tests.board.made_boards import scored
+from tests.board.made_tracks import make_tracks
 from tests.made_results import limited, make_demo_result, make_result
 
 

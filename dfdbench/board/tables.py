@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN
+from dfdbench.board.ranking import Entry, ScoreBoard, over_tracks
 from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.tracked import part_name
-from dfdbench.leaderboard.ranking import Entry, ScoreBoard, over_tracks
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
@@ -39,7 +39,7 @@ def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
     Parameters
     ----------
     board : ScoreBoard
-        From `dfdbench.leaderboard.ranking.boards`.
+        From `dfdbench.board.ranking.boards`.
     folder : Path
         The leaderboard's folder, from which links go out.
     """

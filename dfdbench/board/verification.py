@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from dfdbench.blur.tracks import CLEAN
-from dfdbench.datasets.store import open_store
+from dfdbench.board.row_file import Row
+from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError, ResultError
 from dfdbench.evaluation.fitting import fit_method
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
 from dfdbench.evaluation.result import trained_on_of
-from dfdbench.leaderboard.row_file import Row
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.record import SCORED, PairResult, Result
@@ -154,7 +154,7 @@ class _RunAgain:
 
     def __init__(self, result: Result, path: Path, weights: Path | None) -> None:
         record, dataset = result.method, result.dataset
-        store = open_store(dataset.name)
+        store = open_dataset(dataset.name)
         if store.fingerprint != dataset.fingerprint:
             raise ResultError(
                 f"{dataset.name} as it is built here is not what the row was run on",

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dfdbench.blur.tracks import CLEAN, SUITES
-from dfdbench.errors import Problem, ResultError
-from dfdbench.leaderboard.row_file import (
+from dfdbench.board.row_file import (
     CLEAN_SUITE,
     read_row,
     require_pairs,
@@ -16,6 +15,7 @@ from dfdbench.leaderboard.row_file import (
     row_problems,
     row_text,
 )
+from dfdbench.errors import Problem, ResultError
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.results.record import Result
 from dfdbench.system.files import write_whole

@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from dfdbench.errors import ResultError
-from dfdbench.leaderboard.row_file import (
+from dfdbench.board.row_file import (
     file_stem,
     read_row,
     row_of,
@@ -16,8 +15,9 @@ from dfdbench.leaderboard.row_file import (
     row_text,
     training_problems,
 )
+from dfdbench.errors import ResultError
 from dfdbench.results.record import Result
-from tests.leaderboard.made_tracks import make_tracks
+from tests.board.made_tracks import make_tracks
 from tests.made_results import limited, make_demo_result
 
 WEIGHTS = "5" * 64

@@ -1,4 +1,6 @@
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,14 +11,14 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store import Store, open_store
 from dfdbench.datasets.store_writer import StoreWriter
-from dfdbench.errors import StoreError
+from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.system.location import as_location, remove
 
 
-def test_a_store_says_what_it_is(tiny_store: Store, tiny_manifest: Manifest) -> None:
+def test_a_store_says_what_it_is(tiny_store: Dataset, tiny_manifest: Manifest) -> None:
     attributes = tiny_store.attributes
     assert attributes["manifest_sha256"] == tiny_manifest.sha256
     assert attributes["recipe"] == {
@@ -30,7 +32,7 @@ def test_a_store_says_what_it_is(tiny_store: Store, tiny_manifest: Manifest) -> 
     assert len(tiny_store.fingerprint) == 64
 
 
-def test_it_opens_as_a_plain_datatree(tiny_store: Store) -> None:
+def test_it_opens_as_a_plain_datatree(tiny_store: Dataset) -> None:
     tree = xarray.open_datatree(str(tiny_store.path), engine="zarr", consolidated=False)
     scene = tree["Two"]
     assert scene["infocus"].dims == ("view", "illumination", "exposure", "y", "x", "channel")
@@ -41,7 +43,7 @@ def test_it_opens_as_a_plain_datatree(tiny_store: Store) -> None:
     assert zarr.open_array(str(tiny_store.path / "Two/infocus")).chunks == (1, 1, 1, 24, 31, 3)
 
 
-def test_a_pair_is_what_the_files_hold(tiny_store: Store) -> None:
+def test_a_pair_is_what_the_files_hold(tiny_store: Dataset) -> None:
     pairs = tiny_store.pairs("test")
     assert pairs == tiny_store.manifest.pairs("test")
     for pair in pairs:
@@ -53,23 +55,23 @@ def test_a_pair_is_what_the_files_hold(tiny_store: Store) -> None:
 
 def test_what_is_no_store_is_said_so(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="no such store"):
-        Store(tmp_path / "none.zarr")
+        Dataset(tmp_path / "none.zarr")
     zarr.open_group(tmp_path / "other.zarr", mode="w")
     with pytest.raises(StoreError, match="not a data set built by dfdbench"):
-        Store(tmp_path / "other.zarr")
+        Dataset(tmp_path / "other.zarr")
     zarr.open_group(tmp_path / "other.zarr", mode="a").attrs.update(
         {"format": "dfdbench store", "format_version": 99}
     )
     with pytest.raises(StoreError, match="another version"):
-        open_store(str(tmp_path / "other.zarr"))
+        open_dataset(str(tmp_path / "other.zarr"))
     (tmp_path / "file.zarr").write_text("x")
     with pytest.raises(StoreError):
-        Store(tmp_path / "file.zarr")
+        Dataset(tmp_path / "file.zarr")
 
 
 def test_a_data_set_that_is_not_built_says_how(tmp_path: Path) -> None:
     with pytest.raises(StoreError) as caught:
-        open_store("middlebury")
+        open_dataset("middlebury")
     assert "dfdbench build middlebury" in str(caught.value)
     assert "dfdbench build demo" in str(caught.value)
 
@@ -108,16 +110,16 @@ def test_what_is_no_store_is_never_replaced(
 
 
 def test_a_store_of_another_recipe_is_not_replaced(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     source = open_source(tiny_manifest, tiny_folder)
     with pytest.raises(StoreError, match="another blur recipe"):
         build_store(tiny_manifest, source, tiny_store.path, recipe="text")
-    assert Store(tiny_store.path).recipe_name == "published"
+    assert Dataset(tiny_store.path).recipe_name == "published"
 
 
 def test_a_damaged_scene_is_written_again(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     before = tiny_store.fingerprint
     chunk = next(path for path in (tiny_store.path / "Two/defocus/c").rglob("*") if path.is_file())
@@ -128,7 +130,7 @@ def test_a_damaged_scene_is_written_again(
 
 
 def test_a_full_disk_is_told_and_nothing_is_lost(
-    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Store, monkeypatch: pytest.MonkeyPatch
+    tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source = open_source(tiny_manifest, tiny_folder)
     original = xarray.Dataset.to_zarr
@@ -153,7 +155,101 @@ def test_a_full_disk_is_told_and_nothing_is_lost(
     remove(as_location(other))
 
 
-def test_a_scene_whose_record_is_damaged_is_told(tiny_store: Store) -> None:
+def test_a_scene_whose_record_is_damaged_is_told(tiny_store: Dataset) -> None:
     (Path(str(tiny_store.path)) / "Two/zarr.json").write_text("{")
     with pytest.raises(StoreError, match="cannot read the store"):
-        Store(tiny_store.path)
+        Dataset(tiny_store.path)
+
+
+def test_pairs_are_read_when_they_are_asked_for(tiny_store: Dataset) -> None:
+    data = open_dataset("tiny", tiny_store.path).captures("test")
+    assert len(data) == 7
+    assert [images.pair for images in data] == list(tiny_store.pairs("test"))
+    expected = tiny_store.read(tiny_store.pairs("test")[-1])
+    assert np.array_equal(data[-1].defocus, expected.defocus)
+    assert data[0].infocus.shape == (24, 31, 3)
+    assert data[0].depth.dtype == np.uint8
+    assert data[0].valid.dtype == np.bool_
+    part = data[2:5]
+    assert len(part) == 3
+    assert part[0].pair == data[2].pair
+    for read in (data.__getitem__, data.crop):
+        with pytest.raises(IndexError, match=r"no pair 7: <7 pairs of .*> has 0 to 6"):
+            read(7)
+    wrong: Any = "One/1"
+    with pytest.raises(TypeError, match=r"found by its place, as data\[0\]; got 'One/1'"):
+        data[wrong]
+    assert "7 pairs of" in repr(data)
+
+
+def test_a_crop_decodes_its_own_pair_only(tiny_store: Dataset) -> None:
+    data = open_dataset(str(tiny_store.path)).captures()
+    region = (slice(4, 12), slice(10, 26))
+    whole = data[1]
+    for name in ("infocus", "defocus", "depth", "valid"):
+        crop = getattr(data.crop(1, region), name)
+        assert np.array_equal(crop, getattr(whole, name)[region])
+    # With every other image of the scene damaged, the crop is still read.
+    local = Path(tiny_store.path.path)
+    for chunk in (local / "One/infocus/c").rglob("*"):
+        if chunk.is_file() and "/0/0/1/" not in chunk.as_posix():
+            chunk.write_bytes(b"rot")
+    assert np.array_equal(data.crop(1, region).infocus, whole.infocus[region])
+    with pytest.raises(StoreError, match="dfdbench verify"):
+        data.crop(0, region)
+
+
+@pytest.mark.parametrize(
+    ("region", "told"),
+    [
+        ((slice(20, 28), slice(0, 8)), "rows.*20 to 28"),
+        ((slice(0, 8), slice(0, 31)), "columns.*0 to 31"),
+        ((slice(-4, 4), slice(0, 8)), "rows.*-4 to 4"),
+        ((slice(8, 8), slice(-99, None)), "rows.*8 to 8.*columns.*-99"),
+    ],
+)
+def test_a_crop_beyond_the_image_is_refused(
+    tiny_store: Dataset, region: tuple[slice, slice], told: str
+) -> None:
+    data = open_dataset("tiny", tiny_store.path).captures("One")
+    with pytest.raises(InputError, match=f"(?s){told}"):
+        data.crop(0, region)
+    assert data.crop(0, (slice(16, 24), slice(-8, None))).depth.shape == (8, 8)
+
+
+@pytest.mark.parametrize("region", [(0, 0), (slice(0, 3),), slice(0, 3)])
+def test_a_region_is_two_slices(tiny_store: Dataset, region: object) -> None:
+    data = open_dataset("tiny", tiny_store.path).captures("One")
+    with pytest.raises(InputError, match="two slices"):
+        data.crop(0, region)  # type: ignore[arg-type]
+
+
+def test_scenes_are_arrays_with_names(tiny_store: Dataset) -> None:
+    scene = open_dataset("tiny", tiny_store.path).captures().scene("Two")
+    image = scene["infocus"].sel(view=5, illumination=1, exposure=0)
+    assert image.dims == ("y", "x", "channel")
+    assert image.shape == (24, 31, 3)
+
+
+def test_mistakes(tiny_store: Dataset, tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="dfdbench build demo"):
+        open_dataset("demo").captures()
+    with pytest.raises(UnknownNameError, match="did you mean demo"):
+        open_dataset("deno").captures()
+    with pytest.raises(UnknownNameError, match="did you mean test"):
+        open_dataset("tiny", tiny_store.path).captures("tets")
+    with pytest.raises(UnknownNameError, match="did you mean Two"):
+        open_dataset("tiny", tiny_store.path).captures().scene("Twoo")
+
+
+def test_store_split_and_pair_show_themselves(tiny_store: Dataset) -> None:
+    data = open_dataset(str(tiny_store.path)).captures("test")
+    pair = data[0]
+    assert pair._repr_html_().count("<img") == 3
+    assert pair.pair.id in pair._repr_html_()
+    shown = re.findall(r'alt="(\w+)/[^"]*, in-focus"', data._repr_html_())
+    assert shown == ["Two", "Three"]
+    whole = tiny_store._repr_html_()
+    assert tiny_store.fingerprint in whole
+    assert "train (4 pairs), test (7 pairs)" in whole
+    assert "11 pairs of 3 scenes" in whole

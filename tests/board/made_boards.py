@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+from dfdbench.board.board import leaderboard
+from dfdbench.board.ranking import ScoreBoard
+from dfdbench.board.submission import submit
 from dfdbench.datasets.manifest import Pair
-from dfdbench.leaderboard.board import leaderboard
-from dfdbench.leaderboard.ranking import ScoreBoard
-from dfdbench.leaderboard.submission import submit
 from dfdbench.results.record import Result
 from tests.made_results import make_demo_result
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.board.board import MARKER, leaderboard
+from dfdbench.board.row_file import read_row
+from dfdbench.board.submission import submit
 from dfdbench.errors import ResultError, UnknownNameError
-from dfdbench.leaderboard.board import MARKER, leaderboard
-from dfdbench.leaderboard.row_file import read_row
-from dfdbench.leaderboard.submission import submit
 from dfdbench.metrics.protocol import RELEASED
-from tests.leaderboard.made_boards import add, scored
-from tests.leaderboard.made_tracks import make_tracks
+from tests.board.made_boards import add, scored
+from tests.board.made_tracks import make_tracks
 from tests.made_results import make_demo_result
 
 HERE = Path(__file__).parents[2]

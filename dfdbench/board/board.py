@@ -13,17 +13,17 @@ import jinja2
 import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN, SUITES
-from dfdbench.errors import Problem, ResultError, reason_of, unknown_name
-from dfdbench.leaderboard.published import (
+from dfdbench.board.published import (
     PUBLISHED,
     PublishedTable,
     load_published,
     published_summary,
     published_table,
 )
-from dfdbench.leaderboard.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
-from dfdbench.leaderboard.row_file import CLEAN_SUITE, RESULTS, Row, read_row, row_problems
-from dfdbench.leaderboard.tables import board_tables, records_of
+from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
+from dfdbench.board.row_file import CLEAN_SUITE, RESULTS, Row, read_row, row_problems
+from dfdbench.board.tables import board_tables, records_of
+from dfdbench.errors import Problem, ResultError, reason_of, unknown_name
 from dfdbench.metrics.metric import IN_METRES
 from dfdbench.results.frame import scores_of
 from dfdbench.results.told import told
@@ -170,7 +170,7 @@ class Board:
     def readme(self) -> str:
         """Return what the README is to say."""
         published = load_published(self.folder)
-        template = resources.files("dfdbench.leaderboard") / "leaderboard.md.jinja"
+        template = resources.files("dfdbench.board") / "leaderboard.md.jinja"
         # Markdown, not HTML: as_markdown escapes what comes from files, table by table.
         environment = jinja2.Environment(
             keep_trailing_newline=True, undefined=jinja2.StrictUndefined
@@ -221,6 +221,11 @@ def leaderboard(path: Path | str | None = None) -> Board:
     ------
     ResultError
         With everything that is wrong in any of the files, or if there is no leaderboard.
+
+    Examples
+    --------
+    >>> board = leaderboard()  # doctest: +SKIP
+    >>> board.table("demo").head(3)  # doctest: +SKIP
     """
     folder = LEADERBOARD if path is None else Path(path)
     require_leaderboard(folder)

@@ -6,39 +6,39 @@ from typing import Any
 
 import pytest
 
+from dfdbench.board.row_file import Row, read_row, row_of, row_text
+from dfdbench.board.verification import verify
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
-from dfdbench.datasets.store import Store
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import DfdbenchError, InputError, ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
-from dfdbench.leaderboard.row_file import Row, read_row, row_of, row_text
-from dfdbench.leaderboard.verification import verify
 from dfdbench.results.record import Result
-from tests.leaderboard.made_boards import scored
+from tests.board.made_boards import scored
 
 HERE = Path("row.json")
 
 
 @pytest.fixture
 def stores(
-    tiny_store: Store, tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> dict[str, Store]:
+    tiny_store: Dataset, tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> dict[str, Dataset]:
     """The tiny set and one of its tracks by name, as if they were released and built here."""
     manifest = with_track(tiny_store.manifest, "gain-3")
     build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "gain.zarr")
-    found = {"tiny-1": tiny_store, "tiny-1@gain-3": Store(tmp_path / "gain.zarr")}
+    found = {"tiny-1": tiny_store, "tiny-1@gain-3": Dataset(tmp_path / "gain.zarr")}
     monkeypatch.setattr(
-        "dfdbench.leaderboard.row_file.released_manifests", lambda: (tiny_store.manifest,)
+        "dfdbench.board.row_file.released_manifests", lambda: (tiny_store.manifest,)
     )
-    monkeypatch.setattr("dfdbench.leaderboard.verification.open_store", found.__getitem__)
+    monkeypatch.setattr("dfdbench.board.verification.open_dataset", found.__getitem__)
     return found
 
 
 def run_on(
-    store: Store, folder: Path, entry: str = "local", told: bool = False, **parameters: Any
+    store: Dataset, folder: Path, entry: str = "local", told: bool = False, **parameters: Any
 ) -> Result:
     method = load_for(store, entry, parameters, told=told)
     options = RunOptions(keep_predictions=False)
@@ -46,7 +46,7 @@ def run_on(
 
 
 @pytest.fixture
-def row(stores: dict[str, Store], tmp_path: Path) -> Row:
+def row(stores: dict[str, Dataset], tmp_path: Path) -> Row:
     return row_of([run_on(stores["tiny-1"], tmp_path, window=3)], ["clean"])
 
 
@@ -177,7 +177,7 @@ class Mean:
 
 
 def test_a_fitted_method_is_fitted_anew(
-    stores: dict[str, Store], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    stores: dict[str, Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("fitted_mean.py").write_text(FITTED)
@@ -190,7 +190,7 @@ def test_a_fitted_method_is_fitted_anew(
 
 
 def test_runs_on_tracks_are_run_again_as_they_were(
-    stores: dict[str, Store], tmp_path: Path
+    stores: dict[str, Dataset], tmp_path: Path
 ) -> None:
     results = [run_on(store, tmp_path, told=True, window=3) for store in stores.values()]
     row = row_of(results, ["tracks-1"])

@@ -8,13 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.board.published import _overall, load_published, published_summary, published_table
 from dfdbench.errors import ResultError
-from dfdbench.leaderboard.published import (
-    _overall,
-    load_published,
-    published_summary,
-    published_table,
-)
 from dfdbench.methods.registry import registered_methods
 
 FOLDER = Path(__file__).parents[2] / "leaderboard"

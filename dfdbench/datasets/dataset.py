@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import operator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import xarray
@@ -18,25 +21,70 @@ from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.damage import DAMAGED, LONGEST, check_attributes, require_fit
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
-from dfdbench.datasets.pair_images import PairImages
 from dfdbench.datasets.store_place import default_store, place_of
 from dfdbench.datasets.tracked import manifest_in
 from dfdbench.datasets.whole_arrays import WholeArrays, open_scene
-from dfdbench.errors import DfdbenchError, StoreError, UnknownNameError, unknown_name
+from dfdbench.errors import (
+    DfdbenchError,
+    InputError,
+    Problem,
+    StoreError,
+    UnknownNameError,
+    unknown_name,
+)
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
+from dfdbench.system.thumbnails import Thumbnail, depth_map, gallery, heading, photograph
 
 if TYPE_CHECKING:
     from dfdbench.datasets.integrity import StoreVerification
-    from dfdbench.datasets.pair_sequence import PairSequence
 
 FORMAT = "dfdbench store"
 FORMAT_VERSION = 1
 #: Rows and columns of an image.
 Region = tuple[slice, slice]
 WHOLE: Region = (slice(None), slice(None))
+#: Of so many scenes a notebook shows the first pair.
+_SHOWN = 4
 
 
-class Store:
+@dataclass(frozen=True)
+class Capture:
+    """What a pair holds: two images, the ground truth, and where it is known.
+
+    Parameters
+    ----------
+    pair : Pair
+        Which pair it is.
+    infocus, defocus : ndarray of uint8, shape (y, x, channel)
+        RGB.
+    depth : ndarray of uint8, shape (y, x)
+        Depth levels.
+    valid : ndarray of bool, shape (y, x)
+        True where the depth is known.
+    """
+
+    pair: Pair
+    infocus: NDArray[np.uint8]
+    defocus: NDArray[np.uint8]
+    depth: NDArray[np.uint8]
+    valid: NDArray[np.bool_]
+
+    def _repr_html_(self) -> str:
+        rows, columns = self.depth.shape
+        known = 100 * float(self.valid.mean())
+        facts = f"{columns} × {rows} pixels, depth known at {known:.1f} % of them"
+        return heading(self.pair.id, facts) + gallery([self.thumbnails()])
+
+    def thumbnails(self) -> list[Thumbnail]:
+        """Return the two images and the ground truth as small pictures."""
+        return [
+            photograph(self.infocus, "in-focus"),
+            photograph(self.defocus, "defocus"),
+            depth_map(self.depth, self.valid, "ground truth"),
+        ]
+
+
+class Dataset:
     """A built data set, opened for reading.
 
     Parameters
@@ -83,7 +131,7 @@ class Store:
             f"<{self.manifest.stem}: {self.manifest.pair_count} pairs of {len(self.scenes)} scenes>"
         )
 
-    def captures(self, split: str = ALL_PAIRS) -> PairSequence:
+    def captures(self, split: str = ALL_PAIRS) -> Captures:
         """Return the pairs of a split; each is read when it is asked for.
 
         Raises
@@ -91,9 +139,7 @@ class Store:
         UnknownNameError
             If there is no such split, fold or scene.
         """
-        from dfdbench.datasets.pair_sequence import PairSequence  # it imports this module
-
-        return PairSequence(self, self.pairs(split))
+        return Captures(self, self.pairs(split))
 
     def verify(self) -> StoreVerification:
         """Read everything again and compare it with the fingerprint."""
@@ -142,7 +188,7 @@ class Store:
             if pair.scene in there and there[pair.scene][self._index(pair, self.manifest.axes)]
         )
 
-    def read(self, pair: Pair, region: Region = WHOLE) -> PairImages:
+    def read(self, pair: Pair, region: Region = WHOLE) -> Capture:
         """Read one pair's images and ground truth, or a region of them.
 
         Parameters
@@ -162,7 +208,7 @@ class Store:
         index = self._index(pair, self.manifest.axes)
         infocus = self._part(pair.scene, "infocus", index, region)
         defocus = self._part(pair.scene, "defocus", index, region)
-        return PairImages(pair, infocus, defocus, depth, valid)
+        return Capture(pair, infocus, defocus, depth, valid)
 
     def read_depth(
         self, pair: Pair, region: Region = WHOLE
@@ -219,17 +265,145 @@ class Store:
             ) from error
 
     def _repr_html_(self) -> str:
-        from dfdbench.datasets.notebook import store_html
+        splits = ", ".join(f"{split.name} ({split.pairs} pairs)" for split in self.manifest.splits)
+        facts = {
+            "what": self.manifest.title,
+            "splits": splits or "none",
+            "defocus": self.recipe_name or "captured",
+            "fingerprint": self.fingerprint,
+            "place": str(self.path),
+        }
+        listed = "".join(
+            f"<tr><th style='text-align:left'>{name}</th>"
+            f"<td style='text-align:left'>{escape(value)}</td></tr>"
+            for name, value in facts.items()
+        )
+        return f"<table>{listed}</table>{self.captures()._repr_html_()}"
 
-        return store_html(self)
-
-    def __reduce__(self) -> tuple[type[Store], tuple[UPath]]:
+    def __reduce__(self) -> tuple[type[Dataset], tuple[UPath]]:
         # Another process opens it anew.
-        return Store, (self.path,)
+        return Dataset, (self.path,)
 
 
-def open_store(name: str, place: Place | None = None, cache: Path | None = None) -> Store:
-    """Open a built data set by its name or its place.
+class Captures(Sequence[Capture]):
+    """The pairs of a split; each is read when it is asked for, and none is kept.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        The data set.
+    pairs : tuple of Pair
+        Which of its pairs.
+    """
+
+    def __init__(self, dataset: Dataset, pairs: tuple[Pair, ...]) -> None:
+        self.dataset = dataset
+        self.pairs = pairs
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    @overload
+    def __getitem__(self, index: int) -> Capture: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Captures: ...
+
+    def __getitem__(self, index: int | slice) -> Capture | Captures:
+        if isinstance(index, slice):
+            return Captures(self.dataset, self.pairs[index])
+        return self.dataset.read(self.pair_at(index))
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} pairs of {self.dataset.path}>"
+
+    def _repr_html_(self) -> str:
+        first: dict[str, Pair] = {}
+        for pair in self.pairs:
+            first.setdefault(pair.scene, pair)
+        shown = list(first.values())[:_SHOWN]
+        more = f", of which {len(shown)} are shown" if len(first) > len(shown) else ""
+        rows = []
+        for pair in shown:
+            (infocus, _), *others = self.dataset.read(pair).thumbnails()
+            rows.append([(infocus, f"{pair.id}, in-focus"), *others])
+        facts = f"{len(self.pairs)} pairs of {len(first)} scenes{more}"
+        return heading(self.dataset.manifest.stem, facts) + gallery(rows)
+
+    def pair_at(self, index: int) -> Pair:
+        """Return which pair is at a place, without reading it.
+
+        Raises
+        ------
+        IndexError
+            Where there are fewer.
+        TypeError
+            Where it is no whole number.
+        """
+        try:
+            place = operator.index(index)
+        except TypeError:
+            raise TypeError(
+                f"a pair is found by its place, as data[0]; got {index!r}. Names: data.pairs"
+            ) from None
+        try:
+            return self.pairs[place]
+        except IndexError:
+            raise IndexError(f"no pair {index}: {self!r} has 0 to {len(self) - 1}") from None
+
+    def crop(self, index: int, region: Region = WHOLE) -> Capture:
+        """Return a region of one pair, decoding no other pair's images.
+
+        Parameters
+        ----------
+        index : int
+            Which pair.
+        region : pair of slice
+            Rows and columns, within the image.
+
+        Raises
+        ------
+        InputError
+            Where the region is not two slices, reaches beyond the image, or holds no pixel.
+        IndexError
+            Where there are fewer pairs.
+        """
+        parts = region if isinstance(region, tuple) else ()
+        if [type(part) for part in parts] != [slice, slice]:
+            raise InputError(
+                "not a region",
+                where="region",
+                expected="two slices: rows, columns",
+                got=repr(region),
+            )
+        pair = self.pair_at(index)
+        _check_region(region, self.dataset.shape_of(pair.scene))
+        return self.dataset.read(pair, region)
+
+    def scene(self, name: str) -> xarray.Dataset:
+        """Return all of a scene as lazily read arrays with named dimensions."""
+        return self.dataset.to_xarray(name)
+
+
+def _check_region(region: Region, shape: tuple[int, int]) -> None:
+    # Slices beyond an end are cut there by Python's rule, and those that start before 0 empty.
+    problems = [
+        Problem(
+            "the crop does not lie within the image",
+            where=axis,
+            expected=f"pixels 0 to {size}, start first",
+            got=f"{part.start} to {part.stop}",
+        )
+        for axis, part, size in zip(("rows", "columns"), region, shape, strict=True)
+        if any(end is not None and not -size <= end <= size for end in (part.start, part.stop))
+        or not range(*part.indices(size))
+    ]
+    if problems:
+        raise InputError.of(problems)
+
+
+def open_dataset(name: str, place: Place | None = None, cache: Path | None = None) -> Dataset:
+    """Open a data set that is built: by its name, or by the path or URL of its store.
 
     Parameters
     ----------
@@ -243,12 +417,20 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
     Raises
     ------
     StoreError
-        Where it is not built; the message says how to build it.
+        If it is not built; the message says how to build it.
+    UnknownNameError
+        If there is no such data set.
+
+    Examples
+    --------
+    >>> data = open_dataset("demo")  # doctest: +SKIP
+    >>> data.captures("test")[0].infocus.shape  # doctest: +SKIP
+    (240, 320, 3)
     """
     if place is None:
         place = place_of(name, cache)
     if place is not None:
-        return Store(place)
+        return Dataset(place)
     manifest = _manifest_of(name)
     if not (default := default_store(manifest, cache)).exists():
         typed = name if name.endswith(".toml") else manifest.short
@@ -260,7 +442,7 @@ def open_store(name: str, place: Place | None = None, cache: Path | None = None)
             where=str(default),
             fix=f"dfdbench build {typed}{more}",
         )
-    return Store(default)
+    return Dataset(default)
 
 
 def _manifest_of(name: str) -> Manifest:

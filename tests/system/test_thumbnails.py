@@ -1,13 +1,10 @@
 import base64
-import re
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.datasets.notebook import depth_map, gallery, photograph
-from dfdbench.datasets.pair_sequence import open_pairs
-from dfdbench.datasets.store import Store
+from dfdbench.system.thumbnails import depth_map, gallery, photograph, webp_address
 
 
 def decoded(address: str) -> NDArray[np.uint8]:
@@ -39,14 +36,13 @@ def test_captions_are_text_and_no_markup() -> None:
     assert "<b>" not in gallery([[("data:,", "<b>")]])
 
 
-def test_store_split_and_pair_show_themselves(tiny_store: Store) -> None:
-    data = open_pairs(str(tiny_store.path), "test")
-    pair = data[0]
-    assert pair._repr_html_().count("<img") == 3
-    assert pair.pair.id in pair._repr_html_()
-    shown = re.findall(r'alt="(\w+)/[^"]*, in-focus"', data._repr_html_())
-    assert shown == ["Two", "Three"]
-    whole = tiny_store._repr_html_()
-    assert tiny_store.fingerprint in whole
-    assert "train (4 pairs), test (7 pairs)" in whole
-    assert "11 pairs of 3 scenes" in whole
+def test_an_image_comes_back_with_its_colours() -> None:
+    image = np.zeros((20, 30, 3), np.uint8)
+    image[..., 0] = 200
+    text = webp_address(image, 100)
+    content = np.frombuffer(base64.b64decode(text.partition(",")[2]), np.uint8)
+    back = cv2.imdecode(content, cv2.IMREAD_COLOR)
+    assert back is not None
+    assert back.shape == image.shape
+    # OpenCV reads blue first.
+    assert np.abs(back[..., ::-1].astype(int) - image).max() < 12

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dfdbench.errors import SourceError
-from dfdbench.rig.board import (
+from dfdbench.rig.geometry import CaptureRig, Pose
+from dfdbench.rig.lidar_files import read_beams
+from dfdbench.rig.sighting import (
     AGREED,
     Fitted,
     Rays,
@@ -21,8 +23,6 @@ from dfdbench.rig.board import (
     turn_into_place,
     under_pose,
 )
-from dfdbench.rig.geometry import CaptureRig, Pose
-from dfdbench.rig.lidar_files import read_beams
 from dfdbench.simulation.board_scene import SimulatedScene
 
 RIG = CaptureRig()

@@ -5,11 +5,9 @@ from typing import Any
 
 import pytest
 
-from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.manifest import Pair
-from dfdbench.leaderboard.ranking import Entry, ScoreBoard, boards
-from dfdbench.leaderboard.submission import submit
-from dfdbench.leaderboard.tables import (
+from dfdbench.board.ranking import Entry, ScoreBoard, boards
+from dfdbench.board.submission import submit
+from dfdbench.board.tables import (
     board_tables,
     folds_table,
     lighting_table,
@@ -19,9 +17,11 @@ from dfdbench.leaderboard.tables import (
     standings_table,
     tracks_table,
 )
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import PairResult, Result
-from tests.leaderboard.made_boards import add, only_board, scored
-from tests.leaderboard.made_tracks import ALL, make_tracks
+from tests.board.made_boards import add, only_board, scored
+from tests.board.made_tracks import ALL, make_tracks
 from tests.made_results import limited, make_demo_result, make_result
 
 HERE = Path(__file__)

@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 
 from dfdbench.blur.tracks import SUITES
-from dfdbench.leaderboard.board import leaderboard
-from dfdbench.leaderboard.ranking import Entry, ScoreBoard, boards, mean_of_all, over_tracks
-from dfdbench.leaderboard.submission import submit
+from dfdbench.board.board import leaderboard
+from dfdbench.board.ranking import Entry, ScoreBoard, boards, mean_of_all, over_tracks
+from dfdbench.board.submission import submit
 from dfdbench.results.record import Result
-from tests.leaderboard.made_boards import add, only_board, scored
-from tests.leaderboard.made_tracks import ALL, make_tracks
+from tests.board.made_boards import add, only_board, scored
+from tests.board.made_tracks import ALL, make_tracks
 from tests.made_results import limited, make_demo_result
 
 
@@ -128,7 +128,7 @@ def test_a_new_track_takes_no_rank_away(tmp_path: Path, monkeypatch: pytest.Monk
     submit(list(make_tracks("old", 0.2, labels=ALL[:-3]).values()), tmp_path)
     smaller = {"tracks-1": tuple(ALL[:-3]), "tracks-2": tuple(ALL)}
     for module in ("row_file", "submission", "ranking", "board"):
-        monkeypatch.setattr(f"dfdbench.leaderboard.{module}.SUITES", smaller)
+        monkeypatch.setattr(f"dfdbench.board.{module}.SUITES", smaller)
     submit(list(make_tracks("new", 0.1).values()), tmp_path)
     found = {board.suite: ranks(board) for board in leaderboard(tmp_path).boards}
     assert found == {"tracks-1": [(1, "new"), (2, "old")], "tracks-2": [(1, "new")]}
