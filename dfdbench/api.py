@@ -29,11 +29,12 @@ from dfdbench.evaluation.tracks import run_over_tracks
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import load_method as _load_method
 from dfdbench.methods.registry import method_words, registered_methods
+from dfdbench.metrics.protocol import Unit
 from dfdbench.results.difference_tables import change_tables
 from dfdbench.results.first_table import first_protocol, shown_protocol
 from dfdbench.results.frame import scores_of
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import Result, Unit
+from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT
 from dfdbench.results.run_names import told_apart
 from dfdbench.results.run_tables import run_score_table

@@ -142,6 +142,11 @@ class Capture:
         """Return a pair of two of the images, the first of them as the in-focus one."""
         if images is None:
             return self
+        for number in images:
+            if not 0 <= number < len(self.images):
+                there = f"0 to {len(self.images) - 1}"
+                where = self.pair.id
+                raise InputError(f"image {number} is not there", where=where, expected=there)
         facts = {
             name: np.broadcast_to(getattr(self.facts, name), len(self.images))[list(images)]
             for name in BY_IMAGE
@@ -157,7 +162,11 @@ class Capture:
 
     def _image(self, role: Role) -> NDArray[np.uint8]:
         if role not in self.facts.roles:
-            raise InputError(f"the capture has no {role} image", where=self.pair.id)
+            raise InputError(
+                f"the capture has no {role} image",
+                where=self.pair.id,
+                fix="take a method of stacks, or name the two images of a pair, as images=0,4",
+            )
         return eight_bits(self.images[self.facts.roles.index(role)])
 
     def _repr_html_(self) -> str:

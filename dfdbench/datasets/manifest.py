@@ -83,6 +83,15 @@ class Depth(StrictRecord):
         levels = self.scale.to_exact_levels(np.where(np.isfinite(distance), distance, 1.0))
         return np.where(np.isfinite(distance), levels, np.nan)
 
+    def of_unit(
+        self, depth: NDArray[np.float32], unit: Literal["levels", "metres"]
+    ) -> NDArray[np.float32]:
+        """Return depth in levels or metres in this kind; `scale` says how, where they differ."""
+        if unit == self.kind or self.scale is None:
+            return depth
+        turn = self.scale.to_exact_levels if unit == "metres" else self.scale.to_metres
+        return turn(depth).astype(np.float32)
+
     def levels_of(self, depth: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Return depth of this kind, NaN where unknown, as levels; `unknown` where unknown."""
         if self.kind == "metres" and self.scale is not None:
@@ -183,6 +192,7 @@ class Manifest(StrictRecord):
     """A data set in full: sources, scenes, axes, exclusions, splits, folds, recipe.
 
     `degradation` is ``clean`` in every file; `dfdbench.datasets.tracked.with_track` names another.
+    `pair_images` are the two images of a stack that a method of pairs gets, the in-focus one first.
     `simulated` is set where a simulator made what stands for a camera's captures.
     Obtained from `dfdbench.datasets.manifest_file.read_manifest` or
     `dfdbench.datasets.catalog.find_manifest`, which check it.
@@ -211,6 +221,7 @@ class Manifest(StrictRecord):
     sources: list[Origin]
     scenes: list[Scene]
     exclusions: list[Exclusion] = Field(default_factory=list)
+    pair_images: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
     splits: list[Split]
     folds: list[Fold] = Field(default_factory=list)
     capture: Recording | None = None

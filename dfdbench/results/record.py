@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, WithJsonSche
 
 from dfdbench.datasets.manifest import Name, Pair, simulated_label
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric, mean_of
-from dfdbench.metrics.protocol import label_of, metrics_of
+from dfdbench.metrics.protocol import Unit, label_of, metrics_of
 from dfdbench.metrics.scores import LARGEST_NUMBER
 from dfdbench.system.record import Record
 
@@ -31,7 +31,6 @@ Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]+$", max_length=1000)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 #: What depth maps that were made elsewhere may hold.
-Unit = Literal["levels", "metres"]
 #: How a result of such maps is marked wherever its method is named.
 SCORED = "scored, not run"
 
