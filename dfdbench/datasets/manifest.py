@@ -74,6 +74,11 @@ class Depth(StrictRecord):
             return self.scale.near, self.scale.far
         return (255.0, 0.0) if self.grows_with == "nearness" else (0.0, 255.0)
 
+    @property
+    def span(self) -> float:
+        """How far the ends are apart: 255 levels, or so many metres."""
+        return abs(self.ends[0] - self.ends[1])
+
     def of_metres(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return distances in metres as depths of this kind; NaN stays, and without a scale all."""
         if self.kind == "metres":
@@ -91,6 +96,12 @@ class Depth(StrictRecord):
             return depth
         turn = self.scale.to_exact_levels if unit == "metres" else self.scale.to_metres
         return turn(depth).astype(np.float32)
+
+    def exact_levels(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return depth of this kind, without NaN, as levels that are not rounded."""
+        if self.kind == "levels" or self.scale is None:
+            return depth
+        return self.scale.to_exact_levels(depth).astype(np.float32)
 
     def levels_of(self, depth: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Return depth of this kind, NaN where unknown, as levels; `unknown` where unknown."""

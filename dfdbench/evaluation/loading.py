@@ -52,7 +52,7 @@ def load_for(
     MethodError
         Where the method asks for what there is not; where `told` finds nobody to tell.
     """
-    images, parameters = _images_in(parameters)
+    images, parameters = images_in(parameters)
     taken, recorded = told_by_lens(store.manifest, parameters)
     offers, for_fits = _offers(store, seed, told)
     entry = method if isinstance(method, str) else entry_of(method)
@@ -84,7 +84,7 @@ def load_here(
     """
     kind = target if hasattr(target, "__qualname__") else type(target)
     name = kind.__qualname__
-    images, parameters = _images_in(parameters)
+    images, parameters = images_in(parameters)
     taken, recorded = told_by_lens(store.manifest, parameters)
     offers, for_fits = _offers(store, seed, told=False)
     entry = f"{kind.__module__}:{name}"
@@ -92,7 +92,7 @@ def load_here(
     return _on(store, found, recorded, images)
 
 
-def _images_in(parameters: Mapping[str, Any]) -> tuple[tuple[int, int] | None, dict[str, Any]]:
+def images_in(parameters: Mapping[str, Any]) -> tuple[tuple[int, int] | None, dict[str, Any]]:
     """Return which two images the method is to get as a pair, and the other parameters."""
     others = dict(parameters)
     said = others.pop("images", None)

@@ -177,8 +177,10 @@ def _depth_counts(
     for pair in [record.pair for record in result.pairs if record.status == "ok"]:
         depth, valid = store.read_levels(pair)
         if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
+            levels = store.manifest.depth.exact_levels(prediction[valid])
+            answered = np.rint(levels).astype(np.int64)
             truth += np.bincount(depth[valid], minlength=LEVELS)
-            found += np.bincount(np.rint(prediction[valid]).astype(np.int64), minlength=LEVELS)
+            found += np.bincount(answered, minlength=LEVELS)
     return truth, found
 
 

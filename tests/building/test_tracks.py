@@ -55,7 +55,7 @@ def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
         infocus, defocus = form_pair(plain.infocus, plain.levels, recipe, track, pair.id)
         assert np.array_equal(found.infocus, infocus)
         assert np.array_equal(found.defocus, defocus)
-        assert np.array_equal(found.depth, plain.depth)
+        assert np.array_equal(found.levels, plain.levels)
     _, at_once = built(tiny_manifest, label, tiny_folder, tmp_path / "b.zarr", threads=4)
     assert at_once == fingerprint
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.report.html import depth_map, error_map, inline_svg, photo, write_html
+from dfdbench.report.html import depth_map, inline_svg, photo, write_html
 from dfdbench.results.saved_run import SavedRun
 from tests.report.conftest import HOSTILE
 
@@ -104,8 +104,13 @@ def test_a_photo_keeps_its_colours() -> None:
 def test_unknown_depth_is_grey_and_no_error_is_white() -> None:
     depth = np.full((32, 32), 50.0)
     depth[:, :16] = np.nan
-    assert decoded(depth_map(depth, 0, 100))[16, 4] == pytest.approx(191, abs=8)
-    assert (decoded(error_map(np.zeros((32, 32))))[16, 16] > 235).all()
+    assert decoded(depth_map(depth, {"cmap": "viridis", "vmin": 0, "vmax": 100}))[
+        16, 4
+    ] == pytest.approx(191, abs=8)
+    assert (
+        decoded(depth_map(np.zeros((32, 32)), {"cmap": "PuOr", "vmin": -50, "vmax": 50}))[16, 16]
+        > 235
+    ).all()
 
 
 def test_a_figure_is_one_svg_element_named_for_who_cannot_see_it() -> None:
