@@ -163,7 +163,7 @@ BEYOND_A_MODULE = {
 TESTED_ELSEWHERE = {
     "dfdbench": "test_public_names.py",
     # Its verb is all that there is to it.
-    "dfdbench.evaluation.tracks": "cli/test_tracks.py",
+    "dfdbench.evaluation.tracks": "cli/test_runs.py",
     # What `main` tells of errors is seen from outside.
     "dfdbench.cli": "cli/test_command_line.py",
     # A protocol: what fulfils it is tested against it.

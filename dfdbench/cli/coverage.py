@@ -31,8 +31,8 @@ from dfdbench.audit.run_errors import (
 )
 from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.trained_on import RunSides, sides_of_run
-from dfdbench.cli.answer import Answer, AnswerFormat, give
-from dfdbench.cli.completion import data_sets
+from dfdbench.cli.options import data_sets
+from dfdbench.cli.screen import Answer, AnswerFormat, give
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.audits import coverage_figure, level_error_figure, mask_figure

@@ -11,9 +11,8 @@ from typing import Annotated
 import typer
 
 from dfdbench.board.row_file import file_stem
-from dfdbench.cli.answer import writing
 from dfdbench.cli.options import FigureFormat, FigureFormats
-from dfdbench.cli.screen import PICTURES, print_table, progress, save_figure, say
+from dfdbench.cli.screen import PICTURES, print_table, progress, save_figure, say, writing
 from dfdbench.errors import InputError
 from dfdbench.figures.comparisons import accuracy_figure, change_figure
 from dfdbench.figures.style import write_figure

@@ -1,13 +1,14 @@
-"""What every verb shows its work with: messages, tables, figures, a progress bar."""
+"""What every verb shows its work with: messages, tables, figures, progress, files of answers."""
 
 from __future__ import annotations
 
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -27,20 +28,28 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from dfdbench.errors import InputError, reason_of, steering_nothing
+from dfdbench.errors import InputError, ResultError, reason_of, steering_nothing
 from dfdbench.results.output_place import output_place
-from dfdbench.tables.render import as_rich
+from dfdbench.system.files import write_whole
+from dfdbench.tables.render import as_markdown, as_rich
 from dfdbench.tables.table import Table, least_width
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
 #: How the file of a figure may end.
 PICTURES = (".png", ".pdf", ".svg")
+
+
 #: The status of a command that Ctrl-C ended.
 INTERRUPTED = 130
+
+
 #: How most work that was stopped is taken up.
 GOES_ON = "the same command goes on from here"
+
+
 #: Where no bar can be drawn, a line this often says how far the work is.
 _LINE_SECONDS = 60.0
 
@@ -223,3 +232,105 @@ def _bar(
             bar.stop()
             say_stopped(stopped, resumed)
             raise typer.Exit(INTERRUPTED) from None
+
+
+class AnswerFormat(StrEnum):
+    """How the answer is printed."""
+
+    table = "table"
+    markdown = "markdown"
+    json = "json"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a verb found.
+
+    Parameters
+    ----------
+    content : str
+        All of it as JSON.
+    tables : tuple of Table
+        What is shown of it.
+    verdict : str
+        A last line below the tables; may be empty.
+    """
+
+    content: str
+    tables: tuple[Table, ...]
+    verdict: str = ""
+
+
+@contextmanager
+def writing(place: Path) -> Iterator[None]:
+    """Tell as a user's mistake where the block cannot write to a place.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot: a file in the way, no permission, no room.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ResultError(
+            "cannot write the answer",
+            where=str(error.filename or place),
+            got=reason_of(error),
+            fix="choose another place with --out",
+        ) from error
+
+
+def give(
+    answer: Answer, format: AnswerFormat, folder: Path, files: Mapping[str, str | Figure]
+) -> None:
+    """Write an answer's files into a folder, print the answer, say where the files are.
+
+    A reader of standard output that has enough, as ``head`` has, changes nothing: the files are
+    there, and the command ends with the status that it would have had.
+
+    Raises
+    ------
+    ResultError
+        Where the folder cannot be written.
+    """
+    replaced = _write(folder, files)
+    try:
+        _show(answer, format)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    say(f"written to   {folder}{', in place of an earlier answer' if replaced else ''}")
+
+
+def _show(answer: Answer, format: AnswerFormat) -> None:
+    if format is AnswerFormat.json:
+        print(answer.content, end="")
+        return
+    for table in answer.tables:
+        if not table.rows:
+            print("\n".join((table.title, *table.notes)))
+        elif format is AnswerFormat.markdown:
+            print(as_markdown(table))
+        else:
+            print_table(table)
+    if answer.verdict:
+        print(answer.verdict)
+
+
+def _write(folder: Path, files: Mapping[str, str | Figure]) -> bool:
+    from matplotlib.figure import Figure
+
+    from dfdbench.figures.style import write_figure
+
+    replaced = False
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            path = folder / name
+            if isinstance(content, Figure):
+                write_figure(content, path)
+                continue
+            replaced |= path.exists() and path.read_text("utf-8", errors="replace") != content
+            write_whole(path, content)
+    return replaced

@@ -11,14 +11,7 @@ import typer
 
 from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
-from dfdbench.cli.training_options import (
-    Changes,
-    Configuration,
-    Device,
-    Threads,
-    seconds_of,
-    use_threads,
-)
+from dfdbench.cli.training import Changes, Configuration, Device, Threads, seconds_of, use_threads
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place

@@ -1,8 +1,10 @@
-"""The verb that lays the LIDAR's depth map on the image: register."""
+"""The verbs for captures of the rig: register, simulate."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -13,22 +15,34 @@ import typer
 from numpy.typing import NDArray
 
 from dfdbench.building.sources.captures import PublishedScene, RawScene, find_captured_scene
-from dfdbench.cli.captures import capture_of, chosen_scenes
-from dfdbench.cli.lengths import LARGEST_PIXEL, parse_length
-from dfdbench.cli.screen import print_table, progress, save_figure
+from dfdbench.cli.options import LARGEST_PIXEL, parse_length
+from dfdbench.cli.screen import print_table, progress, save_figure, say, writing
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import DfdbenchError, Problem, SourceError
+from dfdbench.datasets.manifest import Manifest, Recording
+from dfdbench.errors import (
+    DfdbenchError,
+    InputError,
+    Problem,
+    SourceError,
+    UnknownNameError,
+    unknown_name,
+)
 from dfdbench.figures.camera import overlay_figure
 from dfdbench.optics.sharpness import sharpest
+from dfdbench.results.output_place import output_place
 from dfdbench.rig.geometry import CaptureRig, Pose
 from dfdbench.rig.lidar import Beams, depth_image, warp
 from dfdbench.rig.registration import Registration, register, sight
 from dfdbench.rig.registration_file import NAME, PREVIOUS, read_registration, write_registration
 from dfdbench.rig.sighting import Sighting, board_rays
+from dfdbench.simulation.board_scene import MOUNTED
+from dfdbench.simulation.capture_files import CaptureSettings, write_captures, write_lens_test
 from dfdbench.tables.table import Table
+from dfdbench.tables.wording import counted
 
 OVERLAY = "registration.png"
+
+
 _KNOWN_WELL = 3.0  # pixels
 
 
@@ -244,3 +258,158 @@ def _at_scene(problem: Problem, source: Path, name: str) -> Problem:
     return Problem(
         problem.what, where=where, expected=problem.expected, got=problem.got, fix=problem.fix
     )
+
+
+app = typer.Typer(
+    help="Make captures as the thesis's rig would write them.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
+
+
+_LARGEST_TURN = 10.0  # degrees
+
+
+@app.command("realworld")
+def simulate_realworld(
+    out: Annotated[Path, typer.Option(help="Folder to write the scenes into.")],
+    scenes: Annotated[str, typer.Option(help="Which: k00-k07,k33.")] = "k00-k07",
+    steps: Annotated[str, typer.Option(help="Voltage steps: 127-143.")] = "127-143",
+    exposures: Annotated[str, typer.Option(help="Exposure times in ms.")] = "10,20,30,40,50,60,70",
+    turn: Annotated[
+        str,
+        typer.Option(help="Rotation of the LIDAR against the camera: yaw,pitch,roll in degrees."),
+    ] = f"{MOUNTED.yaw},{MOUNTED.pitch},{MOUNTED.roll}",
+    workers: Annotated[
+        int, typer.Option(min=1, max=1024, help="Scenes made at once.")
+    ] = os.cpu_count() or 1,
+) -> None:
+    """Simulate raw captures of the real-world set: frames, LIDAR scans, and the truth beside."""
+    output_place(out)
+    manifest = find_manifest("realworld")
+    capture = capture_of(manifest)
+    names = chosen_scenes(scenes, manifest)
+    settings = CaptureSettings(
+        chosen_numbers(steps, "--steps", capture.voltage_step),
+        chosen_numbers(exposures, "--exposures", manifest.axes["exposure_ms"]),
+        capture.frames,
+        capture.lidar_scans,
+        _pose(turn),
+    )
+    count = len(settings.steps) * len(settings.exposures) * settings.frames
+    say(f"{count} frames a scene, about {count * 0.8:.0f} MB")
+    with writing(out), progress("simulating scenes") as step:
+        made = write_captures(out, names, capture, settings, workers, step)
+    kept = f", {len(names) - len(made)} kept from before" if len(made) < len(names) else ""
+    print(f"simulated {counted(len(made), 'scene')}{kept}")
+    print(f"captures     {out}")
+    print(f"truth        {out / 'truth'} (never read by build or register)")
+    say(f"next         dfdbench rig register {scenes} --source {out}")
+
+
+@app.command("lens")
+def simulate_lens(out: Annotated[Path, typer.Option(help="Folder to write into.")]) -> None:
+    """Simulate the captures of a lens test: a dot over temperature, and voltage up and down."""
+    output_place(out)
+    with writing(out):
+        print(f"simulated {write_lens_test(out)} images")
+    print(f"captures     {out}")
+    say(f"next         dfdbench rig optics sharpness {out}")
+
+
+def _pose(text: str) -> Pose:
+    try:
+        yaw, pitch, roll = map(float, text.split(","))
+    except ValueError:
+        raise InputError(
+            "not a turn",
+            where="--turn",
+            expected="yaw,pitch,roll in degrees, as 0.5,-0.3,1",
+            got=text,
+        ) from None
+    if not all(abs(angle) <= _LARGEST_TURN for angle in (yaw, pitch, roll)):
+        expected = f"angles of {_LARGEST_TURN:g} degrees at most"
+        raise InputError(
+            "the LIDAR would miss the board", where="--turn", expected=expected, got=text
+        )
+    return Pose(yaw, pitch, roll)
+
+
+def capture_of(manifest: Manifest) -> Recording:
+    """Return how a data set was captured.
+
+    Raises
+    ------
+    InputError
+        Where it was not captured by the rig.
+    """
+    if manifest.capture is None:
+        raise InputError(
+            "not captured by the rig", where="--dataset", expected="realworld", got=manifest.short
+        )
+    return manifest.capture
+
+
+def chosen_scenes(text: str, manifest: Manifest) -> tuple[str, ...]:
+    """Return the scenes that a list names, as ``k00-k07,k33``, in the manifest's order.
+
+    Raises
+    ------
+    UnknownNameError
+        Where it names one that the manifest lacks.
+    InputError
+        Where a span goes backwards.
+    """
+    known = manifest.scene_names
+    chosen: set[str] = set()
+    for part in text.split(","):
+        first, _, last = part.strip().partition("-")
+        for name in (first, last or first):
+            if name not in known:
+                near = unknown_name("scene", name, known).problems[0].fix
+                raise UnknownNameError(
+                    "unknown scene",
+                    where="",
+                    expected=f"of {known[0]} to {known[-1]}",
+                    got=name,
+                    fix=near,
+                )
+        begin, end = known.index(first), known.index(last or first)
+        if end < begin:
+            raise InputError("no scene in that span", got=part.strip(), fix=f"{last}-{first}")
+        chosen.update(known[begin : end + 1])
+    return tuple(name for name in known if name in chosen)
+
+
+def chosen_numbers(text: str, option: str, known: Sequence[int]) -> tuple[int, ...]:
+    """Return the numbers that a list names, as ``127-131,141``, ascending.
+
+    Raises
+    ------
+    InputError
+        Where it is no such list, a span goes backwards, or names what is not known.
+    """
+    expected = ", ".join(map(str, known))
+    chosen: set[int] = set()
+    for part in text.split(","):
+        ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
+        if not ends:
+            raise InputError(
+                "not a list of numbers",
+                where=option,
+                expected=f"as {known[0]} or {known[0]}-{known[-1]}, of {expected}",
+                got=text,
+            )
+        first, last = int(ends[1]), int(ends[2] or ends[1])
+        if last < first:
+            raise InputError(
+                "no number in that span", where=option, got=part.strip(), fix=f"{last}-{first}"
+            )
+        # A span may pass over what is not known, as 10-70 over 15; its ends may not.
+        if not {first, last} <= set(known):
+            raise InputError(
+                "unknown value", where=option, expected=f"of {expected}", got=part.strip()
+            )
+        chosen.update(number for number in known if first <= number <= last)
+    return tuple(sorted(chosen))
