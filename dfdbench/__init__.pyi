@@ -1,6 +1,4 @@
 from .api import (
-    Comparison,
-    Run,
     build,
     compare,
     list_datasets,
@@ -15,6 +13,7 @@ from .board.board import Board, leaderboard
 from .datasets.dataset import Capture, Captures, Dataset, open_dataset
 from .evaluation.predict import predict
 from .figures.pairs import show
+from .report.run import Comparison, Run
 
 __version__: str
 __all__ = [

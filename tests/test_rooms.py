@@ -162,8 +162,8 @@ BEYOND_A_MODULE = {
 #: Modules without a test file of their own name: the file that tests them, and why it is another.
 TESTED_ELSEWHERE = {
     "dfdbench": "test_public_names.py",
-    # Its verb is all that there is to it.
-    "dfdbench.evaluation.tracks": "cli/test_runs.py",
+    # What the public functions return.
+    "dfdbench.report.run": "test_api.py",
     # What `main` tells of errors is seen from outside.
     "dfdbench.cli": "cli/test_command_line.py",
     # A protocol: what fulfils it is tested against it.

@@ -39,7 +39,7 @@ from dfdbench.audit.split_tables import (
 from dfdbench.audit.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
-from dfdbench.cli.options import Cache, data_sets
+from dfdbench.cli.options import Cache, DataSetArgument, Printed, Split
 from dfdbench.cli.screen import Answer, AnswerFormat, give, print_table, progress, save_figure
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
@@ -56,9 +56,7 @@ _CONSTANT = "constant"
 
 
 def depths(
-    dataset: Annotated[
-        str, typer.Argument(help="A data set's name or a store's path.", autocompletion=data_sets)
-    ],
+    dataset: DataSetArgument,
     split: Annotated[
         str | None, typer.Option(help="A split, a fold, a scene, or all, which is the default.")
     ] = None,
@@ -69,7 +67,7 @@ def depths(
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the histogram, or errors, there.")
     ] = None,
-    format: Annotated[Format, typer.Option(help="How the table is printed.")] = Format.table,
+    format: Printed = Format.table,
     cache: Cache = None,
 ) -> None:
     """Count how often each depth occurs, or with --result how far runs are off at each depth."""
@@ -120,10 +118,8 @@ def _constant(store: Dataset, result: Result) -> list[DepthErrors]:
 
 
 def difficulty(
-    dataset: Annotated[
-        str, typer.Argument(help="A data set's name or a store's path.", autocompletion=data_sets)
-    ],
-    split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "test",
+    dataset: DataSetArgument,
+    split: Split = "test",
     noise: Annotated[
         int, typer.Option(min=0, max=255, help="Whole grey levels that a change must exceed.")
     ] = 0,
@@ -176,9 +172,7 @@ def _difficulty_of(store: Dataset, pair: Pair, noise: int) -> Difficulty:
 
 
 def split_command(
-    dataset: Annotated[
-        str, typer.Argument(help="A data set's name or a store's path.", autocompletion=data_sets)
-    ],
+    dataset: DataSetArgument,
     test_scenes: Annotated[
         int | None, typer.Option(min=1, help="Propose test splits of this many scenes.")
     ] = None,

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.cli.options import Cache, Scheduler, Workers, data_sets, pool_of
+from dfdbench.cli.options import (
+    Cache,
+    DataSetArgument,
+    Scheduler,
+    Split,
+    Workers,
+    data_sets,
+    pool_of,
+)
 from dfdbench.cli.screen import download_progress, progress, say, writing
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -99,15 +107,10 @@ def build(
 
 
 def export(
-    name: Annotated[
-        str,
-        typer.Argument(
-            help="A data set's name, or a store's path or URL.", autocompletion=data_sets
-        ),
-    ],
+    name: DataSetArgument,
     png: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write PNG files into.")],
     out: Annotated[Path | None, typer.Option(hidden=True, callback=_called_png)] = None,
-    split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "all",
+    split: Split = "all",
     images_only: Annotated[
         bool,
         typer.Option(

@@ -15,7 +15,7 @@ import typer
 from rich.filesize import decimal
 
 from dfdbench.blur.tracks import TRACKS, find_degradation
-from dfdbench.cli.options import Cache, Workers, data_sets, pool_of
+from dfdbench.cli.options import Cache, DataSetArgument, Printed, Workers, data_sets, pool_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -87,16 +87,7 @@ def _own(cache: Path | None) -> list[tuple[str, ...]]:
     return rows
 
 
-def verify(
-    name: Annotated[
-        str,
-        typer.Argument(
-            help="A data set's name, or a store's path or URL.", autocompletion=data_sets
-        ),
-    ],
-    workers: Workers = None,
-    cache: Cache = None,
-) -> None:
+def verify(name: DataSetArgument, workers: Workers = None, cache: Cache = None) -> None:
     """Recompute a store's fingerprint and compare it with the recorded one."""
     from dfdbench.datasets.dataset import open_dataset
     from dfdbench.datasets.integrity import verify_store
@@ -376,10 +367,7 @@ _VARIABLES = (
 )
 
 
-def doctor(
-    format: Annotated[Format, typer.Option(help="How the table is printed.")] = Format.table,
-    cache: Cache = None,
-) -> None:
+def doctor(format: Printed = Format.table, cache: Cache = None) -> None:
     """Say what is installed here and what the machine can do: for bug reports."""
     from dfdbench.results.environment import describe_environment
 

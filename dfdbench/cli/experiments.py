@@ -11,7 +11,7 @@ import typer
 
 from dfdbench.building.build import build_store
 from dfdbench.building.voltage_pairs import voltage_pair_sets
-from dfdbench.cli.options import Cache, pool_of, value_of, values_of
+from dfdbench.cli.options import Cache, DataSet, Printed, Seed, pool_of, value_of, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say, writing
 from dfdbench.cli.training import (
     Changes,
@@ -90,7 +90,7 @@ def experiment(
     out: Annotated[
         Path | None, typer.Option(help="Folder; default: training/DATASET-experiments/NAME-METHOD.")
     ] = None,
-    format: Annotated[Format, typer.Option(help="How the table is printed.")] = Format.table,
+    format: Printed = Format.table,
     device: Device = "auto",
     threads: Threads = None,
     cache: Cache = None,
@@ -251,9 +251,7 @@ def reduce(
             metavar="FILE", help="Weights of a DfD-Net: a file, or the name of shipped ones."
         ),
     ],
-    dataset: Annotated[
-        str, typer.Option(help="A data set's name or a store's path.")
-    ] = "middlebury",
+    dataset: DataSet = "middlebury",
     split: Annotated[
         str, typer.Option(help="Sample the first pair of each scene of this split.")
     ] = "test",
@@ -266,9 +264,7 @@ def reduce(
     ] = None,
     config: Configuration = "published",
     changes: Changes = None,
-    seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, help="Seed for the self-organising maps.")
-    ] = 0,
+    seed: Seed = 0,
     tuning: Annotated[
         Tuning,
         typer.Option(help="After 100 epochs a neuron follows its own inputs, or its neighbours'."),
@@ -276,7 +272,7 @@ def reduce(
     out: Annotated[
         str | None, typer.Option(help="Folder; default: training/DATASET-reduction/WEIGHTS.")
     ] = None,
-    format: Annotated[Format, typer.Option(help="How the tables are printed.")] = Format.table,
+    format: Printed = Format.table,
     device: Device = "auto",
     threads: Threads = None,
     cache: Cache = None,

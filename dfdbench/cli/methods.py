@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dfdbench.cli.options import methods, values_of
-from dfdbench.cli.runs import Params
+from dfdbench.cli.options import Params, Seed, methods, values_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
@@ -62,9 +61,7 @@ def predict(
         Path | None,
         typer.Option(metavar="FILE.png", help="Draw photographs and depth in colour, too."),
     ] = None,
-    seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, help="Seed for methods that use random numbers.")
-    ] = 0,
+    seed: Seed = 0,
 ) -> None:
     """Estimate depth from two photographs, or from a folder of pairs; no data set is needed."""
     from dfdbench.evaluation.predict import Predictor, pairs_in

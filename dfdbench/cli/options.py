@@ -14,11 +14,85 @@ import typer
 
 from dfdbench.errors import InputError, Problem
 from dfdbench.system.json_text import parse_json
+from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
     from dfdbench.system.parallel import Cluster, Pool
 
 
+def data_sets(incomplete: str) -> list[str]:
+    """Return the names of data sets that begin so; behind an ``@`` those of their tracks.
+
+    Examples
+    --------
+    >>> data_sets("middlebury-d"), data_sets("demo@camera-")
+    (['middlebury-default'], ['demo@camera-1', 'demo@camera-2', 'demo@camera-3'])
+    """
+    from dfdbench.blur.tracks import TRACKS
+    from dfdbench.datasets.catalog import released_manifests
+    from dfdbench.datasets.store_place import own_stores
+
+    known = {manifest.short: manifest.recipe is not None for manifest in released_manifests()}
+    name, on_track, _ = incomplete.partition("@")
+    names = sorted({*known, *own_stores()})
+    if on_track and known.get(name):
+        names = [
+            f"{name}@{track.name}-{severity}"
+            for track in TRACKS.values()
+            for severity in range(1, len(track.severities) + 1)
+        ]
+    return [found for found in names if found.startswith(incomplete)]
+
+
+def methods(incomplete: str) -> list[str]:
+    """Return the names of the registered methods that begin so.
+
+    Examples
+    --------
+    >>> methods("graph")
+    ['graph-cuts', 'graph-cuts-rounded']
+    """
+    from dfdbench.methods.registry import registered_methods
+
+    return sorted(name for name in registered_methods() if name.startswith(incomplete))
+
+
+DataSet = Annotated[
+    str, typer.Option(help="A data set's name or a store's path.", autocompletion=data_sets)
+]
+DataSetArgument = Annotated[
+    str,
+    typer.Argument(help="A data set's name, or a store's path or URL.", autocompletion=data_sets),
+]
+Method = Annotated[
+    str,
+    typer.Option(
+        help="A registered name, file.py:function or module:function.", autocompletion=methods
+    ),
+]
+Params = Annotated[
+    list[str] | None,
+    typer.Option("--param", help="A parameter of the method, NAME=VALUE; repeatable."),
+]
+Split = Annotated[str, typer.Option(help="Which pairs: a split, a fold, a scene, or all.")]
+
+
+def _known_protocol(name: str | None) -> str | None:
+    from dfdbench.metrics.protocol import find_protocol
+
+    return find_protocol(name).label if name else None
+
+
+Protocol = Annotated[
+    str | None,
+    typer.Option(
+        help="Scoring protocol; default: the data set's usual one.", callback=_known_protocol
+    ),
+]
+Printed = Annotated[Format, typer.Option(help="How the tables are printed.")]
+Seed = Annotated[
+    int, typer.Option(min=0, max=2**32 - 1, help="Seed for all that is drawn at random.")
+]
 Cache = Annotated[
     Path | None,
     typer.Option(
@@ -26,14 +100,10 @@ Cache = Annotated[
         help="Folder for downloads and built data sets; default: your system's cache folder.",
     ),
 ]
-
-
 Workers = Annotated[
     int | None,
     typer.Option(min=1, max=1024, help="How many at once; default: one per processor core."),
 ]
-
-
 Scheduler = Annotated[
     str | None,
     typer.Option(
@@ -54,13 +124,9 @@ FigureFormats = Annotated[
     list[FigureFormat] | None,
     typer.Option("--figure-format", help="Figures as PDF or SVG too, for papers; repeatable."),
 ]
-
-
 Submit = Annotated[
     bool, typer.Option("--submit", help="Write the result into leaderboard/, for a pull request.")
 ]
-
-
 Replace = Annotated[
     bool,
     typer.Option("--replace", help="With --submit: write the row anew, whatever method's it is."),
@@ -156,43 +222,6 @@ def _cluster(workers: int | None, scheduler: str | None) -> Cluster | None:
     from dfdbench.system.parallel import Cluster
 
     return Cluster(scheduler)
-
-
-def data_sets(incomplete: str) -> list[str]:
-    """Return the names of data sets that begin so; behind an ``@`` those of their tracks.
-
-    Examples
-    --------
-    >>> data_sets("middlebury-d"), data_sets("demo@camera-")
-    (['middlebury-default'], ['demo@camera-1', 'demo@camera-2', 'demo@camera-3'])
-    """
-    from dfdbench.blur.tracks import TRACKS
-    from dfdbench.datasets.catalog import released_manifests
-    from dfdbench.datasets.store_place import own_stores
-
-    known = {manifest.short: manifest.recipe is not None for manifest in released_manifests()}
-    name, on_track, _ = incomplete.partition("@")
-    names = sorted({*known, *own_stores()})
-    if on_track and known.get(name):
-        names = [
-            f"{name}@{track.name}-{severity}"
-            for track in TRACKS.values()
-            for severity in range(1, len(track.severities) + 1)
-        ]
-    return [found for found in names if found.startswith(incomplete)]
-
-
-def methods(incomplete: str) -> list[str]:
-    """Return the names of the registered methods that begin so.
-
-    Examples
-    --------
-    >>> methods("graph")
-    ['graph-cuts', 'graph-cuts-rounded']
-    """
-    from dfdbench.methods.registry import registered_methods
-
-    return sorted(name for name in registered_methods() if name.startswith(incomplete))
 
 
 #: A longer one is a slip of the unit.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
+from dfdbench.cli.options import Cache, DataSet, Scheduler, Seed, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.cli.training import Changes, Configuration, Device, Threads, seconds_of, use_threads
 from dfdbench.datasets.dataset import open_dataset
@@ -42,9 +42,7 @@ def _search() -> None:
 
 @app.command("architecture")
 def architecture(
-    dataset: Annotated[
-        str, typer.Option(help="A data set's name or a store's path.")
-    ] = "middlebury",
+    dataset: DataSet = "middlebury",
     split: Annotated[str, typer.Option(help="The split to train on.")] = "train",
     as_thesis: Annotated[
         bool,
@@ -88,9 +86,7 @@ def architecture(
     ] = None,
     config: Configuration = "published",
     changes: Changes = None,
-    seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, help="Seed for the swarm and all its trainings.")
-    ] = 0,
+    seed: Seed = 0,
     out: Annotated[
         Path | None, typer.Option(help="Folder; default: training/DATASET-search/VARIANT-CONFIG.")
     ] = None,

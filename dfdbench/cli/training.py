@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dfdbench.cli.options import Cache, values_of
+from dfdbench.cli.options import Cache, DataSet, Seed, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError
@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 
 def train_command(
     method: Annotated[Network, typer.Argument(help="The network to train.")],
-    dataset: Annotated[
-        str, typer.Option(help="A data set's name or a store's path.")
-    ] = "middlebury",
+    dataset: DataSet = "middlebury",
     split: Annotated[
         str | None, typer.Option(help="The split to train on.", show_default="train")
     ] = None,
@@ -47,9 +45,7 @@ def train_command(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Start over; the earlier training is removed.")
     ] = False,
-    seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, help="Seed for weights, patches and noise.")
-    ] = 0,
+    seed: Seed = 0,
     out: Annotated[
         Path | None, typer.Option(help="Folder; default: training/DATASET-SPLIT/METHOD-CONFIG.")
     ] = None,

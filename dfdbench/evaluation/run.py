@@ -39,7 +39,7 @@ from dfdbench.results.record import Environment, PairResult, Result
 from dfdbench.results.record_file import RESULT, save_result
 from dfdbench.system.parallel import Pool
 from dfdbench.system.work_folder import writing_folder
-from dfdbench.tables.wording import listed
+from dfdbench.tables.wording import counted, listed
 
 _BATCH = 256  # pairs whose depth maps are in memory together when many run at once
 _ENVIRONMENTS = "environments"
@@ -47,7 +47,7 @@ _Environments = TypeAdapter(list[Environment])
 
 
 @dataclass(frozen=True)
-class Run:
+class RunDone:
     """What `run_method` did.
 
     Parameters
@@ -70,6 +70,19 @@ class Run:
     set_aside: Path | None
     because: tuple[str, ...] = ()
 
+    @property
+    def notes(self) -> list[str]:
+        """What is to be said of an earlier run in the same folder."""
+        notes = []
+        if self.because:
+            notes.append(f"started over: {listed(self.because, most=5)}")
+        if self.set_aside:
+            notes.append(f"the earlier run was moved to {self.set_aside}")
+        if self.reused:
+            pairs = counted(self.reused, "pair")
+            notes.append(f"{pairs} taken over from an earlier call (--fresh evaluates anew)")
+        return notes
+
 
 def run_method(
     store: Dataset,
@@ -80,7 +93,7 @@ def run_method(
     pool: Pool | None = None,
     warnings: Sequence[str] = (),
     on_pair: Callable[[int, int], None] | None = None,
-) -> Run:
+) -> RunDone:
     """Evaluate a method on a split; go on where an earlier call was stopped.
 
     An earlier call of the same run has the same data, method (its modules and the files it opened),
@@ -138,7 +151,7 @@ def run_method(
         said = [*_edited_meanwhile(plan, known), *warnings]
         result = result_of(plan, journal.records(), known.environments, said)
         save_result(result, folder / RESULT)
-    return Run(result, folder, reused, set_aside, tuple(because))
+    return RunDone(result, folder, reused, set_aside, tuple(because))
 
 
 def _begun(folder: Path) -> dict[str, Any] | None:

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dfdbench.cli.runs import tell_overall
+from dfdbench.cli.runs import say_overall
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import load_result
-from dfdbench.results.summary import summarise
 from tests.cli.command import Command
 from tests.made_results import limited, make_demo_result
 
@@ -145,7 +144,7 @@ def test_told_runs_are_submitted_without_a_rank_and_verified(
     monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
     Path("leaderboard/results").mkdir(parents=True)
     words = ("tracks", "--method", "local", "--split", "Market", "--track", "shift")
-    done = dfdbench(*words, "--told", "--submit")
+    done = dfdbench(*words, "--given-blur", "--submit")
     assert done.status == 0, done.err
     assert "on tracks: blur told" in done.out
     file = Path("leaderboard/results/demo-1-Market/local-given_the_blur.json")
@@ -220,12 +219,12 @@ WHOLE = make_demo_result(lambda _: 0.1)
 def test_the_scores_over_all_pairs_are_a_line(
     result: Result, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    tell_overall(summarise(result, "thesis"))
+    say_overall(result, "thesis")
     assert capsys.readouterr().err == told + "\n"
 
 
 def test_pairs_that_the_store_lacks_are_said(capsys: pytest.CaptureFixture[str]) -> None:
     short = limited(WHOLE, 53)
     last = short.pairs[-1].model_copy(update={"status": "missing"})
-    tell_overall(summarise(short.model_copy(update={"pairs": [*short.pairs[:-1], last]}), "thesis"))
+    say_overall(short.model_copy(update={"pairs": [*short.pairs[:-1], last]}), "thesis")
     assert "53 of 54 pairs were evaluated; 1 pair not in the store" in capsys.readouterr().err

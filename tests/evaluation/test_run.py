@@ -15,7 +15,7 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import ResultError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
-from dfdbench.evaluation.run import Run, run_method
+from dfdbench.evaluation.run import RunDone, run_method
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.folder import PREDICTIONS, read_prediction, read_store_place
@@ -121,7 +121,7 @@ def test_a_run_takes_nothing_over_from_another_method(
     (tmp_path / "mixed_helper.py").write_text("")
     (tmp_path / "coef.json").write_text("10")
 
-    def run(limit: int | None) -> Run:
+    def run(limit: int | None) -> RunDone:
         # As another process would.
         monkeypatch.delitem(sys.modules, "mixed_helper", raising=False)
         loaded = load_for(tiny_store, f"{tmp_path / 'mixed.py'}:predict", {})

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
+from dfdbench.api import run as evaluate
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
-from dfdbench.evaluation.evaluate import evaluate
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.results.folder import open_run_folder
