@@ -12,7 +12,7 @@ from .api import (
 from .board.board import Board, leaderboard
 from .datasets.dataset import Capture, Captures, Dataset, open_dataset
 from .evaluation.predict import predict
-from .figures.pairs import show
+from .figures.runs import show
 from .report.run import Comparison, Run
 
 __version__: str

@@ -36,15 +36,14 @@ from dfdbench.methods.registry import find_entry, method_words, registered_metho
 from dfdbench.methods.registry import load_method as _load_method
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.report.run import Comparison, Run
-from dfdbench.results.first_table import protocol_on
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import Result, Unit
+from dfdbench.results.record import Result, Unit, protocol_on
 from dfdbench.results.record_file import RESULT
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.saved_run import open_run as _open_run
 from dfdbench.system.location import Place
 from dfdbench.system.parallel import Pool, Threads
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import counted
 
 Progress = Callable[[int, int], None]
 

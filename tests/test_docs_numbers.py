@@ -31,8 +31,7 @@ from dfdbench.metrics.metric import RANKED_BY, mean_of
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.told import told
-from dfdbench.results.wording import score_text
+from dfdbench.results.wording import score_text, told
 from tests.methods.test_graph_cuts import PROGRAM
 
 ROOT = Path(__file__).parents[1]

@@ -157,8 +157,6 @@ BEYOND_A_MODULE = {
     ("methods", "mrf", "test_solvers.py"),
     ("report", "test_browser.py"),
 }
-
-
 #: Modules without a test file of their own name: the file that tests them, and why it is another.
 TESTED_ELSEWHERE = {
     "dfdbench": "test_public_names.py",

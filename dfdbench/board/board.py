@@ -26,11 +26,10 @@ from dfdbench.board.tables import board_tables, records_of
 from dfdbench.errors import Problem, ResultError, reason_of, unknown_name
 from dfdbench.metrics.metric import IN_METRES
 from dfdbench.results.frame import scores_of
-from dfdbench.results.told import told
+from dfdbench.results.wording import told
 from dfdbench.system.files import read_text, write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown
-from dfdbench.tables.table import Table, as_html
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import Table, as_html, counted
 
 #: The leaderboard's folder in a clone.
 LEADERBOARD = Path("leaderboard")

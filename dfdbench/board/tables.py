@@ -19,15 +19,16 @@ from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.frame import mean_scores
 from dfdbench.results.record import SCORED, Result
-from dfdbench.results.told import TOLD_NOTE, told
 from dfdbench.results.wording import (
     NOTHING,
     SECONDS_NOTE,
+    TOLD_NOTE,
     interval_text,
     machine_of,
     parameters_of,
     score_text,
     seconds_text,
+    told,
     training_of,
 )
 from dfdbench.tables.table import Link, Table

@@ -27,16 +27,20 @@ from dfdbench.audit.difficulty import (
 )
 from dfdbench.audit.leaks import scene_hashes, scenes_alike
 from dfdbench.audit.sides import depth_maps, scene_histograms, side_of
-from dfdbench.audit.split_tables import (
+from dfdbench.audit.splits import (
+    Folds,
     ProposalSettings,
+    Scenes,
     folds_as_json,
     folds_fragment,
     folds_table,
+    hopeless_scenes,
+    propose_folds,
+    rank_tests,
     ranked_splits_table,
     ranking_as_json,
     split_fragment,
 )
-from dfdbench.audit.splits import Folds, Scenes, hopeless_scenes, propose_folds, rank_tests
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
 from dfdbench.cli.options import Cache, DataSetArgument, Printed, Split

@@ -23,7 +23,7 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.system.files import write_whole
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import counted
 
 if TYPE_CHECKING:
     from dfdbench.building.build import BuildReport

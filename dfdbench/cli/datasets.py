@@ -23,10 +23,9 @@ from dfdbench.datasets.store_place import default_store, own_stores, place_of
 from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import DfdbenchError, InputError, unknown_name
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
-from dfdbench.system.extras import EXTRAS
+from dfdbench.system.packages import EXTRAS
 from dfdbench.tables.render import render
-from dfdbench.tables.table import Format, Table
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import Format, Table, counted
 
 if TYPE_CHECKING:
     from dfdbench.datasets.dataset import Dataset

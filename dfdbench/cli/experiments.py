@@ -30,11 +30,10 @@ from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.system.extras import needed
 from dfdbench.system.files import write_whole
+from dfdbench.system.packages import needed
 from dfdbench.tables.render import render
-from dfdbench.tables.table import Format, Table
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import Format, Table, counted
 
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
@@ -42,8 +41,6 @@ if TYPE_CHECKING:
 
 
 _REDUCTION = "reduction"
-
-
 _PUBLISHED = "published"
 
 
@@ -137,7 +134,7 @@ def _train_all(
 ) -> tuple[list[Table], list[tuple[str, Card]]]:
     """Return tables and cards of all trainings; what there is so far lies in the folder."""
     from dfdbench.training.experiments import experiment_table, run_trial
-    from dfdbench.training.scoring import LOGGED
+    from dfdbench.training.task import LOGGED
 
     cards: list[tuple[str, Card]] = []
     tables: list[Table] = []
@@ -154,9 +151,9 @@ def _train_all(
 def _compared(
     asked: Experiment, trained: Sequence[Trial], cards: Sequence[tuple[str, Card]], device: str
 ) -> list[Table]:
-    from dfdbench.training.checkpoint import WEIGHTS
-    from dfdbench.training.reduction.comparison import comparison_table, seconds_an_image
-    from dfdbench.training.scoring import LOGGED
+    from dfdbench.training.reduction.reduce import comparison_table, seconds_an_image
+    from dfdbench.training.task import LOGGED
+    from dfdbench.training.trainer import WEIGHTS
 
     files = {trial.value: trial.folder / WEIGHTS for trial in trained}
     seconds = seconds_an_image(files, trained[0].task.store, device)
@@ -166,7 +163,7 @@ def _compared(
 def _rows_of(
     name: str, rows: Path | None, chosen: list[Any] | None, config: str
 ) -> dict[str, str] | None:
-    from dfdbench.training.reduction.comparison import configurations_in
+    from dfdbench.training.reduction.reduce import configurations_in
 
     if rows is None:
         return None

@@ -14,8 +14,7 @@ from dfdbench.board.verification import SCORE_TOLERANCE, verify
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError
 from dfdbench.tables.render import render
-from dfdbench.tables.table import Format
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import Format, counted
 
 app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 

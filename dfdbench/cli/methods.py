@@ -12,8 +12,7 @@ from dfdbench.cli.options import Params, Seed, methods, values_of
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.tables.table import Table
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import Table, counted
 
 if TYPE_CHECKING:
     from dfdbench.evaluation.predict import Predictor
@@ -110,9 +109,9 @@ def _predict_pair(predictor: Predictor, images: list[Path], out: Path, figure: P
     print(f"depth        {out}: {predictor.meaning}")
     if figure:
         from dfdbench.cli.screen import save_figure
-        from dfdbench.figures.pairs import depth_figure
+        from dfdbench.figures.runs import predicted_figure
 
-        save_figure(depth_figure(sharp, blurred, estimate.depth), figure)
+        save_figure(predicted_figure(sharp, blurred, estimate.depth), figure)
 
 
 def _predict_folder(predictor: Predictor, pairs: list[tuple[str, Path, Path]], out: Path) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.system.json_text import parse_json
+from dfdbench.system.text import parse_json
 from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
@@ -226,11 +226,7 @@ def _cluster(workers: int | None, scheduler: str | None) -> Cluster | None:
 
 #: A longer one is a slip of the unit.
 LARGEST_PIXEL = "1mm"
-
-
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
-
-
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 
 

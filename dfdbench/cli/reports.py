@@ -17,14 +17,12 @@ from dfdbench.cli.screen import PICTURES, print_table, progress, save_figure, sa
 from dfdbench.errors import InputError
 from dfdbench.figures.comparisons import accuracy_figure
 from dfdbench.figures.style import write_figure
-from dfdbench.report.html import write_html
-from dfdbench.report.markdown import write_markdown
+from dfdbench.report.page import write_html, write_markdown
 from dfdbench.report.paper_table import paper_tables
-from dfdbench.results.first_table import first_protocol
 from dfdbench.results.output_place import output_place
+from dfdbench.results.record import first_protocol
 from dfdbench.results.record_file import RESULT
-from dfdbench.results.run_names import told_apart, without_previous
-from dfdbench.results.saved_run import SavedRun, open_run
+from dfdbench.results.saved_run import SavedRun, open_run, told_apart, without_previous
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format

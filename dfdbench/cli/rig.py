@@ -32,13 +32,19 @@ from dfdbench.optics.sharpness import sharpest
 from dfdbench.results.output_place import output_place
 from dfdbench.rig.geometry import CaptureRig, Pose
 from dfdbench.rig.lidar import Beams, depth_image, warp
-from dfdbench.rig.registration import Registration, register, sight
-from dfdbench.rig.registration_file import NAME, PREVIOUS, read_registration, write_registration
+from dfdbench.rig.registration import (
+    NAME,
+    PREVIOUS,
+    Registration,
+    read_registration,
+    register,
+    sight,
+    write_registration,
+)
 from dfdbench.rig.sighting import Sighting, board_rays
 from dfdbench.simulation.board_scene import MOUNTED
 from dfdbench.simulation.capture_files import CaptureSettings, write_captures, write_lens_test
-from dfdbench.tables.table import Table
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import Table, counted
 
 OVERLAY = "registration.png"
 

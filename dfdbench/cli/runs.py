@@ -28,8 +28,7 @@ from dfdbench.cli.options import (
 )
 from dfdbench.cli.screen import print_table, progress, say
 from dfdbench.errors import InputError
-from dfdbench.tables.table import Format
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import Format, counted
 
 if TYPE_CHECKING:
     from dfdbench.report.run import Run

@@ -40,16 +40,10 @@ if TYPE_CHECKING:
 
 #: How the file of a figure may end.
 PICTURES = (".png", ".pdf", ".svg")
-
-
 #: The status of a command that Ctrl-C ended.
 INTERRUPTED = 130
-
-
 #: How most work that was stopped is taken up.
 GOES_ON = "the same command goes on from here"
-
-
 #: Where no bar can be drawn, a line this often says how far the work is.
 _LINE_SECONDS = 60.0
 

@@ -15,8 +15,8 @@ from dfdbench.cli.training import Changes, Configuration, Device, Threads, secon
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.system.extras import needed
 from dfdbench.system.files import write_whole
+from dfdbench.system.packages import needed
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format
 
@@ -163,8 +163,8 @@ def _searched(
 
 def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) -> None:
     from dfdbench.figures.trainings import convergence_figure, objective_figure, widths_figure
-    from dfdbench.training.search.course import best_as_toml, course_table, network_table
     from dfdbench.training.search.particle import particle_at
+    from dfdbench.training.search.run import best_as_toml, course_table, network_table
 
     if not outcome.finished:
         say(f"time was up after {outcome.trainings} trainings; the same command goes on")

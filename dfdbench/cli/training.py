@@ -15,15 +15,14 @@ from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.system.extras import needed
+from dfdbench.system.packages import needed
 from dfdbench.tables.table import Table
 
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
-    from dfdbench.training.checkpoint import TrainingFolder
-    from dfdbench.training.selections import Selections
+    from dfdbench.training.crops import Selections
     from dfdbench.training.task import Task
-    from dfdbench.training.trainer import TrainingOutcome
+    from dfdbench.training.trainer import TrainingFolder, TrainingOutcome
 
 
 def train_command(
@@ -58,10 +57,9 @@ def train_command(
     with needed():
         from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
-        from dfdbench.training.checkpoint import TrainingFolder
         from dfdbench.training.configuration import precision_for, read_configuration
         from dfdbench.training.task import task_of
-        from dfdbench.training.trainer import train
+        from dfdbench.training.trainer import TrainingFolder, train
     use_threads(threads)
     store = open_dataset(dataset, cache=cache)
     configuration = read_configuration(config, values_of(changes, "--set"))
@@ -97,8 +95,8 @@ def _keep_figures(
     training: TrainingFolder, task: Task, outcome: TrainingOutcome, title: str
 ) -> Selections:
     from dfdbench.figures.trainings import levels_figure, patches_figure, training_figure
-    from dfdbench.training.checkpoint import FIGURES
-    from dfdbench.training.selections import selections_of
+    from dfdbench.training.crops import selections_of
+    from dfdbench.training.trainer import FIGURES
 
     course, levels, patches = (training.path / name for name in FIGURES)
     save_figure(training_figure(outcome.log, title), course)
@@ -180,12 +178,8 @@ def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
 
 
 RESUMED = "--resume goes on from the last checkpoint, at most a minute back"
-
-
 #: More than any machine has; a library that is asked for millions of them is killed.
 MOST_THREADS = 1024
-
-
 _SECONDS = {"h": 3600, "m": 60, "s": 1}
 
 
@@ -204,8 +198,6 @@ Configuration = Annotated[
         "demo-u-net, robust, quick.",
     ),
 ]
-
-
 Changes = Annotated[
     list[str] | None,
     typer.Option(
@@ -214,8 +206,6 @@ Changes = Annotated[
         help="Change a setting of the file; docs/training.md lists them.",
     ),
 ]
-
-
 Weights = Annotated[
     str | None,
     typer.Option(
@@ -223,20 +213,14 @@ Weights = Annotated[
         help="Start from these weights, a file or a shipped name, instead of random ones.",
     ),
 ]
-
-
 MaxTime = Annotated[
     str | None,
     typer.Option(metavar="30m", help="Stop a training after this time, as 90s, 30m, 1h30m."),
 ]
-
-
 Threads = Annotated[
     int | None,
     typer.Option(min=1, max=MOST_THREADS, help="Processor threads; default: one per core."),
 ]
-
-
 Device = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
 
 

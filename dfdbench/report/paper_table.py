@@ -9,11 +9,9 @@ from dfdbench.board.ranking import Entry, ScoreBoard, Standing, boards
 from dfdbench.errors import unknown_name
 from dfdbench.metrics.protocol import metrics_of, require_scored, title_of
 from dfdbench.results.saved_run import SavedRun
-from dfdbench.results.told import told
-from dfdbench.results.wording import SECONDS_NOTE, score_text, seconds_text
-from dfdbench.system.version import PACKAGE_VERSION
-from dfdbench.tables.table import Marked, Table
-from dfdbench.tables.wording import counted
+from dfdbench.results.wording import SECONDS_NOTE, score_text, seconds_text, told
+from dfdbench.system.packages import PACKAGE_VERSION
+from dfdbench.tables.table import Marked, Table, counted
 
 SECONDS = "seconds"
 # Of a fingerprint's 64 digits: enough to distinguish data, and they fit into a caption.
@@ -28,7 +26,7 @@ def paper_tables(
     Parameters
     ----------
     runs : sequence of SavedRun
-        At least one; `dfdbench.results.run_names.told_apart` tells those of one method apart.
+        At least one; `dfdbench.results.saved_run.told_apart` tells those of one method apart.
     protocol : str
         The protocol.
     columns : sequence of str

@@ -16,21 +16,15 @@ from dfdbench.board.submission import submit
 from dfdbench.datasets.dataset import Capture
 from dfdbench.errors import InputError, ResultError
 from dfdbench.metrics.protocol import ranked_by
-from dfdbench.results.difference_tables import change_tables
-from dfdbench.results.first_table import first_protocol, shown_protocol
-from dfdbench.results.frame import scores_of
+from dfdbench.results.differences import change_tables
+from dfdbench.results.frame import scores_of, track_means, tracks_table
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import Result
-from dfdbench.results.run_data import run_as_csv, run_as_json
-from dfdbench.results.run_names import told_apart
-from dfdbench.results.run_tables import run_score_table
-from dfdbench.results.saved_run import SavedRun
-from dfdbench.results.scene_tables import all_tables
+from dfdbench.results.record import Result, first_protocol, shown_protocol
+from dfdbench.results.run_tables import all_tables, run_as_csv, run_as_json, run_score_table
+from dfdbench.results.saved_run import SavedRun, told_apart
 from dfdbench.results.summary import scene_labels, summarise
-from dfdbench.results.track_tables import track_means, tracks_table
 from dfdbench.tables.render import render
-from dfdbench.tables.table import Format, Table, as_html
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import Format, Table, as_html, listed
 
 if TYPE_CHECKING:
     from dfdbench.methods.calibration import Calibration
@@ -198,7 +192,7 @@ class Run:
 
     def report(self, path: Path | str, protocol: str | None = None) -> Path:
         """Write an HTML page about the run into a folder, worst pairs first; return its path."""
-        from dfdbench.report.html import write_html  # it imports matplotlib
+        from dfdbench.report.page import write_html  # it imports matplotlib
 
         folder = output_place(path, self._first.path.parent)
         folder.mkdir(parents=True, exist_ok=True)
@@ -290,7 +284,7 @@ class Comparison:
     def figure(self, most: int = 4) -> Any:
         """Draw the pairs that changed most, of the first two runs; None if there are none."""
         from dfdbench.figures.comparisons import change_figure  # it imports matplotlib
-        from dfdbench.results.difference_tables import changes_to_show
+        from dfdbench.results.differences import changes_to_show
 
         one, other = self.runs[:2]
         found = changes_to_show(one.result, other.result, self.protocol, most)

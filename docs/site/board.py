@@ -16,8 +16,7 @@ from dfdbench.board.tables import link_to, plain, tracks_of
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import SCORED, Result
-from dfdbench.results.told import told
-from dfdbench.results.wording import machine_of
+from dfdbench.results.wording import machine_of, told
 
 PAGE = """---
 hide: [navigation, toc]

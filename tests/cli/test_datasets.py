@@ -8,7 +8,7 @@ import pytest
 import dfdbench as package
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.store_place import own_stores
-from dfdbench.system.extras import EXTRAS
+from dfdbench.system.packages import EXTRAS
 from tests.cli.command import Command
 from tests.site import Site
 

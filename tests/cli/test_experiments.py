@@ -80,16 +80,11 @@ def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -
     assert (again.status, again.out) == (0, done.out), again.err
 
 
-pytest.importorskip("torch", reason="needs the extra nets")
-
-
 FEW = [
     item
     for choice in ("crop=16", "crops_per_step=1", "steps=2", "evaluate_pairs=1")
     for item in ("--set", choice)
 ]
-
-
 HERE = ["--device", "cpu", "--threads", "1"]
 
 

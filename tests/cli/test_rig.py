@@ -60,8 +60,6 @@ def test_simulate_says_what_it_cannot_do(
 
 
 REALWORLD = find_manifest("realworld")
-
-
 STEPS = range(127, 144)
 
 

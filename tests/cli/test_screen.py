@@ -122,8 +122,6 @@ def test_a_table_of_somebody_elses_text_steers_no_terminal(
 
 
 TABLE = Table("a title", ("name",), (("value",),), "l", ("a note",))
-
-
 ANSWER = Answer('{"a": 1}\n', (TABLE,), "the verdict")
 
 

@@ -16,7 +16,7 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.graph_cuts import GraphCuts
-from dfdbench.results.told import told
+from dfdbench.results.wording import told
 
 SCALE = DepthScale(law="inverse", near=0.5, far=4.0)
 FACTS: dict[str, Any] = {

@@ -1,8 +1,10 @@
 """JSON of others: what it says, or a ValueError."""
 
+from __future__ import annotations
+
 import pytest
 
-from dfdbench.system.json_text import differences, parse_json
+from dfdbench.system.text import differences, parse_json, parse_toml
 
 
 def test_it_says_what_json_says() -> None:
@@ -42,3 +44,11 @@ def test_differences_are_named_at_any_depth_with_what_one_side_lacks() -> None:
         ("gone", True, None),
         ("flat", {"x": 1}, 5),
     ]
+
+
+def test_what_python_cannot_take_is_a_value_error() -> None:
+    assert parse_toml("a = [1, 2]") == {"a": [1, 2]}
+    with pytest.raises(ValueError, match="nested too deep"):
+        parse_toml("a = " + "[" * 3000)
+    with pytest.raises(ValueError, match="digits"):
+        parse_toml("a = " + "1" * 5000)

@@ -1,9 +1,10 @@
-"""JSON that somebody wrote: read, however strange it is, and two records held together."""
+"""JSON and TOML as text."""
 
 from __future__ import annotations
 
 import json
 import re
+import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -70,3 +71,23 @@ def differences(
             yield from differences(one, other, f"{name}{key}.")
         elif one != other:
             yield f"{name}{key}", one, other
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return what TOML says.
+
+    Raises
+    ------
+    ValueError
+        Where it is no TOML, is nested deeper than anything that means something, or has a number
+        of thousands of digits.
+
+    Examples
+    --------
+    >>> parse_toml("axes = { view = [1, 5] }")
+    {'axes': {'view': [1, 5]}}
+    """
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
