@@ -295,7 +295,7 @@ def _recipe_text(manifest: Manifest) -> str:
 
 def _without_recipe(manifest: Manifest) -> str:
     if manifest.on_track:
-        return "not told: a track"
+        return "not given: a track"
     captured = "SIMULATED captures" if manifest.simulated else "captured"
     return f"none: both images are {captured}"
 

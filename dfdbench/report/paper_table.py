@@ -9,7 +9,7 @@ from dfdbench.board.ranking import Entry, ScoreBoard, Standing, boards
 from dfdbench.errors import unknown_name
 from dfdbench.metrics.protocol import metrics_of, require_scored, title_of
 from dfdbench.results.saved_run import SavedRun
-from dfdbench.results.wording import SECONDS_NOTE, score_text, seconds_text, told
+from dfdbench.results.wording import SECONDS_NOTE, given_to, score_text, seconds_text
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.tables.table import Marked, Table, counted
 
@@ -60,7 +60,7 @@ def _table(board: ScoreBoard, names: Sequence[str]) -> Table:
     metrics = metrics_of(board.protocol)
     cells = {name: _cells(board, name) for name in names}
     rows = tuple(
-        (standing.entry.label, told(standing.entry.result), *(cells[name][n] for name in names))
+        (standing.entry.label, given_to(standing.entry.result), *(cells[name][n] for name in names))
         for n, standing in enumerate(board.standings)
     )
     headings = ("seconds per pair" if name == SECONDS else metrics[name].heading for name in names)
@@ -71,7 +71,7 @@ def _table(board: ScoreBoard, names: Sequence[str]) -> Table:
         f"({counted(pairs, 'pair')} of {counted(board.scenes, 'scene')}), "
         f"protocol {title_of(board.protocol)}, data {dataset.fingerprint[:_DIGITS]}, "
         f"dfdbench {PACKAGE_VERSION}",
-        ("method", "told", *headings),
+        ("method", "given", *headings),
         rows,
         "ll" + "r" * len(names),
         tuple(_notes(board, names)),
@@ -137,7 +137,7 @@ def _record(board: ScoreBoard, standing: Standing, names: Sequence[str]) -> Mapp
         "fingerprint": dataset.fingerprint,
         "rank": standing.rank,
         "method": entry.label,
-        "told": told(entry.result),
+        "given": given_to(entry.result),
         **scores,
         "pairs": f"{dataset.evaluated}/{dataset.expected}",
     }

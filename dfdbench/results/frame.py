@@ -12,7 +12,7 @@ from dfdbench.datasets.tracked import part_name
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored, title_of
 from dfdbench.results.record import Result, shown_protocol
-from dfdbench.results.wording import method_label, parameters_of, score_text, told
+from dfdbench.results.wording import given_to, method_label, parameters_of, score_text
 from dfdbench.tables.table import Table
 
 COLUMNS = (
@@ -224,8 +224,8 @@ def _shown(value: float) -> str:
 
 
 def _notes(results: Sequence[Result]) -> list[str]:
-    notes = [f"{CLEAN}: {told(run)}" for run in results if run.dataset.degradation == CLEAN]
-    tracked = {told(run) for run in results if run.dataset.degradation != CLEAN}
+    notes = [f"{CLEAN}: {given_to(run)}" for run in results if run.dataset.degradation == CLEAN]
+    tracked = {given_to(run) for run in results if run.dataset.degradation != CLEAN}
     notes.append(f"on tracks: {'; '.join(sorted(tracked))}")
     for run in results:
         if not run.complete:

@@ -84,7 +84,7 @@ def test_info_on_a_track_tells_what_differs_and_no_recipe(
     name, place = f"{tiny_toml}@shift-2", str(tmp_path / "tiny-1@shift-2.zarr")
     shown = dfdbench("info", name).out
     assert "shift-2, version 1: the defocus image moved" in shown
-    assert "recipe     not told" in shown
+    assert "recipe     not given" in shown
     built = dfdbench("build", name, "--source", str(tiny_folder), "--store", place)
     assert built.status == 0, built.err
     stored = dfdbench("info", place).out

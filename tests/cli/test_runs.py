@@ -146,7 +146,7 @@ def test_told_runs_are_submitted_without_a_rank_and_verified(
     words = ("tracks", "--method", "local", "--split", "Market", "--track", "shift")
     done = dfdbench(*words, "--given-blur", "--submit")
     assert done.status == 0, done.err
-    assert "on tracks: blur told" in done.out
+    assert "on tracks: the blur" in done.out
     file = Path("leaderboard/results/demo-1-Market/local-given_the_blur.json")
     assert dfdbench("leaderboard", "--check").status == 2
     listed = dfdbench("leaderboard", "--format", "json")

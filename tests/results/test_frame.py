@@ -94,7 +94,7 @@ def test_a_row_has_clean_the_severities_and_their_mean_without_clean() -> None:
 
 def test_what_was_told_is_said_of_clean_and_of_tracks() -> None:
     assert tracks_table(list(RUNS.values()), "thesis").notes[:2] == (
-        "clean: blur told",
+        "clean: the blur",
         "on tracks: blur fitted",
     )
 
