@@ -43,8 +43,16 @@ from dfdbench.audit.splits import (
 )
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.cli.coverage import AllowOption, CriterionOption, FactorOption, FloorOption
-from dfdbench.cli.options import Cache, DataSetArgument, Printed, Split
-from dfdbench.cli.screen import Answer, AnswerFormat, give, print_table, progress, save_figure
+from dfdbench.cli.options import Cache, DataSetArgument, Out, Printed, Split
+from dfdbench.cli.screen import (
+    Answer,
+    Answered,
+    AnswerFormat,
+    give,
+    print_tables,
+    progress,
+    save_figure,
+)
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
 from dfdbench.errors import InputError, StoreError
@@ -53,7 +61,6 @@ from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import load_result
 from dfdbench.results.wording import method_label
-from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table
 
 _CONSTANT = "constant"
@@ -86,11 +93,7 @@ def depths(
         if figure is not None:
             save_figure(depths_figure(side), figure)
         tables = [level_count_table(side)]
-    if format is Format.table:
-        for table in tables:
-            print_table(table)
-    else:
-        print(render(tables, format), end="")
+    print_tables(tables, format)
 
 
 def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Table]:
@@ -127,12 +130,8 @@ def difficulty(
     noise: Annotated[
         int, typer.Option(min=0, max=255, help="Whole grey levels that a change must exceed.")
     ] = 0,
-    out: Annotated[
-        str | None, typer.Option(help="Folder; default: results/DATASET-difficulty/SPLIT.")
-    ] = None,
-    format: Annotated[
-        AnswerFormat, typer.Option(help="How the answer is printed.")
-    ] = AnswerFormat.table,
+    out: Out = None,
+    format: Answered = AnswerFormat.table,
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
     store = open_dataset(dataset)
@@ -193,12 +192,8 @@ def split_command(
             min=0, help="Seed for drawing folds, and splits where there are too many to try all."
         ),
     ] = 0,
-    out: Annotated[
-        str | None, typer.Option(help="Folder; default: results/DATASET-splits/...")
-    ] = None,
-    format: Annotated[
-        AnswerFormat, typer.Option(help="How the answer is printed.")
-    ] = AnswerFormat.table,
+    out: Out = None,
+    format: Answered = AnswerFormat.table,
 ) -> None:
     """Propose splits or folds by scene whose training covers their tests' depths."""
     if (test_scenes is None) == (folds is None):

@@ -16,7 +16,7 @@ from rich.filesize import decimal
 
 from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.cli.options import Cache, DataSetArgument, Printed, Workers, data_sets, pool_of
-from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.cli.screen import print_table, print_tables, progress, say
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_place import default_store, own_stores, place_of
@@ -24,7 +24,6 @@ from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import DfdbenchError, InputError, unknown_name
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.system.packages import EXTRAS
-from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table, counted
 
 if TYPE_CHECKING:
@@ -376,7 +375,7 @@ def doctor(format: Printed = Format.table, cache: Cache = None) -> None:
     rows = [*_system(found), *nets, *_extras(), *_place(cache_folder(cache))]
     rows += [_compiled(), *_variables()]
     table = Table("dfdbench, here", ("what", "found"), tuple(rows), "ll")
-    print_table(table) if format is Format.table else print(render([table], format), end="")
+    print_tables([table], format)
 
 
 def _system(found: Environment) -> Iterator[tuple[str, str]]:

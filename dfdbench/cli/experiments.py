@@ -11,8 +11,8 @@ import typer
 
 from dfdbench.building.build import build_store
 from dfdbench.building.voltage_pairs import voltage_pair_sets
-from dfdbench.cli.options import Cache, DataSet, Printed, Seed, pool_of, value_of, values_of
-from dfdbench.cli.screen import print_table, progress, save_figure, say, writing
+from dfdbench.cli.options import Cache, DataSet, Out, Printed, Seed, pool_of, value_of, values_of
+from dfdbench.cli.screen import print_tables, progress, save_figure, say, writing
 from dfdbench.cli.training import (
     Changes,
     Configuration,
@@ -84,9 +84,7 @@ def experiment(
         ),
     ] = None,
     max_time: MaxTime = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder; default: training/DATASET-experiments/NAME-METHOD.")
-    ] = None,
+    out: Out = None,
     format: Printed = Format.table,
     device: Device = "auto",
     threads: Threads = None,
@@ -121,11 +119,7 @@ def experiment(
         tables = _compared(asked, planned, cards, device)
         keep_tables(folder, tables)
     save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
-    if format is Format.table:
-        for table in tables:
-            print_table(table)
-    else:
-        print(render(tables, format), end="")
+    print_tables(tables, format)
     say(f"table        {folder / 'scores.md'}, scores.csv")
 
 
@@ -266,9 +260,7 @@ def reduce(
         Tuning,
         typer.Option(help="After 100 epochs a neuron follows its own inputs, or its neighbours'."),
     ] = Tuning.own,
-    out: Annotated[
-        str | None, typer.Option(help="Folder; default: training/DATASET-reduction/WEIGHTS.")
-    ] = None,
+    out: Out = None,
     format: Printed = Format.table,
     device: Device = "auto",
     threads: Threads = None,
@@ -302,11 +294,7 @@ def reduce(
         )
     with writing(folder):
         found.write(folder)
-    if format is Format.table:
-        for table in found.tables:
-            print_table(table)
-    else:
-        print(render(found.tables, format), end="")
+    print_tables(found.tables, format)
     say(f"tables       {folder / 'counts.md'}, rows.md, and both as CSV")
     say(f"networks     {', '.join(found.files)} in {folder}")
     say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")

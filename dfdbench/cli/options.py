@@ -89,6 +89,10 @@ Protocol = Annotated[
         help="Scoring protocol; default: the data set's usual one.", callback=_known_protocol
     ),
 ]
+Out = Annotated[
+    str | None,
+    typer.Option(help="Folder to write into; default: its own below results/ or training/."),
+]
 Printed = Annotated[Format, typer.Option(help="How the tables are printed.")]
 Seed = Annotated[
     int, typer.Option(min=0, max=2**32 - 1, help="Seed for all that is drawn at random.")

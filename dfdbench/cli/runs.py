@@ -15,6 +15,7 @@ from dfdbench.cli.options import (
     DataSet,
     FigureFormats,
     Method,
+    Out,
     Params,
     Printed,
     Protocol,
@@ -41,10 +42,7 @@ def run(
     split: Split = "test",
     protocol: Protocol = None,
     param: Params = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder to write into; default: results/DATASET-SPLIT/METHOD."),
-    ] = None,
+    out: Out = None,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Run only this many pairs, from the first.")
     ] = None,
@@ -115,9 +113,7 @@ def tracks(
     source: Annotated[
         Path | None, typer.Option(help="Folder of the set's files, to build what is not built.")
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder; default: results/DATASET-tracks-SPLIT/METHOD.")
-    ] = None,
+    out: Out = None,
     format: Printed = Format.table,
     given_blur: Annotated[
         bool,
@@ -178,9 +174,7 @@ def score(
         str | None, typer.Option(help="The method's name in tables; default: the folder's name.")
     ] = None,
     protocol: Protocol = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder; default: results/DATASET-SPLIT/METHOD-scored.")
-    ] = None,
+    out: Out = None,
     format: Printed = Format.table,
     cache: Cache = None,
     figure_format: FigureFormats = None,

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 from rich.console import Console
@@ -31,8 +31,8 @@ from rich.text import Text
 from dfdbench.errors import InputError, ResultError, reason_of, steering_nothing
 from dfdbench.results.output_place import output_place
 from dfdbench.system.files import write_whole
-from dfdbench.tables.render import as_markdown, as_rich
-from dfdbench.tables.table import Table, least_width
+from dfdbench.tables.render import as_markdown, as_rich, render
+from dfdbench.tables.table import Format, Table, least_width
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,6 +93,15 @@ def print_table(table: Table) -> None:
     for part in as_rich(table):
         console.width = width if isinstance(part, Text) else max(width, least_width(table))
         console.print(part)
+
+
+def print_tables(tables: Iterable[Table], format: Format | None) -> None:
+    """Print tables to standard output in a form; None for the terminal's."""
+    if format in (None, Format.table):
+        for table in tables:
+            print_table(table)
+    else:
+        print(render(list(tables), format), end="")
 
 
 def _spelt_out(table: Table, encoding: str) -> Table:
@@ -234,6 +243,9 @@ class AnswerFormat(StrEnum):
     table = "table"
     markdown = "markdown"
     json = "json"
+
+
+Answered = Annotated[AnswerFormat, typer.Option(help="How the answer is printed.")]
 
 
 @dataclass(frozen=True)

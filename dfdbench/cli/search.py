@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dfdbench.cli.options import Cache, DataSet, Scheduler, Seed, pool_of_processes, values_of
+from dfdbench.cli.options import Cache, DataSet, Out, Scheduler, Seed, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.cli.training import Changes, Configuration, Device, Threads, seconds_of, use_threads
 from dfdbench.datasets.dataset import open_dataset
@@ -87,9 +87,7 @@ def architecture(
     config: Configuration = "published",
     changes: Changes = None,
     seed: Seed = 0,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder; default: training/DATASET-search/VARIANT-CONFIG.")
-    ] = None,
+    out: Out = None,
     workers: Annotated[
         int | None,
         typer.Option(min=1, max=1024, help="Trainings at once; default: one, in this process."),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dfdbench.cli.options import Cache, DataSet, Seed, values_of
+from dfdbench.cli.options import Cache, DataSet, Out, Seed, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError
@@ -45,9 +45,7 @@ def train_command(
         bool, typer.Option("--fresh", help="Start over; the earlier training is removed.")
     ] = False,
     seed: Seed = 0,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder; default: training/DATASET-SPLIT/METHOD-CONFIG.")
-    ] = None,
+    out: Out = None,
     device: Device = "auto",
     threads: Threads = None,
     cache: Cache = None,
