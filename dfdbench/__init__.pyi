@@ -10,7 +10,8 @@ from .api import (
     score,
 )
 from .board.board import Board, leaderboard
-from .datasets.dataset import Capture, Captures, Dataset, open_dataset
+from .datasets.captures import Capture
+from .datasets.dataset import Captures, Dataset, open_dataset
 from .evaluation.predict import predict
 from .figures.runs import show
 from .report.run import Comparison, Run

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
-from dfdbench.datasets.dataset import Capture, Dataset
+from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Scene
 from dfdbench.figures.style import (
     BLUE,
@@ -180,7 +181,7 @@ def _depth_counts(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
     for pair in [record.pair for record in result.pairs if record.status == "ok"]:
-        depth, valid = store.read_depth(pair)
+        depth, valid = store.read_levels(pair)
         if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
             truth += np.bincount(depth[valid], minlength=LEVELS)
             found += np.bincount(np.rint(prediction[valid]).astype(np.int64), minlength=LEVELS)
@@ -356,8 +357,8 @@ def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> 
     Examples
     --------
     >>> from dfdbench.datasets.manifest import Pair
-    >>> grey, level = np.full((6, 8, 3), 90, np.uint8), np.full((6, 8), 40, np.uint8)
-    >>> figure = show(Capture(Pair("Desk", (("view", 1),)), grey, grey, level, level > 0))
+    >>> grey, level = np.full((2, 6, 8, 3), 90, np.uint8), np.full((6, 8), 40, np.float32)
+    >>> figure = show(Capture(Pair("Desk", (("view", 1),)), grey, level))
     >>> [axis.get_title() for axis in figure.axes][:3]
     ['in-focus', 'defocus', 'ground truth']
     """
@@ -383,7 +384,7 @@ def draw_pair(
     prediction: NDArray[np.floating[Any]] | None,
 ) -> None:
     """Draw a pair into three axes, or into five with a prediction; depth and error get scales."""
-    known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
+    known = images.depth.astype(np.float64)
     low, high = depth_span(known)
     levels: dict[str, Any] = {"cmap": "viridis", "vmin": low, "vmax": high}
     errors: dict[str, Any] = {"cmap": "PuOr", "vmin": -ERROR_LIMIT, "vmax": ERROR_LIMIT}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dfdbench.board.board import LEADERBOARD
 from dfdbench.board.submission import submit
-from dfdbench.datasets.dataset import Capture
+from dfdbench.datasets.captures import Capture
 from dfdbench.errors import InputError, ResultError
 from dfdbench.metrics.protocol import ranked_by
 from dfdbench.results.differences import change_tables

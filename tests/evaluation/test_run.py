@@ -45,7 +45,7 @@ def test_a_run_predicts_once_and_scores_under_every_protocol(
         assert np.array_equal(kept, images.infocus[..., 0].astype(np.float32) / 2)
         assert record.prediction_sha256 == array_digest("depth", ("y", "x"), kept)
         for name, protocol in PROTOCOLS.items():
-            expected = score(protocol, images.depth, images.valid, kept, 16)
+            expected = score(protocol, images.levels, images.valid, kept, 16)
             assert record.scores[name]["nrmse"] == expected["nrmse"]
             assert record.scores[name]["ssim"] == expected["ssim"]
     recorded = run.result.dataset
@@ -387,7 +387,7 @@ def test_a_result_says_nothing_of_where_files_lay(tiny_store: Dataset, tmp_path:
 
 def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
     depths = {
-        images.infocus.tobytes(): images.depth.astype(np.float32)
+        images.infocus.tobytes(): images.levels.astype(np.float32)
         for images in map(tiny_store.read, tiny_store.pairs("test"))
     }
 

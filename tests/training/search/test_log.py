@@ -261,7 +261,7 @@ def test_the_author_scores_the_centre_and_divides_by_255(
     (pair,) = tiny_store.pairs("test")[:1]
     images = tiny_store.read(pair)
     levels = Predictor(network(), CPU)(images.infocus, images.defocus)
-    depth, answer = images.depth[4:20], levels[4:20].astype(np.float32)
+    depth, answer = images.levels[4:20], levels[4:20].astype(np.float32)
     found = mean_parts(network(), tiny_store, [pair], CPU, "mode", centre=True)
     errors = answer.astype(float) - depth
     assert found["nmae"] == pytest.approx(np.abs(errors).mean() / 255, abs=1e-6)
