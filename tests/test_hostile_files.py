@@ -31,8 +31,8 @@ from dfdbench.optics.lens_table import read_lens_table
 from dfdbench.results.folder import PREDICTIONS, read_prediction
 from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.results.saved_run import open_run
-from dfdbench.rig.lidar_files import read_beams, read_ranges
-from dfdbench.rig.registration_file import read_registration
+from dfdbench.rig.lidar import read_beams, read_ranges
+from dfdbench.rig.registration import read_registration
 
 PACKAGE = Path(__file__).parents[1] / "dfdbench"
 
@@ -119,7 +119,7 @@ def _weights(path: Path) -> object:
 
 def _checkpoint(path: Path) -> object:
     pytest.importorskip("torch", reason="needs the extra nets")
-    from dfdbench.training.checkpoint import TrainingFolder
+    from dfdbench.training.trainer import TrainingFolder
 
     return TrainingFolder(path.parent).load({})
 
@@ -283,8 +283,6 @@ CAREFUL = {
     "zarr.open_group": ("zarr_format", 3),
     "xarray.open_zarr": ("zarr_format", 3),
 }
-
-
 WORDS = [*RUNNING, *(name.rpartition(".")[2] for name in CAREFUL), "eval", "exec"]
 
 

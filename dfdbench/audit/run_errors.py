@@ -22,8 +22,7 @@ from dfdbench.errors import ResultError
 from dfdbench.results.folder import read_prediction, require_pairs_of
 from dfdbench.results.record import PairResult, Result
 from dfdbench.results.wording import NOTHING
-from dfdbench.tables.table import Table
-from dfdbench.tables.wording import percent
+from dfdbench.tables.table import Table, percent
 
 SCHEMA_VERSION = 1
 #: Below this share of the error, uncovered levels are not what is wrong.

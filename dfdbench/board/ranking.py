@@ -14,12 +14,10 @@ from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
 from dfdbench.metrics.intervals import scene_interval
 from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
 from dfdbench.results.differences import PairedDifference, paired_difference
-from dfdbench.results.first_table import first_protocol
 from dfdbench.results.frame import mean_defined, mean_scores, scores_of
-from dfdbench.results.record import Result
+from dfdbench.results.record import Result, first_protocol
 from dfdbench.results.summary import median_seconds
-from dfdbench.results.told import knew_blur
-from dfdbench.results.wording import NOTHING, labelled, method_label, score_text
+from dfdbench.results.wording import NOTHING, knew_blur, labelled, method_label, score_text
 
 #: The protocol that suites of tracks are ranked by.
 TRACKS_PROTOCOL = "valid"

@@ -19,10 +19,11 @@ from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.frame import mean_scores
 from dfdbench.results.record import SCORED, Result
-from dfdbench.results.told import TOLD_NOTE, told
 from dfdbench.results.wording import (
+    GIVEN_NOTE,
     NOTHING,
     SECONDS_NOTE,
+    given_to,
     interval_text,
     machine_of,
     parameters_of,
@@ -65,7 +66,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
     columns = (
         "",
         "method",
-        "told",
+        "given",
         find_metric(board.metric).heading,
         interval_name(board.scenes),
         *(metric.heading for metric in metrics),
@@ -76,7 +77,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
         (
             NOTHING if standing.rank is None else str(standing.rank),
             _linked(standing.entry, folder) if scored else standing.entry.label,
-            told(standing.entry.result),
+            given_to(standing.entry.result),
             board.shown(row, board.metric),
             interval_text(standing.interval),
             *(board.shown(row, metric.name) for metric in metrics),
@@ -285,7 +286,7 @@ def _by_place(board: ScoreBoard) -> dict[str, list[float]]:
 def _knowledge(board: ScoreBoard, entry: Entry) -> dict[str, object]:
     if board.suite == CLEAN:
         method = entry.result.method
-        said = {"told": told(entry.result), "trained_on": method.trained_on}
+        said = {"given": given_to(entry.result), "trained_on": method.trained_on}
         return {**said, "fitted_on": method.fitted_on}
     return {
         "given_blur": entry.given_blur,
@@ -334,7 +335,7 @@ def _ranking_notes(board: ScoreBoard) -> list[str]:
             f"{above} range over scenes. Fewer than six scenes are too few for a 95 % interval, "
             "and too few to tell a difference from chance."
         )
-    notes = [note, TOLD_NOTE]
+    notes = [note, GIVEN_NOTE]
     trained_on = [standing.entry.result.method.trained_on or "" for standing in board.standings]
     others = {text.partition(",")[0] for text in trained_on} - {board.result.dataset.name}
     notes += [f"{m.stem}: {m.title}." for m in released_manifests() if m.stem in others]

@@ -31,8 +31,8 @@ from dfdbench.audit.run_errors import (
 )
 from dfdbench.audit.sides import Side, all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.trained_on import RunSides, sides_of_run
-from dfdbench.cli.answer import Answer, AnswerFormat, give
-from dfdbench.cli.completion import data_sets
+from dfdbench.cli.options import Out, data_sets
+from dfdbench.cli.screen import Answer, Answered, AnswerFormat, give
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError, Problem
 from dfdbench.figures.audits import coverage_figure, level_error_figure, mask_figure
@@ -97,13 +97,8 @@ def coverage(
     allow: AllowOption = 0.0,
     density_factor: FactorOption = DensityBound.factor,
     density_floor: FloorOption = DensityBound.floor,
-    out: Annotated[
-        str | None,
-        typer.Option(help="Folder to write into; default: results/DATASET-coverage/TEST."),
-    ] = None,
-    format: Annotated[
-        AnswerFormat, typer.Option(help="How the answer is printed.")
-    ] = AnswerFormat.table,
+    out: Out = None,
+    format: Answered = AnswerFormat.table,
 ) -> None:
     """Ask whether training covers the depths of the test; status 1 where it does not."""
     rule = Rule(DensityBound(density_factor, density_floor), criterion, allow)

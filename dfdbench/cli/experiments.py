@@ -1,8 +1,9 @@
-"""The verb that repeats the thesis's experiments: experiment."""
+"""The verbs that repeat the thesis's experiments: experiment, reduce."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,9 +11,9 @@ import typer
 
 from dfdbench.building.build import build_store
 from dfdbench.building.voltage_pairs import voltage_pair_sets
-from dfdbench.cli.options import Cache, pool_of, value_of, values_of
-from dfdbench.cli.screen import print_table, progress, save_figure, say
-from dfdbench.cli.training_options import (
+from dfdbench.cli.options import Cache, DataSet, Out, Printed, Seed, pool_of, value_of, values_of
+from dfdbench.cli.screen import print_tables, progress, save_figure, say, writing
+from dfdbench.cli.training import (
     Changes,
     Configuration,
     Device,
@@ -29,18 +30,18 @@ from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.system.extras import needed
 from dfdbench.system.files import write_whole
+from dfdbench.system.packages import needed
 from dfdbench.tables.render import render
-from dfdbench.tables.table import Format, Table
-from dfdbench.tables.wording import counted
-
-_REDUCTION = "reduction"
-_PUBLISHED = "published"
+from dfdbench.tables.table import Format, Table, counted
 
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
     from dfdbench.training.experiments import Experiment, Trial
+
+
+_REDUCTION = "reduction"
+_PUBLISHED = "published"
 
 
 def experiment(
@@ -83,10 +84,8 @@ def experiment(
         ),
     ] = None,
     max_time: MaxTime = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder; default: training/DATASET-experiments/NAME-METHOD.")
-    ] = None,
-    format: Annotated[Format, typer.Option(help="How the table is printed.")] = Format.table,
+    out: Out = None,
+    format: Printed = Format.table,
     device: Device = "auto",
     threads: Threads = None,
     cache: Cache = None,
@@ -120,11 +119,7 @@ def experiment(
         tables = _compared(asked, planned, cards, device)
         keep_tables(folder, tables)
     save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
-    if format is Format.table:
-        for table in tables:
-            print_table(table)
-    else:
-        print(render(tables, format), end="")
+    print_tables(tables, format)
     say(f"table        {folder / 'scores.md'}, scores.csv")
 
 
@@ -133,7 +128,7 @@ def _train_all(
 ) -> tuple[list[Table], list[tuple[str, Card]]]:
     """Return tables and cards of all trainings; what there is so far lies in the folder."""
     from dfdbench.training.experiments import experiment_table, run_trial
-    from dfdbench.training.scoring import LOGGED
+    from dfdbench.training.task import LOGGED
 
     cards: list[tuple[str, Card]] = []
     tables: list[Table] = []
@@ -150,9 +145,9 @@ def _train_all(
 def _compared(
     asked: Experiment, trained: Sequence[Trial], cards: Sequence[tuple[str, Card]], device: str
 ) -> list[Table]:
-    from dfdbench.training.checkpoint import WEIGHTS
-    from dfdbench.training.reduction.comparison import comparison_table, seconds_an_image
-    from dfdbench.training.scoring import LOGGED
+    from dfdbench.training.reduction.reduce import comparison_table, seconds_an_image
+    from dfdbench.training.task import LOGGED
+    from dfdbench.training.trainer import WEIGHTS
 
     files = {trial.value: trial.folder / WEIGHTS for trial in trained}
     seconds = seconds_an_image(files, trained[0].task.store, device)
@@ -162,7 +157,7 @@ def _compared(
 def _rows_of(
     name: str, rows: Path | None, chosen: list[Any] | None, config: str
 ) -> dict[str, str] | None:
-    from dfdbench.training.reduction.comparison import configurations_in
+    from dfdbench.training.reduction.reduce import configurations_in
 
     if rows is None:
         return None
@@ -224,3 +219,82 @@ def _listed(text: str | None) -> list[Any] | None:
             "not a list of values", where="--values", expected="as 0,1,2", got=repr(text)
         )
     return [value_of(value, "--values") for value in values]
+
+
+class Rounding(StrEnum):
+    """To which multiples of 8 widths are rounded."""
+
+    H = "H"
+    L = "L"
+
+
+class Tuning(StrEnum):
+    """What moves a neuron of a map after the first 100 epochs."""
+
+    own = "own"
+    neighbours = "neighbours"
+
+
+def reduce(
+    weights: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE", help="Weights of a DfD-Net: a file, or the name of shipped ones."
+        ),
+    ],
+    dataset: DataSet = "middlebury",
+    split: Annotated[
+        str, typer.Option(help="Sample the first pair of each scene of this split.")
+    ] = "test",
+    level: Annotated[
+        int | None,
+        typer.Option(help="Iterative rows F of level 1, 2 or 3, in place of the ensemble rows B."),
+    ] = None,
+    rounds: Annotated[
+        Rounding | None, typer.Option(help="Also round to multiples of 8, up (H) or down (L).")
+    ] = None,
+    config: Configuration = "published",
+    changes: Changes = None,
+    seed: Seed = 0,
+    tuning: Annotated[
+        Tuning,
+        typer.Option(help="After 100 epochs a neuron follows its own inputs, or its neighbours'."),
+    ] = Tuning.own,
+    out: Out = None,
+    format: Printed = Format.table,
+    device: Device = "auto",
+    threads: Threads = None,
+    cache: Cache = None,
+) -> None:
+    """Count the different outputs of each layer; write configurations of narrower networks."""
+    with needed():
+        from dfdbench.methods.networks.inference import find_device
+        from dfdbench.methods.networks.weights import find_weights
+        from dfdbench.training.configuration import read_configuration
+        from dfdbench.training.reduction.reduce import reduce_weights
+    use_threads(threads)
+    place = find_weights("dfd-net", weights)
+    store = open_dataset(dataset, cache=cache)
+    configuration = read_configuration(config, values_of(changes, "--set"))
+    name = Path(weights).stem + (f"-level{level}" if level else "")
+    default = Path("training") / f"{store.path.stem}-reduction" / name
+    folder = output_place(default if out is None else out, place)
+    with progress("training maps", "nothing was written") as bar:
+        found = reduce_weights(
+            place,
+            store,
+            configuration,
+            split,
+            level,
+            rounds.value if rounds else None,
+            seed,
+            tuning.value,
+            find_device(device),
+            bar,
+        )
+    with writing(folder):
+        found.write(folder)
+    print_tables(found.tables, format)
+    say(f"tables       {folder / 'counts.md'}, rows.md, and both as CSV")
+    say(f"networks     {', '.join(found.files)} in {folder}")
+    say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")

@@ -11,11 +11,9 @@ from dfdbench.board.board import LEADERBOARD
 from dfdbench.board.board import leaderboard as open_board
 from dfdbench.board.row_file import read_row
 from dfdbench.board.verification import SCORE_TOLERANCE, verify
-from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.cli.screen import print_tables, progress, say
 from dfdbench.errors import InputError
-from dfdbench.tables.render import render
-from dfdbench.tables.table import Format
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import Format, counted
 
 app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 
@@ -44,11 +42,7 @@ def leaderboard(
         print(f"{folder}: {counted(len(board.rows), 'row')} valid, README up to date")
         return
     path = board.write()
-    if format is None or format is Format.table:
-        for table in board.tables():
-            print_table(table)
-    else:
-        print(render(board.tables(), format), end="")
+    print_tables(board.tables(), format)
     say(f"written      {path}")
 
 

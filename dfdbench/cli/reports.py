@@ -10,23 +10,19 @@ from typing import Annotated
 
 import typer
 
+from dfdbench import api
 from dfdbench.board.row_file import file_stem
-from dfdbench.cli.answer import writing
-from dfdbench.cli.options import FigureFormat, FigureFormats
-from dfdbench.cli.screen import PICTURES, print_table, progress, save_figure, say
+from dfdbench.cli.options import FigureFormat, FigureFormats, Printed, Protocol
+from dfdbench.cli.screen import PICTURES, print_table, progress, save_figure, say, writing
 from dfdbench.errors import InputError
-from dfdbench.figures.comparisons import accuracy_figure, change_figure
+from dfdbench.figures.comparisons import accuracy_figure
 from dfdbench.figures.style import write_figure
-from dfdbench.metrics.protocol import find_protocol, ranked_by
-from dfdbench.report.html import write_html
-from dfdbench.report.markdown import write_markdown
+from dfdbench.report.page import write_html, write_markdown
 from dfdbench.report.paper_table import paper_tables
-from dfdbench.results.difference_tables import change_tables, changes_to_show
-from dfdbench.results.first_table import first_protocol
 from dfdbench.results.output_place import output_place
+from dfdbench.results.record import first_protocol
 from dfdbench.results.record_file import RESULT
-from dfdbench.results.run_names import told_apart, without_previous
-from dfdbench.results.saved_run import SavedRun, open_run
+from dfdbench.results.saved_run import SavedRun, open_run, told_apart, without_previous
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format
@@ -34,9 +30,6 @@ from dfdbench.tables.table import Format
 _PANELS = 4
 Dataset = Annotated[
     str | None, typer.Option(help="A store's path; default: where the runs found it.")
-]
-ProtocolName = Annotated[
-    str | None, typer.Option(help="Under which protocol; default: that of `run`.")
 ]
 
 
@@ -59,7 +52,7 @@ def report(
         Path | None,
         typer.Option(help="The page's folder, default: report; a table's file, default: printed."),
     ] = None,
-    protocol: ProtocolName = None,
+    protocol: Protocol = None,
     format: Annotated[
         ReportFormat,
         typer.Option(
@@ -78,7 +71,6 @@ def report(
     dataset: Dataset = None,
 ) -> None:
     """Write a page about runs, pairs worst first, or a paper's table of them."""
-    asked = find_protocol(protocol).label if protocol else None
     _refuse_what_does_not_fit(format, metric, figure, figure_format)
     page = output_place(out or "report", *results) if out or format in _PAGES else None
     if figure:
@@ -88,7 +80,7 @@ def report(
         both = f"`dfdbench compare {old} {new}` sets them side by side"
         say(f"left out: {old}, the run before {new.name}; {both}")
     runs = told_apart(open_run(path, dataset) for path in paths)
-    shown = asked or first_protocol(runs[0].result.dataset.short)
+    shown = protocol or first_protocol(runs[0].result.dataset.short)
     if page and format in _PAGES:
         _write_page(runs, shown, format, page, figure_format or ())
         return
@@ -154,9 +146,9 @@ def _write_page(
 def compare(
     first: Annotated[Path, typer.Argument(metavar="A", help="A result file or a run's folder.")],
     second: Annotated[Path, typer.Argument(metavar="B", help="Another on the same data.")],
-    protocol: ProtocolName = None,
+    protocol: Protocol = None,
     most: Annotated[int, typer.Option(min=1, help="How many changed pairs are listed.")] = 10,
-    format: Annotated[Format, typer.Option(help="How the tables are printed.")] = Format.table,
+    format: Printed = Format.table,
     out: Annotated[
         Path | None,
         typer.Option(help="Panels of changed pairs: a PNG, PDF or SVG file, or a folder."),
@@ -164,38 +156,25 @@ def compare(
     dataset: Dataset = None,
 ) -> None:
     """Compare two runs pair by pair: differences, wins, losses, what changed most."""
-    asked = find_protocol(protocol).label if protocol else None
-    one, other = told_apart((open_run(first, dataset), open_run(second, dataset)))
-    runs = one, other
-    shown = asked or first_protocol(runs[0].result.dataset.short)
-    if one.path.samefile(other.path):
-        raise InputError("A and B are the same run", where=str(runs[0].path), expected="two runs")
+    found = api.compare(first, second, protocol=protocol, dataset=dataset, most=most)
+    runs = found.runs
     picture = output_place(_picture(out, *runs), first, second)
-    tables = change_tables(one.result, other.result, shown, most, (one.label, other.label))
+    (tables,) = found.tables.values()
     if format is Format.table:
         for table in tables:
             print_table(table)
     else:
         # A sheet holds one kind of row.
         print(render(tables[:1] if format is Format.csv else tables, format), end="")
-    _draw_changes(runs, shown, min(most, _PANELS), picture)
-
-
-def _draw_changes(
-    runs: tuple[SavedRun, SavedRun], protocol: str, count: int, picture: Path
-) -> None:
-    found = changes_to_show(runs[0].result, runs[1].result, protocol, count)
-    figure = change_figure(*runs, found, ranked_by(protocol)[0])
+    figure = found.figure(min(most, _PANELS))
     if figure is None:
-        reasons = dict.fromkeys(run.without for run in runs if run.without)
-        nothing = "no depth maps of these pairs" if found else "no pair changed"
-        say(f"no panels: {'; '.join(reasons) or nothing}")
+        why = "; ".join(dict.fromkeys(run.without for run in runs if run.without))
+        say(f"no panels: {why or 'no pair with depth maps changed'}")
         return
-    before = " (in place of an earlier one)" if picture.exists() else ""
     with writing(picture):
         picture.parent.mkdir(parents=True, exist_ok=True)
         write_figure(figure, picture)
-    say(f"panels       {picture}{before}")
+    say(f"panels       {picture}")
 
 
 def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:

@@ -9,21 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dfdbench.cli.options import Cache, Scheduler, pool_of_processes, values_of
+from dfdbench.cli.options import Cache, DataSet, Out, Scheduler, Seed, pool_of_processes, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
-from dfdbench.cli.training_options import (
-    Changes,
-    Configuration,
-    Device,
-    Threads,
-    seconds_of,
-    use_threads,
-)
+from dfdbench.cli.training import Changes, Configuration, Device, Threads, seconds_of, use_threads
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.system.extras import needed
 from dfdbench.system.files import write_whole
+from dfdbench.system.packages import needed
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format
 
@@ -49,9 +42,7 @@ def _search() -> None:
 
 @app.command("architecture")
 def architecture(
-    dataset: Annotated[
-        str, typer.Option(help="A data set's name or a store's path.")
-    ] = "middlebury",
+    dataset: DataSet = "middlebury",
     split: Annotated[str, typer.Option(help="The split to train on.")] = "train",
     as_thesis: Annotated[
         bool,
@@ -95,12 +86,8 @@ def architecture(
     ] = None,
     config: Configuration = "published",
     changes: Changes = None,
-    seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, help="Seed for the swarm and all its trainings.")
-    ] = 0,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder; default: training/DATASET-search/VARIANT-CONFIG.")
-    ] = None,
+    seed: Seed = 0,
+    out: Out = None,
     workers: Annotated[
         int | None,
         typer.Option(min=1, max=1024, help="Trainings at once; default: one, in this process."),
@@ -174,8 +161,8 @@ def _searched(
 
 def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) -> None:
     from dfdbench.figures.trainings import convergence_figure, objective_figure, widths_figure
-    from dfdbench.training.search.course import best_as_toml, course_table, network_table
     from dfdbench.training.search.particle import particle_at
+    from dfdbench.training.search.run import best_as_toml, course_table, network_table
 
     if not outcome.finished:
         say(f"time was up after {outcome.trainings} trainings; the same command goes on")

@@ -64,7 +64,7 @@ def load_for(
             "nothing to tell: the method does not ask for the blur recipe, or was given one",
             where=found.entry,
             expected="a constructor parameter recipe that is left open, as graph-cuts has it",
-            fix="leave out --told, or --param recipe",
+            fix="leave out --given-blur, or --param recipe",
         )
     return _on(store, found, recorded, images)
 

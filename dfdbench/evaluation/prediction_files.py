@@ -17,7 +17,7 @@ from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.methods.calling import check_depth
 from dfdbench.metrics.protocol import Unit
 from dfdbench.system.array_files import UNREADABLE_IMAGE, load_array
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 #: The formats that are read, by how a file's name ends.
 SUFFIXES = (".npy", ".npz", ".png", ".tif", ".tiff")

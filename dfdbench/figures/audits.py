@@ -37,7 +37,7 @@ from dfdbench.figures.style import (
 )
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import counted
 
 _OF_VERDICT = {Verdict.missing: PINK, Verdict.scarce: ORANGE, Verdict.covered: GREEN}
 _UNKNOWN = SKY

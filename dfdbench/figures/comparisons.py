@@ -216,7 +216,7 @@ def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -
     ----------
     scores : mapping of str to DataFrame
         By method: a row a track, a column a severity, 0 for clean images; see
-        `dfdbench.results.track_tables.track_means`.
+        `dfdbench.results.frame.track_means`.
     metric : str
         Its name.
     title : str

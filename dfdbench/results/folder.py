@@ -20,9 +20,9 @@ from dfdbench.errors import ResultError
 from dfdbench.results.output_place import RUN_IDENTITY
 from dfdbench.results.record import PairResult, Result
 from dfdbench.system.files import write_whole
-from dfdbench.system.json_text import parse_json
 from dfdbench.system.location import Place, as_location, is_local
-from dfdbench.tables.wording import listed
+from dfdbench.system.text import parse_json
+from dfdbench.tables.table import listed
 
 _JOURNAL = "pairs.jsonl"
 _STORE = "store.txt"

@@ -12,8 +12,8 @@ from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.metrics.protocol import label_of
 from dfdbench.results.record import SCORED, PairResult, Result, average
 from dfdbench.system.files import read_text, write_whole
-from dfdbench.system.json_text import parse_json
 from dfdbench.system.record import problems_of
+from dfdbench.system.text import parse_json
 
 RESULT_SCHEMA_VERSION = 1
 #: What a result is called in the folder of its run.

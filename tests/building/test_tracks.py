@@ -8,6 +8,7 @@ import pytest
 import zarr
 from scipy import ndimage
 
+from dfdbench.api import Run, run
 from dfdbench.audit.trained_on import training_side
 from dfdbench.blur.formation import focus_levels, form_pair, form_stack
 from dfdbench.blur.recipe import RECIPES
@@ -21,7 +22,6 @@ from dfdbench.datasets.fingerprint import ATTRIBUTES_SHA256, attributes_digest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import InputError, MethodError, StoreError
-from dfdbench.evaluation.evaluate import evaluate
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.system.parallel import Threads
@@ -156,6 +156,10 @@ def stacks(tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path) -> Datase
     return Dataset(tmp_path / "stacks.zarr")
 
 
+def result_of(done: Run) -> Result:
+    return next(iter(done.results.values()))
+
+
 def test_a_flat_scene_is_blurred_by_its_distance_from_each_plane() -> None:
     image = np.random.default_rng(0).integers(0, 256, (60, 70, 3)).astype(np.uint8)
     stack = form_stack(image, np.full((60, 70), 128, np.uint8), RECIPES["published"], 5)
@@ -187,7 +191,7 @@ def test_without_an_infocus_image(
     assert capture.stack["focus_depth"].values.tolist() == [0, 128, 255]
     assert "infocus" not in capture.facts.roles
     with pytest.raises(InputError, match="no infocus image"):
-        evaluate(lambda infocus, defocus: defocus[..., 0], store)
+        run(lambda infocus, defocus: defocus[..., 0], store)
 
 
 def test_methods_get_a_stack_or_two_of_its_images(stacks: Dataset) -> None:
@@ -203,13 +207,13 @@ def test_methods_get_a_stack_or_two_of_its_images(stacks: Dataset) -> None:
 
     pair = stacks.pairs("test")[0]
     images = stacks.read(pair).images
-    assert evaluate(of_stack, stacks, limit=1).result.pairs[0].status == "ok"
+    assert result_of(run(of_stack, stacks, limit=1)).pairs[0].status == "ok"
     assert np.array_equal(seen[-1].values, images)
-    evaluate(of_pair, stacks, limit=1)
+    run(of_pair, stacks, limit=1)
     assert np.array_equal(seen[-1][1], images[1])
-    run = evaluate(of_pair, stacks, limit=1, parameters={"images": "2,5"})
+    done = run(of_pair, stacks, limit=1, parameters={"images": "2,5"})
     assert np.array_equal(seen[-1], images[[2, 5]])
-    assert run.result.method.parameters == {"images": [2, 5]}
+    assert result_of(done).method.parameters == {"images": [2, 5]}
 
 
 def test_a_method_of_both_gets_the_whole_stack_and_a_fit_too(stacks: Dataset) -> None:
@@ -226,9 +230,7 @@ def test_a_method_of_both_gets_the_whole_stack_and_a_fit_too(stacks: Dataset) ->
         def from_stack(self, stack: Any) -> Any:
             return np.full(stack.shape[1:3], float(self.learned["images"]))
 
-    run = evaluate(Both, stacks, limit=1)
-    _, depth = run.images(run.result.pairs[0]) or (None, None)
-    assert depth is not None
+    _, depth = run(Both, stacks, limit=1).images(stacks.pairs("test")[0].id)
     assert (depth == 6).all()
 
 
@@ -237,6 +239,6 @@ def test_two_images_that_are_none_are_refused_before_the_run(stacks: Dataset) ->
         return infocus[..., 0].astype(float)
 
     with pytest.raises(Exception, match="two numbers from 0"):
-        evaluate(of_pair, stacks, parameters={"images": "2"})
+        run(of_pair, stacks, parameters={"images": "2"})
     with pytest.raises(Exception, match="image 9 is not there"):
-        evaluate(of_pair, stacks, parameters={"images": "0,9"})
+        run(of_pair, stacks, parameters={"images": "0,9"})

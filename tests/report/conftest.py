@@ -40,7 +40,7 @@ def saved_runs(demo_store: Dataset, tmp_path_factory: pytest.TempPathFactory) ->
 
 @pytest.fixture(scope="session")
 def html_page(saved_runs: list[SavedRun], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from dfdbench.report.html import write_html
+    from dfdbench.report.page import write_html
 
     def write(folder: Path) -> None:
         write_html(saved_runs, "thesis", folder)

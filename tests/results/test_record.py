@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -7,6 +9,7 @@ import pytest
 
 from dfdbench.errors import ResultError
 from dfdbench.metrics.protocol import RELEASED
+from dfdbench.results.record import first_protocol
 from dfdbench.results.record_file import load_result, save_result
 from tests.made_results import make_result
 
@@ -213,3 +216,11 @@ def test_a_protocol_of_metrics_that_are_none_is_refused(tmp_path: Path, metrics:
     (tmp_path / "r.json").write_text(json.dumps(content))
     with pytest.raises(ResultError, match="wrong value in the result"):
         load_result(tmp_path / "r.json")
+
+
+def test_sets_with_printed_tables_are_headed_by_the_thesis_others_and_tracks_by_known_pixels() -> (
+    None
+):
+    assert first_protocol("middlebury") == first_protocol("realworld") == "thesis"
+    assert first_protocol("middlebury-default") == first_protocol("mine") == "valid"
+    assert first_protocol("demo@camera-2") == first_protocol("realworld-synthetic@law-1") == "valid"
