@@ -8,7 +8,7 @@ import pytest
 import zarr
 from scipy import ndimage
 
-from dfdbench.api import Run, run
+from dfdbench.api import run
 from dfdbench.audit.trained_on import training_side
 from dfdbench.blur.formation import focus_levels, form_pair, form_stack
 from dfdbench.blur.recipe import RECIPES
@@ -24,6 +24,8 @@ from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import InputError, MethodError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
+from dfdbench.report.run import Run
+from dfdbench.results.record import Result
 from dfdbench.system.parallel import Threads
 
 
