@@ -11,7 +11,6 @@ MOST_LINES, MOST_STATEMENT_LINES = 500, 40
 _KERNEL = "compiled by numba: what it calls would be handed a dozen arrays and counters"
 REASONS = {
     "dfdbench/audit/splits.py": "proposals, and the tables and files that show them",
-    "dfdbench/building/build.py:scene_dataset": "one array after another, in the store's order",
     "dfdbench/methods/data_cost.py:_fill": _KERNEL,
     "dfdbench/methods/mrf/maxflow.py:_grow_and_augment": _KERNEL,
     "dfdbench/methods/mrf/moves.py:_propose": _KERNEL,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,14 +23,15 @@ def predict(
     images: Annotated[
         list[Path],
         typer.Argument(
-            help="The in-focus and the defocus photograph, or a folder of pairs: PAIR/infocus.png "
-            "and PAIR/defocus.png."
+            help="The in-focus and the defocus photograph; or a folder of pairs, PAIR/infocus.png "
+            "and PAIR/defocus.png, or of stacks, STACK/stack.json and its images."
         ),
     ],
     out: Annotated[
         Path,
         typer.Option(
-            help="The depth map: .npy, or .png of 16 bit, level times 256. Of a folder: a folder."
+            help="The depth map: .npy, or .png of 16 bit, level times 256 or mm. Of a folder: "
+            "a folder."
         ),
     ],
     method: Annotated[
@@ -62,8 +64,8 @@ def predict(
     ] = None,
     seed: Seed = 0,
 ) -> None:
-    """Estimate depth from two photographs, or from a folder of pairs; no data set is needed."""
-    from dfdbench.evaluation.predict import Predictor, pairs_in
+    """Estimate depth from two photographs, or a folder of pairs or stacks, without a data set."""
+    from dfdbench.evaluation.predict import Predictor, captures_in
 
     if fitted and lens:
         raise InputError(
@@ -77,13 +79,13 @@ def predict(
         )
     if folder and figure:
         raise InputError("a figure is drawn of one pair", where="--figure", fix="leave it out")
-    pairs = list(pairs_in(images[0])) if folder else []
-    if folder and not pairs:
+    captures = captures_in(images[0]) if folder else {}
+    if folder and not captures:
         raise InputError(
-            "no pair in this folder",
+            "no pair and no stack in this folder",
             where=str(images[0]),
-            fix="name photographs PAIR/infocus.png and PAIR/defocus.png, as `dfdbench export "
-            "--images-only` does",
+            fix="name photographs PAIR/infocus.png and PAIR/defocus.png, or write stacks, as "
+            "`dfdbench export --images-only` does",
         )
     output_place(out, *images, fitted)
     if figure:
@@ -91,7 +93,7 @@ def predict(
     parameters = values_of(param, "--param") | ({"weights": weights} if weights else {})
     predictor = Predictor(method, fitted or lens, parameters, not no_align, seed)
     if folder:
-        _predict_folder(predictor, pairs, out)
+        _predict_folder(predictor, captures, out)
     else:
         _predict_pair(predictor, images, out, figure)
 
@@ -102,7 +104,7 @@ def _predict_pair(predictor: Predictor, images: list[Path], out: Path, figure: P
     sharp, blurred = map(read_image, images)
     with progress("estimating depth", "nothing was written"):
         estimate = predictor(sharp, blurred)
-    write_depth(out, estimate.depth)
+    write_depth(out, estimate.depth, predictor.unit)
     if estimate.found:
         say(f"matched      {estimate.found}")
     say(f"time         {estimate.seconds:.1f} s")
@@ -114,15 +116,20 @@ def _predict_pair(predictor: Predictor, images: list[Path], out: Path, figure: P
         save_figure(predicted_figure(sharp, blurred, estimate.depth), figure)
 
 
-def _predict_folder(predictor: Predictor, pairs: list[tuple[str, Path, Path]], out: Path) -> None:
-    from dfdbench.evaluation.predict import read_image, write_depth
+def _predict_folder(
+    predictor: Predictor, captures: Mapping[str, tuple[Path, ...]], out: Path
+) -> None:
+    from dfdbench.evaluation.predict import read_image, read_stack, write_depth
 
     with progress("estimating depth", "the same command begins anew") as step:
-        for number, (name, infocus, defocus) in enumerate(pairs, 1):
-            depth = predictor(read_image(infocus), read_image(defocus)).depth
-            write_depth(out / f"{name}.npy", depth)
-            step(number, len(pairs))
-    print(f"depth        {out}: {counted(len(pairs), 'map')} of {predictor.meaning}")
+        for number, (name, paths) in enumerate(captures.items(), 1):
+            if len(paths) == 1:
+                estimate = predictor.of_stack(read_stack(*paths))
+            else:
+                estimate = predictor(*map(read_image, paths))
+            write_depth(out / f"{name}.npy", estimate.depth)
+            step(number, len(captures))
+    print(f"depth        {out}: {counted(len(captures), 'map')} of {predictor.meaning}")
 
 
 def check_method_command(

@@ -42,6 +42,10 @@ def run(
     split: Split = "test",
     protocol: Protocol = None,
     param: Params = None,
+    images: Annotated[
+        str | None,
+        typer.Option(metavar="I,J", help="Of stacks: the two images that make a pair, from 0."),
+    ] = None,
     out: Out = None,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Run only this many pairs, from the first.")
@@ -82,6 +86,7 @@ def run(
             f"no figures are drawn with {no}", where="--figure-format", fix="leave out one of them"
         )
     data = open_dataset(dataset, cache=cache)
+    param = [*(param or ()), *([f"images={images}"] if images else ())]
     with progress(f"running {method}") as step:
         done = api.run(
             method,

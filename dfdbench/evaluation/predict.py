@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +19,7 @@ from dfdbench.building.export import STACK_FILE
 from dfdbench.building.folder_matching import matching_of
 from dfdbench.building.sources.captured_pair import matched
 from dfdbench.building.sources.image_files import read_photograph
-from dfdbench.datasets.captured_files import ROLES
-from dfdbench.datasets.captures import Capture, capture_of
+from dfdbench.datasets.captures import ROLES, Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.datasets.manifest import Pair
@@ -329,28 +328,26 @@ def read_stack(place: Path) -> xarray.DataArray:
         raise InputError(what, where=str(place / STACK_FILE)) from error
 
 
-def stacks_in(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Yield the stacks in a folder, by their names: folders with a ``stack.json``."""
-    for path in sorted(folder.rglob(STACK_FILE)):
-        yield path.parent.relative_to(folder).as_posix(), path.parent
+def captures_in(folder: Path) -> dict[str, tuple[Path, ...]]:
+    """Return the pairs and stacks in a folder, by the names of their own folders.
 
-
-def pairs_in(folder: Path) -> Iterator[tuple[str, Path, Path]]:
-    """Yield the pairs in a folder: ``PAIR/infocus.png`` beside ``PAIR/defocus.png``, at any depth.
-
-    Yields
-    ------
-    name : str
-        The pair's folder, below the one that is searched.
-    infocus, defocus : Path
+    Returns
+    -------
+    dict of str to tuple of Path
+        Of a pair the in-focus and the defocus image, ``PAIR/infocus.png`` and
+        ``PAIR/defocus.png``; of a stack its folder, which has a ``stack.json``.
     """
-    there: dict[Path, dict[str, Path]] = {}
+    there: dict[str, dict[str, Path]] = {}
     for path in sorted(folder.rglob("*")):
-        if path.suffix.lower() in IMAGE_ENDINGS and path.stem in ROLES[:2]:
-            there.setdefault(path.parent, {})[path.stem] = path
-    for place, images in there.items():
-        if len(images) == 2:
-            yield place.relative_to(folder).as_posix(), images["infocus"], images["defocus"]
+        images = path.suffix.lower() in IMAGE_ENDINGS and path.stem in ROLES
+        if images or path.name == STACK_FILE:
+            name = path.parent.relative_to(folder).as_posix()
+            there.setdefault(name, {})[path.stem if images else STACK_FILE] = path
+    return {
+        name: (folder / name,) if STACK_FILE in found else tuple(found[role] for role in ROLES)
+        for name, found in there.items()
+        if STACK_FILE in found or found.keys() >= set(ROLES)
+    }
 
 
 def _load(method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int) -> Method:

@@ -11,7 +11,7 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.predict import Predictor, pairs_in, predict, write_depth
+from dfdbench.evaluation.predict import Predictor, captures_in, predict, write_depth
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.registry import load
 from tests.conftest import write_png
@@ -122,4 +122,4 @@ def test_pairs_are_found_at_any_depth(tmp_path: Path) -> None:
     ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
-    assert [name for name, _, _ in pairs_in(tmp_path)] == ["a", "b/c"]
+    assert list(captures_in(tmp_path)) == ["a", "b/c"]
