@@ -15,7 +15,7 @@ from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Table, counted
 
 if TYPE_CHECKING:
-    from dfdbench.evaluation.predict import Predictor
+    from dfdbench.evaluation.predict import DepthPredictor
 
 
 def predict(
@@ -63,7 +63,7 @@ def predict(
     seed: Seed = 0,
 ) -> None:
     """Estimate depth from two photographs, or from a folder of pairs; no data set is needed."""
-    from dfdbench.evaluation.predict import Predictor, pairs_in
+    from dfdbench.evaluation.predict import DepthPredictor, pairs_in
 
     if fitted and lens:
         raise InputError(
@@ -89,14 +89,16 @@ def predict(
     if figure:
         output_place(figure, *images, fitted, option="--figure")
     parameters = values_of(param, "--param") | ({"weights": weights} if weights else {})
-    predictor = Predictor(method, fitted or lens, parameters, not no_align, seed)
+    predictor = DepthPredictor(method, fitted or lens, parameters, not no_align, seed)
     if folder:
         _predict_folder(predictor, pairs, out)
     else:
         _predict_pair(predictor, images, out, figure)
 
 
-def _predict_pair(predictor: Predictor, images: list[Path], out: Path, figure: Path | None) -> None:
+def _predict_pair(
+    predictor: DepthPredictor, images: list[Path], out: Path, figure: Path | None
+) -> None:
     from dfdbench.evaluation.predict import read_image, write_depth
 
     sharp, blurred = map(read_image, images)
@@ -114,7 +116,9 @@ def _predict_pair(predictor: Predictor, images: list[Path], out: Path, figure: P
         save_figure(predicted_figure(sharp, blurred, estimate.depth), figure)
 
 
-def _predict_folder(predictor: Predictor, pairs: list[tuple[str, Path, Path]], out: Path) -> None:
+def _predict_folder(
+    predictor: DepthPredictor, pairs: list[tuple[str, Path, Path]], out: Path
+) -> None:
     from dfdbench.evaluation.predict import read_image, write_depth
 
     with progress("estimating depth", "the same command begins anew") as step:

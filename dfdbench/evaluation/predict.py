@@ -58,7 +58,7 @@ class Estimate:
     found: str
 
 
-class Predictor:
+class DepthPredictor:
     """A method that is ready to estimate depth from photographs.
 
     Parameters
@@ -188,7 +188,7 @@ def predict(
     Parameters
     ----------
     method, camera, parameters, align, seed
-        As for `Predictor`.
+        As for `DepthPredictor`.
     images : tuple
         The in-focus and the defocus image: files, or uint8 arrays of shape (y, x, 3), RGB.
 
@@ -214,7 +214,7 @@ def predict(
     sharp, blurred = (
         read_image(Path(image)) if isinstance(image, str | Path) else image for image in images
     )
-    return Predictor(method, camera, parameters, align, seed)(sharp, blurred).depth
+    return DepthPredictor(method, camera, parameters, align, seed)(sharp, blurred).depth
 
 
 def read_image(path: Path) -> Image:

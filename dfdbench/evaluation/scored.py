@@ -14,9 +14,9 @@ from dfdbench.evaluation.plan import protocols_on, require_what_was_built
 from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictions
 from dfdbench.evaluation.run import RunDone, compose
 from dfdbench.methods.method import Prediction
-from dfdbench.results.folder import keep_prediction, keep_store_place, open_run_folder
 from dfdbench.results.record import SCORED, MethodRecord, PairResult, Unit
 from dfdbench.results.record_file import RESULT, save_result
+from dfdbench.results.run_folder import keep_prediction, keep_store_place, open_run_folder
 from dfdbench.system.files import writing_folder
 
 

@@ -267,10 +267,10 @@ def _cards(
         of_data[place] = {
             "infocus": photo(brightened(images.infocus, times)),
             "defocus": photo(brightened(images.defocus, times)),
-            "truth": depth_map(known, low, high),
+            "truth": depth_picture(known, low, high),
         }
     own = {
-        "prediction": depth_map(prediction.astype(np.float64), low, high),
+        "prediction": depth_picture(prediction.astype(np.float64), low, high),
         "error": error_map(prediction - known),
     }
     shown = {
@@ -313,7 +313,7 @@ def photo(image: NDArray[np.uint8]) -> str:
     return webp_address(image, _PHOTO_QUALITY)
 
 
-def depth_map(depth: NDArray[np.float64], low: float, high: float) -> str:
+def depth_picture(depth: NDArray[np.float64], low: float, high: float) -> str:
     """Return depth levels, shape (y, x), NaN where unknown, as a coloured data address."""
     return _coloured((depth - low) / max(high - low, 1.0), "viridis", np.isnan(depth))
 

@@ -17,7 +17,7 @@ from dfdbench.errors import UnknownNameError
 from dfdbench.report.page import (
     Content,
     Section,
-    depth_map,
+    depth_picture,
     error_map,
     gather,
     inline_svg,
@@ -183,7 +183,7 @@ def test_a_photo_keeps_its_colours() -> None:
 def test_unknown_depth_is_grey_and_no_error_is_white() -> None:
     depth = np.full((32, 32), 50.0)
     depth[:, :16] = np.nan
-    assert decoded(depth_map(depth, 0, 100))[16, 4] == pytest.approx(191, abs=8)
+    assert decoded(depth_picture(depth, 0, 100))[16, 4] == pytest.approx(191, abs=8)
     assert (decoded(error_map(np.zeros((32, 32))))[16, 16] > 235).all()
 
 
