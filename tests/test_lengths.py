@@ -12,7 +12,6 @@ _KERNEL = "compiled by numba: what it calls would be handed a dozen arrays and c
 REASONS = {
     "dfdbench/cli/audit.py": "four verbs that share options and answers",
     "dfdbench/audit/splits.py": "proposals, and the tables and files that show them",
-    "dfdbench/building/build.py:scene_dataset": "one array after another, in the store's order",
     "dfdbench/methods/data_cost.py:_fill": _KERNEL,
     "dfdbench/methods/mrf/maxflow.py:_grow_and_augment": _KERNEL,
     "dfdbench/methods/mrf/moves.py:_propose": _KERNEL,

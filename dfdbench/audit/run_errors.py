@@ -197,7 +197,7 @@ def kept_predictions(
         elif array_digest("depth", ("y", "x"), prediction) != pair.prediction_sha256:
             problems.append(("the prediction is not the result's", pair.id))
         else:
-            yield pair, depth, valid, prediction
+            yield pair, depth, valid, store.manifest.depth.exact_levels(prediction)
     if problems or not evaluated:
         what, where = problems[0] if problems else ("no pair was evaluated", "")
         raise ResultError(

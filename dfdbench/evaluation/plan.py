@@ -137,7 +137,8 @@ def protocols_on(store: Dataset) -> tuple[Protocol, ...]:
 
     Those in metres are among them where its manifest says how levels become metres.
     """
-    return tuple(protocols_of(store.manifest.depth.scale is not None).values())
+    depth = store.manifest.depth
+    return tuple(protocols_of(depth.scale is not None, depth.kind).values())
 
 
 def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) -> RunPlan:

@@ -18,11 +18,12 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Scene
 from dfdbench.figures.style import (
     BLUE,
-    ERROR_LIMIT,
+    DEPTH_LABELS,
     RED,
     SKY,
     brightened,
     brightening,
+    depth_scales,
     depth_span,
     legend_below,
     marks,
@@ -183,8 +184,10 @@ def _depth_counts(
     for pair in [record.pair for record in result.pairs if record.status == "ok"]:
         depth, valid = store.read_levels(pair)
         if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
+            levels = store.manifest.depth.exact_levels(prediction[valid])
+            answered = np.rint(levels).astype(np.int64)
             truth += np.bincount(depth[valid], minlength=LEVELS)
-            found += np.bincount(np.rint(prediction[valid]).astype(np.int64), minlength=LEVELS)
+            found += np.bincount(answered, minlength=LEVELS)
     return truth, found
 
 
@@ -364,7 +367,7 @@ def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> 
     """
     if not isinstance(pair, Capture):
         raise TypeError(
-            f"show draws one pair, as dfdbench.open(...)[0] gives it; got {type(pair).__name__}"
+            f"show draws one capture, as dataset.captures()[0]; got {type(pair).__name__}"
         )
     count = 3 if prediction is None else len(HEADS)
     rows, columns = pair.depth.shape
@@ -385,23 +388,23 @@ def draw_pair(
 ) -> None:
     """Draw a pair into three axes, or into five with a prediction; depth and error get scales."""
     known = images.depth.astype(np.float64)
-    low, high = depth_span(known)
-    levels: dict[str, Any] = {"cmap": "viridis", "vmin": low, "vmax": high}
-    errors: dict[str, Any] = {"cmap": "PuOr", "vmin": -ERROR_LIMIT, "vmax": ERROR_LIMIT}
-    times = brightening(images.infocus)
-    axes[0].imshow(brightened(images.infocus, times))
-    axes[1].imshow(brightened(images.defocus, times))
+    scale, errors = depth_scales(images.about, known)
+    unit = images.about.kind
+    sharp, blurred = images.shown
+    times = brightening(sharp)
+    axes[0].imshow(brightened(sharp, times))
+    axes[1].imshow(brightened(blurred, times))
     if times > 1:
         axes[0].set_xlabel(f"both images shown {times} times brighter", fontsize=8)
-    truth = axes[2].imshow(known, interpolation="nearest", **levels)
+    truth = axes[2].imshow(known, interpolation="nearest", **scale)
     without_ticks(axes, "0.75")
     if prediction is None:
-        figure.colorbar(truth, ax=axes[2], label="depth level", fraction=0.05)
+        figure.colorbar(truth, ax=axes[2], label=DEPTH_LABELS[unit], fraction=0.05)
         return
-    axes[3].imshow(prediction, interpolation="nearest", **levels)
+    axes[3].imshow(prediction, interpolation="nearest", **scale)
     error = axes[4].imshow(prediction - known, interpolation="nearest", **errors)
-    figure.colorbar(truth, ax=axes[3], label="depth level", fraction=0.05)
-    figure.colorbar(error, ax=axes[4], label="levels", fraction=0.05, extend="both")
+    figure.colorbar(truth, ax=axes[3], label=DEPTH_LABELS[unit], fraction=0.05)
+    figure.colorbar(error, ax=axes[4], label=unit, fraction=0.05, extend="both")
 
 
 def predicted_figure(

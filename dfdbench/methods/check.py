@@ -42,6 +42,11 @@ class MadePair(NamedTuple):
     valid: NDArray[np.bool_]
 
     @property
+    def is_pair(self) -> bool:
+        """It is one."""
+        return True
+
+    @property
     def depth(self) -> NDArray[np.float32]:
         """The levels, NaN where not valid."""
         return np.where(self.valid, self.levels, np.nan).astype(np.float32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -19,11 +19,19 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.board.ranking import Entry, ScoreBoard, boards
 from dfdbench.board.tables import lighting_table, runs_table, standings_table
 from dfdbench.figures.comparisons import accuracy_figure, lighting_figures, time_figure
 from dfdbench.figures.runs import group_figures, panel_figure
-from dfdbench.figures.style import ERROR_LIMIT, brightened, brightening, write_figure, write_forms
+from dfdbench.figures.style import (
+    ERROR_LIMIT,
+    brightened,
+    brightening,
+    depth_scales,
+    write_figure,
+    write_forms,
+)
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
 from dfdbench.results.record import SCORED, PairResult
@@ -238,7 +246,7 @@ def write_html(
         pictures={key: address for address, key in pictures.items()},
         filters=_filters(cards, content.methods),
         scales={"depth": scale("viridis"), "error": scale("PuOr")},
-        error_limit=int(ERROR_LIMIT),
+        error_limit=_error_limit(content.pairs),
         style=Markup((templates / "report.css").read_text("utf-8")),
         script=Markup((templates / "report.js").read_text("utf-8")),
     )
@@ -260,26 +268,37 @@ def _cards(
         return []
     images, prediction = found
     known = images.depth.astype(np.float64)
-    low, high = float(np.nanmin(known)), float(np.nanmax(known))
-    times = brightening(images.infocus)
+    scale, errors = depth_scales(images.about, known)
+    low, high = scale["vmin"], scale["vmax"]
+    sharp, blurred = images.shown
+    times = brightening(sharp)
     place = run.result.dataset.fingerprint, pair.id
     if place not in of_data:
         of_data[place] = {
-            "infocus": photo(brightened(images.infocus, times)),
-            "defocus": photo(brightened(images.defocus, times)),
-            "truth": depth_picture(known, low, high),
+            "infocus": photo(brightened(sharp, times)),
+            "defocus": photo(brightened(blurred, times)),
+            "truth": depth_picture(known, scale),
         }
     own = {
-        "prediction": depth_picture(prediction.astype(np.float64), low, high),
-        "error": error_map(prediction - known),
+        "prediction": depth_picture(prediction.astype(np.float64), scale),
+        "error": depth_picture(prediction - known, errors),
     }
     shown = {
         kind: pictures.setdefault(address, f"p{len(pictures)}")
         for kind, address in (of_data[place] | own).items()
     }
     height, width = images.depth.shape
-    size = {"width": width, "height": height, "low": f"{low:.0f}", "high": f"{high:.0f}"}
+    size = {"width": width, "height": height, "low": f"{low:.3g}", "high": f"{high:.3g}"}
     return [_texts(run, pair, protocol) | size | {"pictures": shown, "brighter": times}]
+
+
+def _error_limit(pairs: Sequence[tuple[SavedRun, PairResult]]) -> str:
+    """Return at which error the scale ends, with its unit."""
+    dataset = next((run.store for run, _ in pairs if run.store), None)
+    if dataset is None:
+        return f"{ERROR_LIMIT:.0f} levels"
+    about = dataset.manifest.depth
+    return f"{ERROR_LIMIT * about.span / LAST_LEVEL:.3g} {about.kind}"
 
 
 def _texts(run: SavedRun, pair: PairResult, protocol: str) -> dict[str, Any]:
@@ -313,14 +332,10 @@ def photo(image: NDArray[np.uint8]) -> str:
     return webp_address(image, _PHOTO_QUALITY)
 
 
-def depth_picture(depth: NDArray[np.float64], low: float, high: float) -> str:
-    """Return depth levels, shape (y, x), NaN where unknown, as a coloured data address."""
-    return _coloured((depth - low) / max(high - low, 1.0), "viridis", np.isnan(depth))
-
-
-def error_map(error: NDArray[np.float64]) -> str:
-    """Return prediction less truth in levels, NaN where unknown, as a coloured data address."""
-    return _coloured(error / (2 * ERROR_LIMIT) + 0.5, "PuOr", np.isnan(error))
+def depth_picture(depth: NDArray[np.float64], scale: Mapping[str, Any]) -> str:
+    """Return depth or its error, shape (y, x), NaN where unknown, as a coloured data address."""
+    low, high = scale["vmin"], scale["vmax"]
+    return _coloured((depth - low) / (high - low), scale["cmap"], np.isnan(depth))
 
 
 def scale(name: str) -> str:

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, WithJsonSche
 from dfdbench.datasets.manifest import Manifest, Name, Pair, simulated_label
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric, mean_of
 from dfdbench.metrics.protocol import (
+    Unit,
     find_protocol,
     label_of,
     metrics_of,
@@ -38,7 +39,6 @@ Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]+$", max_length=1000)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 #: What depth maps that were made elsewhere may hold.
-Unit = Literal["levels", "metres"]
 #: How a result of such maps is marked wherever its method is named.
 SCORED = "scored, not run"
 
@@ -305,7 +305,7 @@ def protocol_on(manifest: Manifest, name: str | None) -> str:
         If there is none, or runs on this data set are not scored under it.
     """
     label = find_protocol(name).label if name else first_protocol(manifest.short)
-    there = protocols_of(manifest.depth.scale is not None)
+    there = protocols_of(manifest.depth.scale is not None, manifest.depth.kind)
     require_scored(label, there, f"runs on {manifest.stem}")
     return label
 

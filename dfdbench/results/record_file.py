@@ -19,7 +19,7 @@ RESULT_SCHEMA_VERSION = 1
 #: What a result is called in the folder of its run.
 RESULT = "result.json"
 # Each holds all pixels of the one before.
-_WIDER = ("delta_1", "delta_2", "delta_3")
+_WIDER = ("delta_105", "delta_115", "delta_125")
 #: How far a recorded average may be from the one recomputed from the pairs.
 _TOLERANCE = 1e-9
 

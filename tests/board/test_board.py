@@ -71,7 +71,9 @@ def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(tmp_path: 
         assert words not in text
     submit(make_demo_result(lambda pair: 0.1, "lens", {"recipe": "rig"}), tmp_path)
     result = make_demo_result(lambda pair: 0.1, "far")
-    metres = dict.fromkeys(("abs_rel", "rmse_m", "delta_1", "delta_2", "delta_3"), 0.25)
+    metres = dict.fromkeys(
+        ("abs_rel", "rmse_m", "delta_105", "delta_115", "delta_125", "boundary_f1"), 0.25
+    )
     pairs = [pair.model_copy(update={"scores": {"metric": metres}}) for pair in result.pairs]
     protocols = [RELEASED["metric"].as_dict()]
     submit(result.model_copy(update={"pairs": pairs, "protocols": protocols}), tmp_path)

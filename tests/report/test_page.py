@@ -18,7 +18,6 @@ from dfdbench.report.page import (
     Content,
     Section,
     depth_picture,
-    error_map,
     gather,
     inline_svg,
     photo,
@@ -183,8 +182,15 @@ def test_a_photo_keeps_its_colours() -> None:
 def test_unknown_depth_is_grey_and_no_error_is_white() -> None:
     depth = np.full((32, 32), 50.0)
     depth[:, :16] = np.nan
-    assert decoded(depth_picture(depth, 0, 100))[16, 4] == pytest.approx(191, abs=8)
-    assert (decoded(error_map(np.zeros((32, 32))))[16, 16] > 235).all()
+    assert decoded(depth_picture(depth, {"cmap": "viridis", "vmin": 0, "vmax": 100}))[
+        16, 4
+    ] == pytest.approx(191, abs=8)
+    assert (
+        decoded(depth_picture(np.zeros((32, 32)), {"cmap": "PuOr", "vmin": -50, "vmax": 50}))[
+            16, 16
+        ]
+        > 235
+    ).all()
 
 
 def test_a_figure_is_one_svg_element_named_for_who_cannot_see_it() -> None:

@@ -177,7 +177,8 @@ def test_pairs_that_are_not_on_the_axes_are_refused(
 
 def metric_result() -> dict[str, Any]:
     content: dict[str, Any] = json.loads(make_result(VALUES).model_dump_json())
-    scores = {"abs_rel": 0.1, "rmse_m": 0.5, "delta_1": 0.5, "delta_2": 0.75, "delta_3": 1.0}
+    scores = {"abs_rel": 0.1, "rmse_m": 0.5, "delta_105": 0.5, "delta_115": 0.75}
+    scores |= {"delta_125": 1.0, "boundary_f1": 0.3}
     content["protocols"].append(RELEASED["metric"].as_dict())
     for pair in content["pairs"]:
         pair["scores"]["metric"] = dict(scores)
@@ -189,8 +190,8 @@ def metric_result() -> dict[str, Any]:
     ("tamper", "told"),
     [
         (lambda scores: scores.pop("rmse_m"), "not scored by the same metrics"),
-        (lambda scores: scores.update(delta_1=0.8), "fewer pixels lie within a wider bound"),
-        (lambda scores: scores.update(delta_3=1.1), "delta_3"),
+        (lambda scores: scores.update(delta_105=0.8), "fewer pixels lie within a wider bound"),
+        (lambda scores: scores.update(delta_125=1.1), "delta_125"),
         (lambda scores: scores.update(abs_rel=-0.1), "abs_rel"),
         (lambda scores: scores.update(nrmse=0.1), "nrmse"),
         (lambda scores: scores.update(abs_rel=0.3), "average does not follow"),
