@@ -35,12 +35,12 @@ from dfdbench.methods.method import Method
 from dfdbench.methods.registry import find_entry, method_words, registered_methods
 from dfdbench.methods.registry import load_method as _load_method
 from dfdbench.metrics.protocol import Unit, find_protocol
-from dfdbench.report.run import Comparison, Run
+from dfdbench.report.objects import Comparison, Run
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result, protocol_on
 from dfdbench.results.record_file import RESULT
 from dfdbench.results.saved_run import SavedRun
-from dfdbench.results.saved_run import open_run as _open_run
+from dfdbench.results.saved_run import open_saved_run as _open_run
 from dfdbench.system.location import Place
 from dfdbench.system.parallel import Pool, Threads
 from dfdbench.tables.table import counted

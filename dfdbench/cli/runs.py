@@ -32,7 +32,7 @@ from dfdbench.errors import InputError
 from dfdbench.tables.table import Format, counted
 
 if TYPE_CHECKING:
-    from dfdbench.report.run import Run
+    from dfdbench.report.objects import Run
     from dfdbench.results.record import Result
 
 

@@ -16,7 +16,7 @@ from dfdbench.blur.tracks import CLEAN
 from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.errors import unknown_name
-from dfdbench.system.record import StrictRecord
+from dfdbench.system.strict import StrictRecord
 
 ALL_PAIRS = "all"
 

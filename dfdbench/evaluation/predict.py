@@ -67,7 +67,7 @@ class Estimate:
     found: str = ""
 
 
-class Predictor:
+class DepthPredictor:
     """A method that is ready to estimate depth from photographs.
 
     Parameters
@@ -220,7 +220,7 @@ def predict(
     Parameters
     ----------
     method, camera, parameters, align, seed
-        As for `Predictor`.
+        As for `DepthPredictor`.
     images : tuple or DataArray
         The in-focus and the defocus image: files, or uint8 arrays of shape (y, x, 3), RGB. Or a
         stack in register, dimensions (image, y, x, channel), with the coordinates that
@@ -245,7 +245,7 @@ def predict(
     >>> depth.shape, float(depth.min())
     ((40, 50), 255.0)
     """
-    predictor = Predictor(method, camera, parameters, align, seed)
+    predictor = DepthPredictor(method, camera, parameters, align, seed)
     if not isinstance(images, tuple | list):
         return predictor.of_stack(images).depth
     sharp, blurred = (

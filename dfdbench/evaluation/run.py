@@ -27,15 +27,6 @@ from dfdbench.methods.calling import UNIT_LEVELS, difference
 from dfdbench.methods.method import Method
 from dfdbench.methods.sources import Hashes
 from dfdbench.results.environment import describe_environment
-from dfdbench.results.folder import (
-    add_to_journal,
-    keep_identity,
-    keep_prediction,
-    keep_store_place,
-    open_run_folder,
-    read_identity,
-    read_journal,
-)
 from dfdbench.results.record import (
     DatasetRecord,
     Environment,
@@ -45,6 +36,15 @@ from dfdbench.results.record import (
     average,
 )
 from dfdbench.results.record_file import RESULT, save_result
+from dfdbench.results.run_folder import (
+    add_to_journal,
+    keep_identity,
+    keep_prediction,
+    keep_store_place,
+    open_run_folder,
+    read_identity,
+    read_journal,
+)
 from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
 from dfdbench.tables.table import counted, listed
