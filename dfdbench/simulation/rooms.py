@@ -4,24 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.errors import InputError
 from dfdbench.simulation.draws import Draws
+from dfdbench.simulation.lens import Camera, depth
 from dfdbench.simulation.lighting import Lamp, Light, lit
+from dfdbench.simulation.photographs import photograph
 from dfdbench.simulation.raycast import Texture
 from dfdbench.simulation.shapes import Frame, Panel, Round, Scene, Vector, pack
-from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, pattern, picture
+from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, pattern
 
 Floats = NDArray[np.float64]
 
+#: Between which distances all of a room is, in metres, and how far its depths are apart at least.
+NEAR, FAR, SPREAD = 0.6, 6.0, 1.6
+_MOST_ATTEMPTS = 100
+_PREVIEW = (240, 320)
+_SPACING = 0.05  # metres between the places at which light is worked out
 _FINE = 2.0**26  # directions are whole parts of this: sines may differ in their last bit
 _WALLS = ("plain", "plain", "plaster", "motif", "bricks", "tiles", "stripes", "wood", "marble")
 _GROUNDS = ("wood", "tiles", "speckle", "plaid", "marble", "plaster", "bricks", "plain")
 _CEILINGS = ("plain", "plaster", "wood", "tiles", "speckle")
 _THINGS = tuple(PATTERNS)
+_BARS = ("plain", "wood", "plaster", "stripes", "speckle")
+_WHITE = (1.0, 1.0, 1.0)
 
 
 @dataclass
@@ -36,7 +46,8 @@ class Room:
 
     draws: Draws
     shapes: list[Panel | Round] = field(default_factory=list)
-    photographs: dict[str, Floats] = field(default_factory=dict)
+    # A pattern's kind by name; other names are photographs.
+    patterns: dict[str, str] = field(default_factory=dict)
     # Where the room ends: left, right, ceiling, floor, front, back, in metres.
     left: float = -2.0
     right: float = 2.0
@@ -49,13 +60,15 @@ class Room:
         """Draw a texture of these kinds, or a photograph in this share of cases."""
         d = self.draws
         if d.chance(photograph):
-            name = d.one_of(PHOTOGRAPHS)
-            self.photographs[name] = picture(name)
-            tint = (1.0, d.between(0.75, 1), d.between(0.6, 1))
-            return Texture(name, d.between(250, 900), tint if d.chance(0.5) else (1.0, 1.0, 1.0))
-        name = f"pattern {len(self.photographs)}"
-        self.photographs[name] = pattern(d.one_of(kinds), d)
-        return Texture(name, d.between(160, 520))
+            tint = (1.0, d.between(0.75, 1), d.between(0.6, 1)) if d.chance(0.5) else _WHITE
+            return Texture(d.one_of(PHOTOGRAPHS), d.between(450, 1400), tint)
+        name = f"pattern {len(self.patterns)}"
+        self.patterns[name] = d.one_of(kinds)
+        return Texture(name, d.between(350, 1100))
+
+    def bar(self) -> Texture:
+        """Return a texture for something thin."""
+        return self.texture(_BARS)
 
     def thing(self) -> Texture:
         """Return one of a few textures that this room's things share."""
@@ -188,7 +201,7 @@ def _plant(room: Room, x: float, y: float, z: float, size: float) -> None:
     d = room.draws
     high = size * 0.3
     room.can((x, y - high / 2, z), size * 0.17, high, room.thing())
-    green = room.texture(("plaster", "speckle", "stripes"))
+    green = room.texture(("plaster", "plain", "stripes"))
     tint = (d.between(0.25, 0.7), 1.0, d.between(0.15, 0.5))
     green = Texture(green.photograph, green.texels, tint)
     for _ in range(d.whole(4, 8)):
@@ -265,7 +278,7 @@ def _lamp(room: Room, x: float, y: float, z: float) -> None:
     """Hang up a shade or a ball on a wire from the ceiling."""
     d, texture = room.draws, room.thing()
     radius = d.between(0.07, 0.22)
-    room.rod((x, room.top, z), (x, y, z), d.between(0.004, 0.012), texture)
+    room.rod((x, room.top, z), (x, y, z), d.between(0.004, 0.012), room.bar())
     if d.chance(0.5):
         room.ball((x, y + radius, z), radius, texture)
     else:
@@ -275,12 +288,12 @@ def _lamp(room: Room, x: float, y: float, z: float) -> None:
 
 def _hanging(room: Room, x: float, y: float, z: float) -> None:
     """Hang a cloth, sign or disc from the ceiling."""
-    d, texture = room.draws, room.thing()
+    d, texture, wire = room.draws, room.thing(), room.bar()
     across, down, away = upright(d.between(-1, 1))
     size = (d.between(0.15, 0.6), d.between(0.15, 0.6))
     for side in (-0.4, 0.4):
         end = moved((x, y, z), across, side * size[0])
-        room.rod((end[0], room.top, end[2]), end, 0.004, texture)
+        room.rod((end[0], room.top, end[2]), end, 0.004, wire)
     kind = d.one_of(("rectangle", "rectangle", "disc", "lattice"))
     centre = (x, y + size[1] / 2, z)
     panel = Panel(centre, (across, down, away), size, texture, kind, d.between(0.04, 0.1), 0.3)  # type: ignore[arg-type]
@@ -289,7 +302,7 @@ def _hanging(room: Room, x: float, y: float, z: float) -> None:
 
 def _stand(room: Room, x: float, y: float, z: float) -> None:
     """Put a thing on a thin stand on the floor."""
-    d, texture = room.draws, room.thing()
+    d, texture = room.draws, room.bar()
     room.rod((x, y, z), (x, room.floor, z), d.between(0.006, 0.03), texture)
     room.can((x, y + 0.01, z), d.between(0.08, 0.2), 0.02, texture)
     _small_thing(room, x, y, z, d.between(0.12, 0.35))
@@ -299,9 +312,7 @@ def _pole(room: Room, x: float, z: float) -> None:
     """Add a thin pole between floor and ceiling, upright or leaning."""
     d = room.draws
     lean = 0.0 if d.chance(0.5) else d.between(-0.6, 0.6)
-    room.rod(
-        (x - lean, room.top, z), (x + lean, room.floor, z), d.between(0.006, 0.05), room.thing()
-    )
+    room.rod((x - lean, room.top, z), (x + lean, room.floor, z), d.between(0.006, 0.05), room.bar())
 
 
 def _column(room: Room, x: float, z: float) -> None:
@@ -358,10 +369,8 @@ def _pictures(room: Room, z: float) -> None:
         x = d.between(room.left + 0.4, room.right - 0.4)
         y = d.between(room.top + size[1] / 2, room.floor - size[1] / 2)
         room.box((x, y, z - 0.02), (size[0] + 0.06, size[1] + 0.06, 0.03), 0.0, room.thing())
-        name = d.one_of(PHOTOGRAPHS)
-        room.photographs[name] = picture(name)
-        texels = max(room.photographs[name].shape[1] / size[0], 150)
-        room.flat((x, y, z - 0.037), frame, size, Texture(name, texels))
+        photo = Texture(d.one_of(PHOTOGRAPHS), d.between(450, 700) / size[0])
+        room.flat((x, y, z - 0.037), frame, size, photo)
 
 
 # --- the room ------------------------------------------------------------------------------------
@@ -448,16 +457,53 @@ def _furnish(room: Room, slope: tuple[float, float]) -> None:
             _hanging(room, x, y, z)
 
 
-def draw_room(draws: Draws, slope: tuple[float, float]) -> Scene:
+def draw_room(seed: int, number: int, camera: Camera) -> Scene:
     """Return a room as its camera sees it, lit.
 
     Parameters
     ----------
-    draws : Draws
-        All that is drawn.
-    slope : tuple of float
-        Half the view's width and height at a metre, in metres.
+    seed : int
+        Of a set of rooms.
+    number : int
+        Of a room in it.
+    camera : Camera
+        How much of the room is seen.
+
+    Notes
+    -----
+    A room is drawn again until all of it is between `NEAR` and `FAR`, and the farthest twentieth is
+    at least `SPREAD` times as far as the nearest.
     """
+    for attempt in range(_MOST_ATTEMPTS):
+        draws = Draws("room", seed, number, attempt)
+        room = _furnished(draws, _slope(camera))
+        axes = _axes(draws)
+        shapes = [_seen(shape, axes) for shape in room.shapes]
+        blank = {shape.texture.photograph: np.ones((1, 1, 3)) for shape in shapes}
+        if not _fits(depth(pack(shapes, blank), replace(camera, shape=_PREVIEW))):
+            continue
+        lamps = [_bulb(room, axes) for _ in range(draws.whole(1, 3))]
+        photographs = {name: _photograph(room, name) for name in blank}
+        return lit(pack(shapes, photographs), Light(lamps, draws.between(0.15, 0.45)), _SPACING)
+    raise InputError(f"no room of seed {seed} fits its camera", where=f"scene {number}")
+
+
+def _slope(camera: Camera) -> tuple[float, float]:
+    height, width = camera.shape
+    return width / 2 / camera.focal_pixels, height / 2 / camera.focal_pixels
+
+
+def _fits(metres: NDArray[np.float32]) -> bool:
+    near, far = np.quantile(metres, (0.05, 0.95))
+    return bool(metres.min() >= NEAR and metres.max() <= FAR and far >= SPREAD * near)
+
+
+def _photograph(room: Room, name: str) -> Floats:
+    kind = room.patterns.get(name)
+    return pattern(kind, Draws(*room.draws.key, name)) if kind else photograph(name)
+
+
+def _furnished(draws: Draws, slope: tuple[float, float]) -> Room:
     d, room = draws, Room(draws)
     height = d.between(2.1, 3.0)
     room.floor = d.between(0.45, height - 0.45)
@@ -468,25 +514,21 @@ def draw_room(draws: Draws, slope: tuple[float, float]) -> Scene:
     room.back = d.between(2.0, 4.8)
     _shell(room)
     _furnish(room, slope)
-    lamps = [_bulb(room, d.between(0.5, 1.2)) for _ in range(d.whole(1, 3))]
-    yaw, pitch = d.between(-0.6, 0.6), d.between(-0.4, 0.4)
-    roll = d.between(-0.12, 0.12) + (d.one_of((-1, 1)) * math.pi / 2 if d.chance(0.2) else 0.0)
-    axes = _axes(yaw, pitch, roll)
-    shapes = [_seen(shape, axes) for shape in room.shapes]
-    lamps = [Lamp(_turned(lamp.place, axes), lamp.radius, lamp.strength) for lamp in lamps]
-    scene = pack(shapes, room.photographs)
-    return lit(scene, Light(lamps, d.between(0.15, 0.45)), 0.05)
+    return room
 
 
-def _bulb(room: Room, strength: float) -> Lamp:
+def _bulb(room: Room, axes: Frame) -> Lamp:
     d = room.draws
     x = d.between(room.left + 0.3, room.right - 0.3)
     place = (x, d.between(room.top + 0.25, room.top + 0.7), d.between(-0.8, room.back * 0.7))
-    return Lamp(place, d.between(0.06, 0.25), strength * 1.4)
+    return Lamp(_turned(place, axes), d.between(0.06, 0.25), d.between(0.7, 1.7))
 
 
-def _axes(yaw: float, pitch: float, roll: float) -> tuple[Vector, Vector, Vector]:
-    """Return the camera's right, bottom and view, of a room's directions."""
+def _axes(d: Draws) -> Frame:
+    """Draw the camera's right, bottom and view, in a room's directions; a fifth is on end."""
+    yaw, pitch, roll = d.between(-0.6, 0.6), d.between(-0.4, 0.4), d.between(-0.12, 0.12)
+    if d.chance(0.2):
+        roll += d.one_of((-1, 1)) * math.pi / 2
     right, _, ahead = upright(yaw)
     c, s = _fine(math.cos(pitch)), _fine(math.sin(pitch))
     view = (c * ahead[0], s, c * ahead[2])
@@ -497,12 +539,12 @@ def _axes(yaw: float, pitch: float, roll: float) -> tuple[Vector, Vector, Vector
     return (across[0], across[1], across[2]), (down[0], down[1], down[2]), view
 
 
-def _turned(place: Vector, axes: tuple[Vector, Vector, Vector]) -> Vector:
+def _turned(place: Vector, axes: Frame) -> Vector:
     x, y, z = (place[0] * a[0] + place[1] * a[1] + place[2] * a[2] for a in axes)
     return x, y, z
 
 
-def _seen(shape: Panel | Round, axes: tuple[Vector, Vector, Vector]) -> Panel | Round:
+def _seen(shape: Panel | Round, axes: Frame) -> Panel | Round:
     across, down, away = (_turned(way, axes) for way in shape.frame)
     changed = {"centre": _turned(shape.centre, axes), "frame": (across, down, away)}
     return type(shape)(**(vars(shape) | changed))

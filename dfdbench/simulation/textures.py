@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.formation import decode, uniform_numbers
 from dfdbench.simulation.draws import Draws
-from dfdbench.simulation.photographs import photograph
 
 Floats = NDArray[np.float64]
 
@@ -20,11 +19,6 @@ PHOTOGRAPHS = (
 )  # fmt: skip
 _SIDE = 384  # texels of a pattern
 _LIGHT = decode(np.arange(256.0))
-
-
-def picture(name: str) -> Floats:
-    """Return a photograph as linear reflectance, shape (y, x, 3)."""
-    return photograph(name)
 
 
 def pattern(kind: str, draws: Draws) -> Floats:
