@@ -16,9 +16,10 @@ Floats = NDArray[np.float64]
 
 _LAMP_POINTS = 24
 _SKY_RAYS = 48
-_FEWEST, _MOST = 8, 160  # nodes along a surface's side
+_FEWEST, _MOST = 3, 160  # steps along a surface's side
 _FINE = 2.0**26  # places are whole parts of a metre of this: sines may differ in their last bit
 _LIGHT_FINE = 2.0**14
+_MARGIN = 0.3  # metres past what is seen
 _GOLDEN = (math.sqrt(5) - 1) / 2
 
 
@@ -60,7 +61,7 @@ class Light:
     reach: float = 1.0
 
 
-def lit(scene: Scene, light: Light, spacing: float = 0.04) -> Scene:
+def lit(scene: Scene, light: Light, slope: tuple[float, float], spacing: float = 0.05) -> Scene:
     """Return a scene with the light that falls on its surfaces, on the side that is seen.
 
     Parameters
@@ -69,6 +70,8 @@ def lit(scene: Scene, light: Light, spacing: float = 0.04) -> Scene:
         From `dfdbench.simulation.shapes.pack`.
     light : Light
         The lamps and the daylight.
+    slope : tuple of float
+        The largest x / z and y / z that are seen; elsewhere the light is not worked out.
     spacing : float
         Distance of the places at which light is worked out, in metres; in between it is
         interpolated.
@@ -87,28 +90,34 @@ def lit(scene: Scene, light: Light, spacing: float = 0.04) -> Scene:
         places.append(points)
         normals.append(normal)
         first += width * height
-    sun = np.array([(*lamp.place, lamp.radius, lamp.strength) for lamp in light.lamps])
-    nodes = np.rint(np.concatenate(places) * _FINE) / _FINE
-    out = np.empty(len(nodes))
-    corners = np.array([scene.hull(surface) for surface in range(len(scene.kinds))])
-    middle = corners.mean(axis=1)
-    radius = np.sqrt(np.square(corners - middle[:, np.newaxis]).sum(axis=-1).max(axis=1))
-    hulls = np.column_stack([middle, radius * 1.001])
+    points = np.rint(np.concatenate(places) * _FINE) / _FINE
+    facing = np.rint(np.concatenate(normals) * _FINE) / _FINE
+    beyond = np.abs(points[:, :2]) - points[:, 2:] * np.array(slope)
+    seen = (beyond.max(axis=1) < _MARGIN) & (points[:, 2] > -_MARGIN)
+    out = np.zeros(int(seen.sum()))
     tracing.fall(
         scene.kinds,
         scene.rows,
-        hulls,
-        nodes,
-        np.rint(np.concatenate(normals) * _FINE) / _FINE,
-        sun.reshape(-1, 5),
+        _balls_around(scene),
+        points[seen],
+        facing[seen],
+        np.array([(*lamp.place, lamp.radius, lamp.strength) for lamp in light.lamps]),
         _ball_points(_LAMP_POINTS),
         light.ambient,
         light.reach,
         _sky(_SKY_RAYS),
         out,
     )
-    lightmap = (np.rint(out * _LIGHT_FINE) / _LIGHT_FINE).astype(np.float32)
+    lightmap = np.full(len(points), light.ambient, np.float32)
+    lightmap[seen] = np.rint(out * _LIGHT_FINE) / _LIGHT_FINE
     return scene._replace(charts=np.array(charts, np.float64), lightmap=lightmap)
+
+
+def _balls_around(scene: Scene) -> Floats:
+    corners = np.array([scene.hull(surface) for surface in range(len(scene.kinds))])
+    middle = corners.mean(axis=1)
+    radius = np.sqrt(np.square(corners - middle[:, np.newaxis]).sum(axis=-1).max(axis=1))
+    return np.column_stack([middle, radius * 1.001])
 
 
 Nodes = tuple[tuple[int, int], tuple[float, float], Floats, Floats]

