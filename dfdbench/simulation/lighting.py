@@ -101,7 +101,9 @@ def lit(scene: Scene, light: Light, slope: tuple[float, float], spacing: float =
         _balls_around(scene),
         points[seen],
         facing[seen],
-        np.array([(*lamp.place, lamp.radius, lamp.strength) for lamp in light.lamps]),
+        np.array([(*lamp.place, lamp.radius, lamp.strength) for lamp in light.lamps]).reshape(
+            -1, 5
+        ),
         _ball_points(_LAMP_POINTS),
         light.ambient,
         light.reach,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ Floats = NDArray[np.float64]
 #: Between which distances all of a room is, in metres, and how far its depths are apart at least.
 NEAR, FAR, SPREAD = 0.6, 6.0, 1.6
 _MOST_ATTEMPTS = 100
-_PREVIEW = (240, 320)
 _FINE = 2.0**26  # directions are whole parts of this: sines may differ in their last bit
 _WALLS = ("plain", "plain", "plaster", "motif", "bricks", "tiles", "stripes", "wood", "marble")
 _GROUNDS = ("wood", "tiles", "speckle", "plaid", "marble", "plaster", "bricks", "plain")
@@ -479,7 +478,7 @@ def draw_room(seed: int, number: int, camera: Camera) -> Scene:
         axes = _axes(draws)
         shapes = [_seen(shape, axes) for shape in room.shapes]
         blank = {shape.texture.photograph: np.ones((1, 1, 3)) for shape in shapes}
-        if not _fits(depth(pack(shapes, blank), replace(camera, shape=_PREVIEW))):
+        if not _fits(depth(pack(shapes, blank), camera)):
             continue
         lamps = [_bulb(room, axes) for _ in range(draws.whole(1, 3))]
         photographs = {name: _photograph(room, name) for name in blank}
