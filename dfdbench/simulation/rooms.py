@@ -15,7 +15,7 @@ from dfdbench.simulation.lens import Camera, depth
 from dfdbench.simulation.lighting import Lamp, Light, lit
 from dfdbench.simulation.photographs import photograph
 from dfdbench.simulation.raycast import Texture
-from dfdbench.simulation.shapes import Frame, Panel, Round, Scene, Vector, pack
+from dfdbench.simulation.shapes import Frame, Outline, Panel, Round, Scene, Vector, pack
 from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, pattern
 
 Floats = NDArray[np.float64]
@@ -30,6 +30,9 @@ _CEILINGS = ("plain", "plaster", "wood", "tiles", "speckle")
 _THINGS = tuple(PATTERNS)
 _BARS = ("plain", "wood", "plaster", "stripes", "speckle")
 _WHITE = (1.0, 1.0, 1.0)
+_FENCE: Outline = "lattice"
+_SIGNS: tuple[Outline, ...] = ("rectangle", "rectangle", "disc", "lattice")
+_BACKS: tuple[Outline, ...] = ("rectangle", "lattice")
 
 
 @dataclass
@@ -77,8 +80,9 @@ class Room:
         old = d.one_of(self.pool)
         # The same pattern in another size and shade.
         shade = d.between(0.7, 1.0)
-        tint = tuple(shade * part for part in old.tint)
-        return Texture(old.photograph, old.texels * d.between(0.7, 1.6), tint)  # type: ignore[arg-type]
+        red, green, blue = old.tint
+        tint = (shade * red, shade * green, shade * blue)
+        return Texture(old.photograph, old.texels * d.between(0.7, 1.6), tint)
 
     def flat(
         self,
@@ -108,13 +112,13 @@ class Room:
 
     def rod(self, start: Vector, end: Vector, radius: float, texture: Texture) -> None:
         """Add a round bar from one place to another."""
-        middle = tuple((a + b) / 2 for a, b in zip(start, end, strict=True))
+        x, y, z = ((a + b) / 2 for a, b in zip(start, end, strict=True))
         way = [b - a for a, b in zip(start, end, strict=True)]
         length = math.sqrt(sum(part * part for part in way))
         down = _unit(way)
         side = _unit(_cross(down, (0.0, 0.0, 1.0) if abs(down[2]) < 0.9 else (1.0, 0.0, 0.0)))
         frame = (side, down, _cross(side, down))
-        self.shapes.append(Round(middle, frame, radius, texture, length / 2))  # type: ignore[arg-type]
+        self.shapes.append(Round((x, y, z), frame, radius, texture, length / 2))
 
     def ball(self, centre: Vector, radius: float, texture: Texture) -> None:
         """Add a ball."""
@@ -244,8 +248,8 @@ def _chair(room: Room, x: float, z: float) -> None:
             foot = moved(moved((x, seat, z), across, side), away, end)
             room.rod(foot, (foot[0], room.floor, foot[2]), 0.014, texture)
     back = moved((x, seat - 0.32, z), away, 0.2)
-    kind = d.one_of(("rectangle", "lattice"))
-    panel = Panel(back, (across, down, away), (0.42, 0.55), texture, kind, 0.08, 0.25)  # type: ignore[arg-type]
+    kind = d.one_of(_BACKS)
+    panel = Panel(back, (across, down, away), (0.42, 0.55), texture, kind, 0.08, 0.25)
     room.shapes.append(panel)
 
 
@@ -292,9 +296,9 @@ def _hanging(room: Room, x: float, y: float, z: float) -> None:
     for side in (-0.4, 0.4):
         end = moved((x, y, z), across, side * size[0])
         room.rod((end[0], room.top, end[2]), end, 0.004, wire)
-    kind = d.one_of(("rectangle", "rectangle", "disc", "lattice"))
+    kind = d.one_of(_SIGNS)
     centre = (x, y + size[1] / 2, z)
-    panel = Panel(centre, (across, down, away), size, texture, kind, d.between(0.04, 0.1), 0.3)  # type: ignore[arg-type]
+    panel = Panel(centre, (across, down, away), size, texture, kind, d.between(0.04, 0.1), 0.3)
     room.shapes.append(panel)
 
 
@@ -352,12 +356,10 @@ def _screen(room: Room, x: float, z: float) -> None:
     down = (s * away[0], c, s * away[2])
     size = (d.between(0.4, 1.3), d.between(0.5, 1.5))
     y = d.between(room.top + size[1] / 2, room.floor - size[1] / 2)
-    kind = "lattice" if d.chance(0.4) else "rectangle"
+    shape = _FENCE if d.chance(0.4) else "rectangle"
     frame = (across, down, _cross(across, down))
-    panel = Panel(
-        (x, y, z), frame, size, texture, kind, d.between(0.06, 0.2), d.between(0.12, 0.35)
-    )  # type: ignore[arg-type]
-    room.shapes.append(panel)
+    bars = (d.between(0.06, 0.2), d.between(0.12, 0.35))
+    room.shapes.append(Panel((x, y, z), frame, size, texture, shape, *bars))
 
 
 def _pictures(room: Room, z: float) -> None:

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.simulation import tracing
-from dfdbench.simulation.raycast import Ball, Board, Floor, Texture
+from dfdbench.simulation.raycast import Ball, Board, Floor, Surface, Texture
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
+Outline = Literal["rectangle", "disc", "lattice"]
 #: The directions of a surface's right, of its bottom and of what lies behind it; unit vectors at
 #: right angles.
 Frame = tuple[Vector, Vector, Vector]
@@ -57,7 +58,7 @@ class Panel:
     frame: Frame
     size: tuple[float, float]
     texture: Texture
-    shape: Literal["rectangle", "disc", "lattice"] = "rectangle"
+    shape: Outline = "rectangle"
     pitch: float = 1.0
     bar: float = 1.0
     closed: bool = False
@@ -82,7 +83,8 @@ class Round:
     half_height: float | None = None
 
 
-Shape = Panel | Round | Board | Floor | Ball
+#: What can be packed; of other surfaces those of `dfdbench.simulation.raycast`.
+Shape = Panel | Round | Surface
 
 
 class Scene(NamedTuple):

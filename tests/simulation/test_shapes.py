@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from dfdbench.simulation.raycast import Board, Texture
 from dfdbench.simulation.rooms import upright
@@ -9,22 +8,16 @@ PLAIN = Texture("plain", 10)
 PHOTOGRAPHS = {"plain": np.ones((4, 4, 3))}
 
 
-@pytest.mark.parametrize(
-    "shape",
-    [
-        Panel((1, 2, 3), upright(0.7), (2, 4), PLAIN),
-        Board((1, 2, 3), (2, 4), PLAIN, slant=0.5, tilt=-0.3),
-    ],
-)
-def test_a_hull_holds_the_corners(shape: Shape) -> None:
-    hull = pack([shape], PHOTOGRAPHS).hull(0)
-    if isinstance(shape, Board):
-        corners = [(1 + x, 2 + y, 3 + 0.5 * x - 0.3 * y) for x in (-1, 1) for y in (-2, 2)]
-    else:
-        (a, _, b), _, _ = shape.frame
-        corners = [(1 + x * a, 2 + y, 3 + x * b) for x in (-1, 1) for y in (-2, 2)]
-    for corner in corners:
-        assert np.abs(hull - corner).sum(axis=1).min() < 1e-6
+def test_a_hull_holds_the_corners() -> None:
+    panel = Panel((1, 2, 3), upright(0.7), (2, 4), PLAIN)
+    board = Board((1, 2, 3), (2, 4), PLAIN, slant=0.5, tilt=-0.3)
+    (a, _, b), _, _ = panel.frame
+    shapes: dict[Shape, tuple[float, float, float]] = {panel: (a, b, 0.0), board: (1, 0.5, -0.3)}
+    for shape, (right, ahead, fall) in shapes.items():
+        hull = pack([shape], PHOTOGRAPHS).hull(0)
+        for x, y in ((-1, -2), (-1, 2), (1, -2), (1, 2)):
+            corner = (1 + x * right, 2 + y, 3 + ahead * x + fall * y)
+            assert np.abs(hull - corner).sum(axis=1).min() < 1e-6
 
 
 def test_surfaces_share_a_texture_and_know_their_own() -> None:
