@@ -18,6 +18,7 @@ _LAMP_POINTS = 24
 _SKY_RAYS = 48
 _FEWEST, _MOST = 3, 160  # steps along a surface's side
 _FINE = 2.0**26  # places are whole parts of a metre of this: sines may differ in their last bit
+_SHADE_SPACING = 0.02  # metres
 _LIGHT_FINE = 2.0**14
 _MARGIN = 0.3  # metres past what is seen
 _GOLDEN = (math.sqrt(5) - 1) / 2
@@ -82,16 +83,7 @@ def lit(scene: Scene, light: Light, slope: tuple[float, float], spacing: float =
     its distance, times the share of its points that are not hidden. Ambient light is that of an
     even sky, less most of the share that is hidden within `Light.reach`. No light is reflected.
     """
-    charts, places, normals = [], [], []
-    first = 0
-    for surface in range(len(scene.kinds)):
-        (height, width), half, points, normal = _nodes(scene, surface, spacing)
-        charts.append((first, width, height, *half))
-        places.append(points)
-        normals.append(normal)
-        first += width * height
-    points = np.rint(np.concatenate(places) * _FINE) / _FINE
-    facing = np.rint(np.concatenate(normals) * _FINE) / _FINE
+    charts, points, facing = _places(scene, spacing)
     beyond = np.abs(points[:, :2]) - points[:, 2:] * np.array(slope)
     seen = (beyond.max(axis=1) < _MARGIN) & (points[:, 2] > -_MARGIN)
     out = np.zeros(int(seen.sum()))
@@ -112,7 +104,40 @@ def lit(scene: Scene, light: Light, slope: tuple[float, float], spacing: float =
     )
     lightmap = np.full(len(points), light.ambient, np.float32)
     lightmap[seen] = np.rint(out * _LIGHT_FINE) / _LIGHT_FINE
-    return scene._replace(charts=np.array(charts, np.float64), lightmap=lightmap)
+    return scene._replace(charts=charts, lightmap=lightmap)
+
+
+def shaded(scene: Scene, direction: Vector, ambient: float) -> Scene:
+    """Return a scene shaded by a lamp infinitely far away, without shadows, as the demo scenes are.
+
+    Parameters
+    ----------
+    scene : Scene
+        From `dfdbench.simulation.shapes.pack`.
+    direction : tuple of float
+        Where the light comes from, a unit vector.
+    ambient : float
+        Share of the light that falls everywhere alike.
+    """
+    charts, _, normals = _places(scene, _SHADE_SPACING)
+    facing = sum(normals[:, axis] * direction[axis] for axis in range(3))
+    light = ambient + (1 - ambient) * np.maximum(facing, 0)
+    return scene._replace(charts=charts, lightmap=light.astype(np.float32))
+
+
+def _places(scene: Scene, spacing: float) -> tuple[Floats, Floats, Floats]:
+    """Return each surface's chart, and all places and normals that they consist of."""
+    charts, places, normals = [], [], []
+    first = 0
+    for surface in range(len(scene.kinds)):
+        (height, width), half, points, normal = _nodes(scene, surface, spacing)
+        charts.append((first, width, height, *half))
+        places.append(points)
+        normals.append(normal)
+        first += width * height
+    points = np.rint(np.concatenate(places) * _FINE) / _FINE
+    facing = np.rint(np.concatenate(normals) * _FINE) / _FINE
+    return np.array(charts, np.float64), points, facing
 
 
 def _balls_around(scene: Scene) -> Floats:

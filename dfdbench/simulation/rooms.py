@@ -398,23 +398,31 @@ def _shell(room: Room) -> None:
     for x, way in ((room.left, minus(across)), (room.right, across)):
         frame = (away if x < 0 else minus(away), down, way)
         room.flat((x, middle[1], middle[2]), frame, (depth, tall), other)
-    level = (across, away, down)
-    room.flat((middle[0], room.floor, middle[2]), level, (width, depth), room.texture(_GROUNDS))
+    ground = room.texture(_GROUNDS)
+    room.flat((middle[0], room.floor, middle[2]), (across, away, down), (width, depth), ground)
+    _ceiling(room, (width, depth), may_be_vault=not round_back)
+
+
+def _ceiling(room: Room, size: tuple[float, float], may_be_vault: bool) -> None:
+    d, (width, depth) = room.draws, size
+    middle = ((room.left + room.right) / 2, 0.0, room.back / 2 - 0.75)
+    across, down, away = upright(0)
     ceiling = room.texture(_CEILINGS)
     kind = d.whole(0, 3)
-    if kind == 0 and not round_back:  # a barrel vault
+    if kind == 0 and may_be_vault:
         radius = width / 2
         frame = (down, minus(away), minus(across))
         centre = (middle[0], room.top + radius * 0.6, middle[2])
         room.shapes.append(Round(centre, frame, radius, ceiling, depth / 2))
-    elif kind == 1:  # a roof that slants to one side
+    elif kind == 1:
+        # A roof that slants to one side.
         slope = d.between(0.3, 1.0) * d.one_of((-1, 1))
         length = math.sqrt(1 + slope * slope)
         frame = ((1 / length, slope / length, 0.0), away, (slope / length, -1 / length, 0.0))
         low = room.top + abs(slope) * 0.15
         room.flat((middle[0], low, middle[2]), frame, (width * 2, depth), ceiling)
     else:
-        room.flat((middle[0], room.top, middle[2]), level, (width, depth), ceiling)
+        room.flat((middle[0], room.top, middle[2]), (across, away, down), size, ceiling)
         if d.chance(0.4):
             beam = room.texture(("wood", "plain"))
             for number in range(d.whole(2, 5)):
@@ -426,7 +434,7 @@ def _furnish(room: Room, slope: tuple[float, float]) -> None:
     """Put things at places spread over the view, from near to far."""
     d = room.draws
     for _ in range(d.whole(7, 14)):
-        z = 0.75 * (max(room.back - 0.4, 1.2) / 0.75) ** d.share()
+        z = _fine(0.75 * (max(room.back - 0.4, 1.2) / 0.75) ** d.share())
         x = z * d.between(-slope[0], slope[0]) * 1.1
         y = z * d.between(-slope[1], slope[1])
         x = min(max(x, room.left + 0.25), room.right - 0.25)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dfdbench.simulation import tracing
-from dfdbench.simulation.lighting import Lamp, Light, lit
+from dfdbench.simulation.lighting import Lamp, Light, lit, shaded
 from dfdbench.simulation.raycast import Texture
 from dfdbench.simulation.rooms import upright
 from dfdbench.simulation.shapes import UPRIGHT, Panel, Round, Scene, Shape, pack
@@ -51,3 +51,12 @@ def test_a_ball_is_lit_on_the_side_of_the_lamp() -> None:
     )
     assert at(scene, 0.5 * np.pi / 2, 0) == pytest.approx(9 / 2.5**2 + 0.1, rel=0.02)
     assert at(scene, -0.5 * np.pi / 2, 0) == pytest.approx(0.1, abs=1e-3)
+
+
+def test_a_far_lamp_shades_by_the_angle_and_casts_no_shadow() -> None:
+    ball = Round((0, 0, 2), UPRIGHT, 0.5, PLAIN)
+    scene = shaded(pack([WALL, ball], {"plain": np.ones((4, 4, 3))}), (0.0, -0.6, -0.8), 0.5)
+    assert at(scene, 0, 0) == pytest.approx(0.5 + 0.5 * 0.8)
+    assert at(scene, 0, -0.3, surface=1) == pytest.approx(
+        0.5 + 0.5 * (0.6 * 0.6 + 0.8 * 0.8), abs=2e-3
+    )
