@@ -20,7 +20,7 @@ from dfdbench.board.submission import require_fit_to_submit, require_submittable
 from dfdbench.building.build import build_store
 from dfdbench.building.obtaining import obtain
 from dfdbench.building.plan import plan_build
-from dfdbench.datasets.catalog import find_manifest, released_manifests
+from dfdbench.datasets.catalog import find_manifest, of_seed, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.datasets.store_place import default_store
@@ -57,6 +57,7 @@ def build(
     steps: tuple[int, int] | None = None,
     mirrors: Sequence[str] = (),
     offline: bool = False,
+    seed: int | None = None,
     workers: int | None = None,
     cache: Path | None = None,
     on_scene: Progress | None = None,
@@ -79,6 +80,8 @@ def build(
         Addresses to download from before the site.
     offline : bool
         Use only what was fetched before.
+    seed : int, optional
+        Of ``unseen`` and ``unseen-stack``: what the rooms are drawn from, 0 if not given.
     workers : int, optional
         How many threads; by default one per processor core.
     cache : Path, optional
@@ -101,7 +104,7 @@ def build(
     >>> build("demo")  # doctest: +SKIP
     <demo-1: 162 pairs of 9 scenes>
     """
-    plan = plan_build(find_manifest(name), store, recipe, steps, cache)
+    plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, steps, cache)
     files = obtain(plan, Path(source) if source else None, mirrors, offline, cache).source
     pool = Threads(workers) if workers else None
     report = build_store(plan.manifest, files, plan.place, plan.recipe, pool, on_scene)
