@@ -97,12 +97,10 @@ class RunPlan:
             "seed": self.options.seed,
             "software": software(),
             "used": self.method.used,
+            # The same method, parameters and data without them are another run.
+            "given_blur": self.store.manifest.on_track and "recipe" in self.method.uses,
+            "fitted_sha256": fit_sha256(self.options.fitted) if self.options.fitted else None,
         }
-        if self.store.manifest.on_track and "recipe" in self.method.uses:
-            # The same method, parameters and data without it are another run.
-            identity["told"] = True
-        if self.options.fitted is not None:
-            identity["fitted_sha256"] = fit_sha256(self.options.fitted)
         return dict(json.loads(json.dumps(identity)))
 
     def differs_from(self, before: Mapping[str, Any]) -> list[str]:
