@@ -501,8 +501,10 @@ def draw_room(seed: int, number: int) -> Scene:
 
 
 def _fits(metres: NDArray[np.float32]) -> bool:
+    if metres.min() < NEAR or metres.max() > FAR:
+        return False
     near, far = np.quantile(metres, (0.05, 0.95))
-    return bool(metres.min() >= NEAR and metres.max() <= FAR and far >= SPREAD * near)
+    return bool(far >= SPREAD * near)
 
 
 def _photograph(room: Room, name: str) -> Floats:

@@ -35,7 +35,7 @@ def in_front_of_black(board: Board) -> Scene:
 
 
 def dot(z: float, x: float = 0.0, pixels: float = 1.0) -> Scene:
-    """A white disc of so many pixels across, seen at x metres per metre of z."""
+    """Return a white disc of so many pixels across, seen at x metres per metre of z."""
     size = pixels * PITCH / FOCAL * z
     return in_front_of_black(Board((x * z, 0, z), (size, size), WHITE, shape="disc"))
 
