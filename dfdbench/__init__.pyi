@@ -1,6 +1,4 @@
 from .api import (
-    Comparison,
-    Run,
     build,
     compare,
     list_datasets,
@@ -12,9 +10,11 @@ from .api import (
     score,
 )
 from .board.board import Board, leaderboard
-from .datasets.dataset import Capture, Captures, Dataset, open_dataset
+from .datasets.captures import Capture
+from .datasets.dataset import Captures, Dataset, open_dataset
 from .evaluation.predict import predict
-from .figures.pairs import show
+from .figures.runs import show
+from .report.objects import Comparison, Run
 
 __version__: str
 __all__ = [

@@ -18,8 +18,7 @@ from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.errors import ResultError
 from dfdbench.results.record import Result
 from dfdbench.results.wording import NOTHING
-from dfdbench.tables.table import Table
-from dfdbench.tables.wording import counted, percent
+from dfdbench.tables.table import Table, counted, percent
 
 _BAND = 16
 _BANDS = np.arange(LEVELS).reshape(-1, _BAND)
@@ -99,7 +98,7 @@ def depth_errors(store: Dataset, result: Result, folder: Path, name: str) -> Dep
 def constant_errors(store: Dataset, result: Result, level: float, name: str) -> DepthErrors:
     """Return the errors that one level everywhere makes on the pairs of a run."""
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
-    depths = ((pair.id, *store.read_depth(pair.pair)) for pair in evaluated)
+    depths = ((pair.id, *store.read_levels(pair.pair)) for pair in evaluated)
     pairs = (
         (i, depth, valid, np.full(depth.shape, level, np.float32)) for i, depth, valid in depths
     )

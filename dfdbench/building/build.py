@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import xarray
-from numpy.typing import NDArray
 from upath import UPath
 
-from dfdbench.blur.formation import form_pair
+from dfdbench.blur.formation import focus_levels, form_pair, form_stack
 from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.building.plan import NamedRecipe, refuse_another_set, refuse_recipe_on_track
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
+from dfdbench.datasets.captures import BY_IMAGE, OF_CAMERA, PAIR, ROLES, ImageFacts, Role
+from dfdbench.datasets.depth_scale import Rig
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
 from dfdbench.errors import Problem, SourceError
@@ -183,8 +184,8 @@ def scene_dataset(
         Where there are a recipe and captured images, or neither.
     """
     axes = manifest.axes
-    infocus, defocus = images.infocus, images.defocus
-    if (defocus is None) == (blur is None):
+    captured = "defocus" in images.facts.roles
+    if captured == (blur is not None):
         raise SourceError(
             "either the source captures defocus or a recipe makes it",
             where=manifest.stem,
@@ -192,18 +193,51 @@ def scene_dataset(
             fix="the source's captures_defocus must say what its read gives",
         )
     if blur is not None:
-        infocus, defocus = _synthesised(manifest, scene, images, blur)
-    pair_axes, depth_axes = tuple(axes), tuple(manifest.depth.axes)
+        images = _synthesised(manifest, scene, images, blur)
+    facts, known = images.facts, _known(images.facts, manifest)
+    extent = (*(len(values) for values in axes.values()), len(facts.roles))
     variables: dict[str, tuple[tuple[str, ...], Any]] = {
-        "infocus": ((*pair_axes, "y", "x", "channel"), infocus),
-        "defocus": ((*pair_axes, "y", "x", "channel"), defocus),
-        "depth": ((*depth_axes, "y", "x"), images.depth),
-        "valid": ((*depth_axes, "y", "x"), images.valid),
-        "available": (pair_axes, images.available),
+        "images": ((*axes, "image", "y", "x", "channel"), images.images),
+        "depth": ((*manifest.depth.axes, "y", "x"), images.depth),
+        "available": (tuple(axes), images.available),
     }
-    coordinates = {axis: np.asarray(values, np.int64) for axis, values in axes.items()}
+    coordinates: dict[str, Any] = {
+        axis: np.asarray(values, np.int64) for axis, values in axes.items()
+    }
+    coordinates["role"] = ("image", np.array([ROLES.index(role) for role in facts.roles], np.uint8))
+    coordinates |= {
+        name: ((*axes, "image"), np.broadcast_to(known[name], extent)) for name in BY_IMAGE
+    }
+    coordinates |= {name: ((), known[name]) for name in OF_CAMERA}
     told: dict[str, Any] = {"found": dict(images.found)} if images.found else {}
     return xarray.Dataset(variables, coords=coordinates, attrs=told)
+
+
+def _known(facts: ImageFacts, manifest: Manifest) -> dict[str, Any]:
+    """Return what is known of the images: by the source, or else by the manifest."""
+    rig = manifest.rig or Rig()
+    by_role = {"infocus": rig.infocus_f_number, "defocus": rig.defocus_f_number}
+    stated: dict[str, Any] = {
+        "f_number": [_number(by_role[role]) for role in facts.roles],
+        "focus_distance": np.full(len(facts.roles), _number(rig.focus_distance)),
+        "focus_depth": np.nan,
+        "focal_length": _number(rig.focal_length),
+        "pixel_pitch": _number(rig.pixel_pitch),
+    }
+    known: dict[str, Any] = {}
+    for name, value in stated.items():
+        own = getattr(facts, name)
+        known[name] = np.where(np.isfinite(own), own, value)
+    if manifest.depth.scale is not None:
+        focused = manifest.depth.of_metres(known["focus_distance"])
+        known["focus_depth"] = np.where(
+            np.isfinite(known["focus_depth"]), known["focus_depth"], focused
+        )
+    return known
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
 
 
 def _attributes(manifest: Manifest, source: Source, made_by: NamedRecipe | None) -> dict[str, Any]:
@@ -266,23 +300,37 @@ def _recipe_of(
 
 def _synthesised(
     manifest: Manifest, scene: str, images: SceneImages, blur: BlurRecipe
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return a scene's in-focus and defocus images; the former change on a track only."""
+) -> SceneImages:
+    """Return a scene with its defocus images; the in-focus ones change on a track only."""
     on = find_degradation(manifest.degradation) if manifest.on_track else None
-    infocus = images.infocus if on is None else np.zeros_like(images.infocus)
-    defocus = np.zeros_like(images.infocus)
+    planes = on.formation.planes if on else 0
+    sharp = images.infocus
+    made = np.zeros((*sharp.shape[:-3], 1 + (planes or 1), *sharp.shape[-3:]), np.uint8)
+    levels = manifest.depth.levels_of(images.depth)
     for place in np.ndindex(images.available.shape):
         if images.available[place]:
             at = dict(zip(manifest.axes, place, strict=True))
-            depth = images.depth[tuple(at[axis] for axis in manifest.depth.axes)]
+            depth = levels[tuple(at[axis] for axis in manifest.depth.axes)]
             if manifest.depth.grows_with == "distance":
                 depth = LAST_LEVEL - depth
             if on is None:
-                defocus[place] = synthesize(images.infocus[place], depth, blur)
+                made[place] = sharp[place], synthesize(sharp[place], depth, blur)
+            elif planes:
+                made[place][0] = sharp[place]
+                made[place][1:] = form_stack(sharp[place], depth, blur, planes)
             else:
                 values = tuple((axis, manifest.axes[axis][index]) for axis, index in at.items())
-                name = Pair(scene, values).id
-                infocus[place], defocus[place] = form_pair(
-                    images.infocus[place], depth, blur, on, name
-                )
-    return infocus, defocus
+                made[place] = form_pair(sharp[place], depth, blur, on, Pair(scene, values).id)
+    if not planes or on is None:
+        return replace(images, images=made, facts=replace(images.facts, roles=PAIR))
+    focus = np.array([np.nan, *focus_levels(planes)])
+    if manifest.depth.grows_with == "distance":
+        focus = LAST_LEVEL - focus
+    defocus: Role = "defocus"
+    roles: tuple[Role, ...] = ("infocus", *(defocus for _ in range(planes)))
+    scale, first = manifest.depth.scale, 0 if on.formation.infocus else 1
+    metres = np.full(len(focus), np.nan) if scale is None else scale.to_metres(focus)
+    facts = replace(
+        images.facts, roles=roles[first:], focus_depth=focus[first:], focus_distance=metres[first:]
+    )
+    return replace(images, images=made[..., first:, :, :, :], facts=facts)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import DfdbenchError, MethodError, Problem
 from dfdbench.methods.importing import error_of
-from dfdbench.methods.method import Method
+from dfdbench.methods.method import CaptureImages, Method
 from dfdbench.methods.process_state import process_kept, seeded
 
 #: What a fit may return: numbers and arrays of numbers by name.
@@ -26,19 +26,15 @@ Learned = dict[str, bool | int | float | NDArray[Any]]
 _EXPECTED = "a mapping of names to numbers or NumPy arrays of numbers, or None"
 
 
-class TrainingPair(Protocol):
-    """What a fit sees of a pair: images (y, x, 3) of uint8, depth levels (y, x), where known."""
+class TrainingPair(CaptureImages, Protocol):
+    """What a fit sees of a capture."""
 
     @property
-    def infocus(self) -> NDArray[np.uint8]:
-        """The sharp image, RGB."""
+    def depth(self) -> NDArray[np.float32]:
+        """Depth in the data set's unit, shape (y, x); NaN where it is not known."""
 
     @property
-    def defocus(self) -> NDArray[np.uint8]:
-        """The blurred image, RGB."""
-
-    @property
-    def depth(self) -> NDArray[np.uint8]:
+    def levels(self) -> NDArray[np.uint8]:
         """Depth levels."""
 
     @property
@@ -87,7 +83,7 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
     ...     def __call__(self, infocus, defocus):
     ...         return np.full(infocus.shape[:2], self.level)
     >>> from types import SimpleNamespace
-    >>> depth = np.full((2, 2), 90, np.uint8)
+    >>> depth = np.full((2, 2), 90, np.float32)
     >>> pair = SimpleNamespace(depth=depth, valid=depth > 0)
     >>> teach(Method("mean", "m:Mean", Mean()), [pair, pair]).learned
     {'level': 90.0}

@@ -16,7 +16,7 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.simulation.photographs import GAMMA, near_normal_numbers, photograph
 from dfdbench.simulation.raycast import Surface, View, look
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 Floats = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ class DemoScenes:
                     seed = (_SEED, number, view, illumination, exposure)
                     infocus[v, i, e] = photograph_light(light * _GAINS[exposure], seed)
         unknown = self._manifest.depth.unknown
-        return SceneImages(infocus, depth, depth != unknown, np.ones(extent, bool))
+        return SceneImages.of_pairs(infocus, depth, depth != unknown, np.ones(extent, bool))
 
 
 def _problems_of(manifest: Manifest) -> Iterator[Problem]:
