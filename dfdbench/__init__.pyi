@@ -12,7 +12,8 @@ from .api import (
     score,
 )
 from .board.board import Board, leaderboard
-from .datasets.dataset import Capture, Captures, Dataset, open_dataset
+from .datasets.captures import Capture
+from .datasets.dataset import Captures, Dataset, open_dataset
 from .evaluation.predict import predict
 from .figures.pairs import show
 

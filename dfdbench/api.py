@@ -18,8 +18,9 @@ from dfdbench.blur.tracks import CLEAN
 from dfdbench.building.build import build_store
 from dfdbench.building.obtaining import obtain
 from dfdbench.building.plan import plan_build
+from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.catalog import find_manifest, released_manifests
-from dfdbench.datasets.dataset import Capture, Dataset, open_dataset
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import InputError, ResultError
 from dfdbench.evaluation.evaluate import evaluate

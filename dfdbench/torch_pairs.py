@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
+from dfdbench.datasets.captures import BY_IMAGE
 from dfdbench.datasets.dataset import WHOLE, Region, open_dataset
 from dfdbench.errors import InputError
 from dfdbench.system.location import Place
@@ -82,12 +83,15 @@ class TorchPairs(Dataset[dict[str, torch.Tensor]]):
 
     def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
         images = self._pairs.crop(index, self._region(index))
-        return {
-            "infocus": torch.from_numpy(np.ascontiguousarray(images.infocus.transpose(2, 0, 1))),
-            "defocus": torch.from_numpy(np.ascontiguousarray(images.defocus.transpose(2, 0, 1))),
-            "depth": torch.from_numpy(images.depth),
+        item = {
+            "depth": torch.from_numpy(np.nan_to_num(images.depth)),
             "valid": torch.from_numpy(images.valid),
         }
+        first = torch.from_numpy(np.ascontiguousarray(images.images.transpose(0, 3, 1, 2)))
+        if images.is_pair:
+            return item | {"infocus": first[0], "defocus": first[1]}
+        known = {name: images.stack[name].values.astype(np.float32) for name in BY_IMAGE}
+        return item | {"images": first} | {name: torch.from_numpy(known[name]) for name in known}
 
     def set_epoch(self, epoch: int) -> None:
         """Crop at other places: those of this epoch, a number from 0; set it between epochs."""

@@ -33,14 +33,14 @@ def main(dataset: str, folder: Path, *ranges: str) -> None:
         images = store.read(pair)
         prediction = read_prediction(folder, pair, store.shape_of(pair.scene))
         assert prediction is not None, f"no prediction of {pair.id}"
-        found = smallest_step(images.infocus, images.depth, images.valid, store.recipe)
-        error = np.abs(prediction - images.depth)[images.valid]
+        found = smallest_step(images.infocus, images.levels, images.valid, store.recipe)
+        error = np.abs(prediction - images.levels)[images.valid]
         shares.append(found.share_above(1))
         coarse.append(found.share_above(32))
         means.append(error.mean())
         steps.append(found.step[images.valid])
         errors.append(error)
-        depths.append(images.depth[images.valid])
+        depths.append(images.levels[images.valid])
     for bound, values in ((1, shares), (32, coarse)):
         rank = spearmanr(values, means).statistic
         print(f"share above step {bound} against mean error, {len(means)} pairs: rank {rank:.2f}")

@@ -14,7 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.datasets.dataset import Capture, Dataset
+from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.folder import read_prediction
 from dfdbench.results.record_file import RESULT, load_result

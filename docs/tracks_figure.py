@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from dfdbench.blur.formation import form_pair
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.blur.tracks import TRACKS, find_degradation
-from dfdbench.datasets.dataset import Capture, Dataset
+from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.dataset import Dataset
 
 SEVERITIES = (1, 2, 3)
 SHOWN = (96, 128)
@@ -26,7 +27,7 @@ LARGER = 4
 
 def part_with_edges(images: Capture) -> tuple[slice, slice]:
     """Return the part of a pair with the most depth edges, where tracks differ most."""
-    depth = images.depth.astype(np.int64)
+    depth = images.levels.astype(np.int64)
     edges = np.zeros(depth.shape)
     edges[:, 1:] = np.minimum(np.abs(np.diff(depth, axis=1)), 60) * images.valid[:, 1:]
     corners = [
@@ -45,7 +46,7 @@ def defocus_images(store: Dataset, images: Capture, track: str) -> list[NDArray[
     """Return a pair's defocus image, clean and at each severity of a track."""
     if store.recipe is None:
         raise SystemExit(f"{store.path}: needs a data set whose blur recipe is known")
-    depth = images.depth
+    depth = images.levels
     if store.manifest.depth.grows_with == "distance":
         depth = LAST_LEVEL - depth
     return [

@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dfdbench.datasets.dataset import Capture, open_dataset
+from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.dataset import open_dataset
 from dfdbench.methods.registry import load
 from dfdbench.methods.s_transform import STransform
 from dfdbench.metrics.scores import nmae

@@ -251,7 +251,7 @@ def test_a_store_and_a_run_of_an_older_zarr_run_nothing(
 @pytest.mark.parametrize("name", ["pickle", "numcodecs.pickle", "numcodecs.Pickle"])
 def test_a_store_names_no_codec_that_runs_code(tiny_store: Dataset, trap: Trap, name: str) -> None:
     pair = tiny_store.pairs("One")[0]
-    folder = Path(str(tiny_store.path)) / "One/infocus"
+    folder = Path(str(tiny_store.path)) / "One/images"
     content = json.loads((folder / "zarr.json").read_text())
     content["codecs"] = [{"name": name, "configuration": {"id": "pickle"}}]
     (folder / "zarr.json").write_text(json.dumps(content))

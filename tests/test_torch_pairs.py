@@ -18,7 +18,7 @@ def test_whole_pairs(tiny_store: Dataset) -> None:
     assert item["infocus"].dtype == torch.uint8
     assert item["infocus"].shape == (3, 24, 31)
     assert np.array_equal(item["defocus"].permute(1, 2, 0).numpy(), images.defocus)
-    assert np.array_equal(item["depth"].numpy(), images.depth)
+    assert np.array_equal(item["depth"].numpy(), np.where(images.valid, images.depth, 0))
     assert np.array_equal(item["valid"].numpy(), images.valid)
 
 

@@ -99,7 +99,7 @@ def depth_errors(store: Dataset, result: Result, folder: Path, name: str) -> Dep
 def constant_errors(store: Dataset, result: Result, level: float, name: str) -> DepthErrors:
     """Return the errors that one level everywhere makes on the pairs of a run."""
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
-    depths = ((pair.id, *store.read_depth(pair.pair)) for pair in evaluated)
+    depths = ((pair.id, *store.read_levels(pair.pair)) for pair in evaluated)
     pairs = (
         (i, depth, valid, np.full(depth.shape, level, np.float32)) for i, depth, valid in depths
     )

@@ -76,7 +76,7 @@ def scene_hashes(store: Dataset, scenes: Iterable[str]) -> dict[str, Hashes]:
     """
     hashes: dict[str, Hashes] = {}
     for scene in scenes:
-        with store.reading(f"{scene}/infocus or available"):
+        with store.reading(f"{scene}/images or available"):
             hashes[scene] = _hashes_of(store, scene)
     return hashes
 
@@ -91,7 +91,7 @@ def _hashes_of(store: Dataset, scene: str) -> Hashes:
         tuple(place[: len(views)]): place
         for place in map(tuple, np.argwhere(arrays["available"].transpose(*order).values))
     }
-    infocus = arrays["infocus"].transpose(*order, "y", "x", "channel")
+    infocus = arrays["images"][{"image": 0}].transpose(*order, "y", "x", "channel")
     found = {}
     for view, place in last.items():
         at = [f"{axis}{manifest.axes[axis][i]}" for axis, i in zip(views, view, strict=True)]

@@ -191,7 +191,7 @@ def kept_predictions(
     problems = []
     evaluated = [pair for pair in result.pairs if pair.status == "ok"]
     for pair in evaluated:
-        depth, valid = store.read_depth(pair.pair)
+        depth, valid = store.read_levels(pair.pair)
         prediction = read_prediction(folder, pair.pair, depth.shape)
         if prediction is None:
             problems.append(("no prediction was kept", pair.id))

@@ -216,18 +216,17 @@ def depth_maps(store: Dataset, scene: str) -> tuple[NDArray[np.uint8], Mask]:
         If they cannot be read, or are not what was built.
     """
     # Lost parts of an array read as zeros: only the digest tells them from depths.
-    with store.reading(f"{scene}/depth or valid"):
-        arrays = store.to_xarray(scene)
-        found = {name: np.asarray(arrays[name].values) for name in ("depth", "valid")}
+    with store.reading(f"{scene}/depth"):
+        arrays = store.stored(scene)
+        depth = np.asarray(arrays["depth"].values)
     recorded = scene_record(arrays.attrs, f"{store.path}, {scene}").array_digests
-    for name, values in found.items():
-        if array_digest(name, tuple(map(str, arrays[name].dims)), values) != recorded.get(name):
-            raise StoreError(
-                "the store is damaged: an array holds other values than were built",
-                where=f"{store.path}, {scene}/{name}",
-                fix=f"dfdbench verify {store.path} lists all that is damaged",
-            )
-    return found["depth"], found["valid"]
+    if array_digest("depth", tuple(map(str, arrays["depth"].dims)), depth) != recorded["depth"]:
+        raise StoreError(
+            "the store is damaged: an array holds other values than were built",
+            where=f"{store.path}, {scene}/depth",
+            fix=f"dfdbench verify {store.path} lists all that is damaged",
+        )
+    return store.manifest.depth.levels_of(depth), np.isfinite(depth)
 
 
 def side_of(

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import xarray
-from numpy.typing import NDArray
 from upath import UPath
 
 from dfdbench.blur.formation import form_pair
@@ -17,6 +16,8 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.building.plan import NamedRecipe, refuse_another_set, refuse_recipe_on_track
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
+from dfdbench.datasets.captures import BY_IMAGE, OF_CAMERA, PAIR, ROLES
+from dfdbench.datasets.depth_scale import Rig
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
 from dfdbench.errors import Problem, SourceError
@@ -183,8 +184,8 @@ def scene_dataset(
         Where there are a recipe and captured images, or neither.
     """
     axes = manifest.axes
-    infocus, defocus = images.infocus, images.defocus
-    if (defocus is None) == (blur is None):
+    captured = "defocus" in images.facts.roles
+    if captured == (blur is not None):
         raise SourceError(
             "either the source captures defocus or a recipe makes it",
             where=manifest.stem,
@@ -192,18 +193,45 @@ def scene_dataset(
             fix="the source's captures_defocus must say what its read gives",
         )
     if blur is not None:
-        infocus, defocus = _synthesised(manifest, scene, images, blur)
-    pair_axes, depth_axes = tuple(axes), tuple(manifest.depth.axes)
-    variables: dict[str, tuple[tuple[str, ...], Any]] = {
-        "infocus": ((*pair_axes, "y", "x", "channel"), infocus),
-        "defocus": ((*pair_axes, "y", "x", "channel"), defocus),
-        "depth": ((*depth_axes, "y", "x"), images.depth),
-        "valid": ((*depth_axes, "y", "x"), images.valid),
-        "available": (pair_axes, images.available),
+        images = _synthesised(manifest, scene, images, blur)
+    facts, rig = images.facts, manifest.rig or Rig()
+    by_role = {"infocus": rig.infocus_f_number, "defocus": rig.defocus_f_number}
+    stated: dict[str, Any] = {
+        "f_number": [_number(by_role[role]) for role in facts.roles],
+        "focus_distance": np.full(len(facts.roles), _number(rig.focus_distance)),
+        "focus_depth": np.nan,
+        "focal_length": _number(rig.focal_length),
+        "pixel_pitch": _number(rig.pixel_pitch),
     }
-    coordinates = {axis: np.asarray(values, np.int64) for axis, values in axes.items()}
+    known: dict[str, Any] = {}
+    for name, value in stated.items():
+        own = getattr(facts, name)
+        known[name] = np.where(np.isfinite(own), own, value)
+    if manifest.depth.scale is not None:
+        focused = manifest.depth.of_metres(known["focus_distance"])
+        known["focus_depth"] = np.where(
+            np.isfinite(known["focus_depth"]), known["focus_depth"], focused
+        )
+    extent = (*(len(values) for values in axes.values()), len(facts.roles))
+    variables: dict[str, tuple[tuple[str, ...], Any]] = {
+        "images": ((*axes, "image", "y", "x", "channel"), images.images),
+        "depth": ((*manifest.depth.axes, "y", "x"), images.depth),
+        "available": (tuple(axes), images.available),
+    }
+    coordinates: dict[str, Any] = {
+        axis: np.asarray(values, np.int64) for axis, values in axes.items()
+    }
+    coordinates["role"] = ("image", np.array([ROLES.index(role) for role in facts.roles], np.uint8))
+    coordinates |= {
+        name: ((*axes, "image"), np.broadcast_to(known[name], extent)) for name in BY_IMAGE
+    }
+    coordinates |= {name: ((), known[name]) for name in OF_CAMERA}
     told: dict[str, Any] = {"found": dict(images.found)} if images.found else {}
     return xarray.Dataset(variables, coords=coordinates, attrs=told)
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
 
 
 def _attributes(manifest: Manifest, source: Source, made_by: NamedRecipe | None) -> dict[str, Any]:
@@ -266,23 +294,24 @@ def _recipe_of(
 
 def _synthesised(
     manifest: Manifest, scene: str, images: SceneImages, blur: BlurRecipe
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return a scene's in-focus and defocus images; the former change on a track only."""
+) -> SceneImages:
+    """Return a scene with its defocus images; the in-focus ones change on a track only."""
     on = find_degradation(manifest.degradation) if manifest.on_track else None
-    infocus = images.infocus if on is None else np.zeros_like(images.infocus)
-    defocus = np.zeros_like(images.infocus)
+    sharp = images.infocus
+    infocus = sharp if on is None else np.zeros_like(sharp)
+    defocus = np.zeros_like(sharp)
+    levels = manifest.depth.levels_of(images.depth)
     for place in np.ndindex(images.available.shape):
         if images.available[place]:
             at = dict(zip(manifest.axes, place, strict=True))
-            depth = images.depth[tuple(at[axis] for axis in manifest.depth.axes)]
+            depth = levels[tuple(at[axis] for axis in manifest.depth.axes)]
             if manifest.depth.grows_with == "distance":
                 depth = LAST_LEVEL - depth
             if on is None:
-                defocus[place] = synthesize(images.infocus[place], depth, blur)
+                defocus[place] = synthesize(sharp[place], depth, blur)
             else:
                 values = tuple((axis, manifest.axes[axis][index]) for axis, index in at.items())
                 name = Pair(scene, values).id
-                infocus[place], defocus[place] = form_pair(
-                    images.infocus[place], depth, blur, on, name
-                )
-    return infocus, defocus
+                infocus[place], defocus[place] = form_pair(sharp[place], depth, blur, on, name)
+    both = np.stack([infocus, defocus], axis=-4)
+    return replace(images, images=both, facts=replace(images.facts, roles=PAIR))

@@ -74,7 +74,7 @@ def export_png(
             sharp, depth = (folder / pair.scene / name for name in _names(store.manifest, pair))
             _write(sharp, images.infocus)
             _write(sharp.with_name(f"{sharp.stem}_{blurred}.png"), images.defocus)
-            _write(depth, images.depth)
+            _write(depth, images.levels)
         if on_pair:
             on_pair(number, len(pairs))
     return len(pairs)

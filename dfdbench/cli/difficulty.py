@@ -77,7 +77,7 @@ def difficulty(
 def _difficulty_of(store: Dataset, pair: Pair, noise: int) -> Difficulty:
     images, recipe = store.read(pair), store.recipe
     assert recipe is not None
-    depth = images.depth
+    depth = images.levels
     if store.manifest.depth.grows_with == "distance":
         depth = LAST_LEVEL - depth
     return smallest_step(images.infocus, depth, images.valid, recipe, noise)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-import numpy as np
 import zarr
 from pydantic import BaseModel, Field, ValidationError
 
@@ -117,9 +116,9 @@ def check_attributes(attributes: Mapping[str, Any], where: str) -> None:
 
 
 def require_fit(
-    array: zarr.Array[Any], name: str, manifest: Manifest, sides: tuple[int, ...]
+    array: zarr.Array[Any], name: str, manifest: Manifest, images: tuple[int, ...]
 ) -> None:
-    """Refuse an array that its manifest and its scene's depth map leave no room for.
+    """Refuse an array that its manifest and its scene's images leave no room for.
 
     One of another shape would be read at the wrong places, or beyond its end.
 
@@ -128,20 +127,28 @@ def require_fit(
     array : zarr.Array
         Of a scene.
     name : str
-        ``infocus``, ``defocus``, ``depth``, ``valid`` or ``available``.
+        Which: ``images``, ``depth``, ``available``, or what is known of the images.
     manifest : Manifest
         The store's.
-    sides : tuple of int
-        Rows and columns of the scene's depth map.
+    images : tuple of int
+        Shape of the scene's images, (axes..., image, y, x, channel).
 
     Raises
     ------
     ValueError
-        Where its shape or its type is another.
+        If its shape or its type is another.
     """
-    axes = manifest.depth.axes if name in ("depth", "valid") else manifest.axes
-    image = {"available": (), "infocus": (*sides, 3), "defocus": (*sides, 3)}.get(name, sides)
-    wanted = (*(len(manifest.axes[axis]) for axis in axes), *image)
-    kind = np.dtype(bool if name in ("valid", "available") else np.uint8)
-    if array.shape != wanted or array.dtype != kind:
-        raise ValueError(f"{array.dtype}, shape {array.shape}, where {kind}, {wanted} belongs")
+    extent = tuple(map(len, manifest.axes.values()))
+    count, *sides, _ = images[len(extent) :]
+    depths = (len(manifest.axes[axis]) for axis in manifest.depth.axes)
+    kinds: dict[str, tuple[tuple[int, ...], str]] = {
+        "images": ((*extent, count, *sides, 3), "u1 u2"),
+        "depth": ((*depths, *sides), "f4"),
+        "available": (extent, "b1"),
+        "role": ((count,), "u1"),
+        **dict.fromkeys(("focus_distance", "focus_depth", "f_number"), ((*extent, count), "f8")),
+        **dict.fromkeys(("focal_length", "pixel_pitch"), ((), "f8")),
+    }
+    wanted, types = kinds[name]
+    if array.shape != wanted or array.dtype.str[1:] not in types.split():
+        raise ValueError(f"{array.dtype}, shape {array.shape}, where {types}, {wanted} belongs")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -18,6 +17,7 @@ from upath import UPath
 from zarr.errors import GroupNotFoundError
 
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
+from dfdbench.datasets.captures import BY_IMAGE, OF_CAMERA, ROLES, Capture, ImageFacts
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.damage import DAMAGED, LONGEST, check_attributes, require_fit
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
@@ -33,7 +33,7 @@ from dfdbench.errors import (
     unknown_name,
 )
 from dfdbench.system.location import Place, as_location, exists, is_local, zarr_store
-from dfdbench.system.thumbnails import Thumbnail, depth_map, gallery, heading, photograph
+from dfdbench.system.thumbnails import gallery, heading
 
 if TYPE_CHECKING:
     from dfdbench.datasets.integrity import StoreVerification
@@ -45,43 +45,6 @@ Region = tuple[slice, slice]
 WHOLE: Region = (slice(None), slice(None))
 #: Of so many scenes a notebook shows the first pair.
 _SHOWN = 4
-
-
-@dataclass(frozen=True)
-class Capture:
-    """What a pair holds: two images, the ground truth, and where it is known.
-
-    Parameters
-    ----------
-    pair : Pair
-        Which pair it is.
-    infocus, defocus : ndarray of uint8, shape (y, x, channel)
-        RGB.
-    depth : ndarray of uint8, shape (y, x)
-        Depth levels.
-    valid : ndarray of bool, shape (y, x)
-        True where the depth is known.
-    """
-
-    pair: Pair
-    infocus: NDArray[np.uint8]
-    defocus: NDArray[np.uint8]
-    depth: NDArray[np.uint8]
-    valid: NDArray[np.bool_]
-
-    def _repr_html_(self) -> str:
-        rows, columns = self.depth.shape
-        known = 100 * float(self.valid.mean())
-        facts = f"{columns} × {rows} pixels, depth known at {known:.1f} % of them"
-        return heading(self.pair.id, facts) + gallery([self.thumbnails()])
-
-    def thumbnails(self) -> list[Thumbnail]:
-        """Return the two images and the ground truth as small pictures."""
-        return [
-            photograph(self.infocus, "in-focus"),
-            photograph(self.defocus, "defocus"),
-            depth_map(self.depth, self.valid, "ground truth"),
-        ]
 
 
 class Dataset:
@@ -122,6 +85,7 @@ class Dataset:
         check_attributes(self.attributes, str(self.path))
         self.manifest = manifest_in(self.attributes, str(self.path))
         self._arrays: dict[str, zarr.Array[Any]] = {}
+        self._known: dict[str, dict[str, NDArray[Any]]] = {}
         groups = set(_group_names(self.path, self._root))
         #: The scenes that were built, in the manifest's order.
         self.scenes = tuple(name for name in self.manifest.scene_names if name in groups)
@@ -170,6 +134,13 @@ class Dataset:
 
         Its attributes tell the digest of each array and of the files that it was made from.
         """
+        scene = self.stored(name)
+        with self.reading(f"{name}/role"):
+            roles = [ROLES[number] for number in scene["role"].values]
+        return scene.assign_coords(role=("image", roles))
+
+    def stored(self, name: str) -> xarray.Dataset:
+        """Return one scene's arrays as they are stored: roles are numbers."""
         if name not in self.scenes:
             raise unknown_name("scene of the store", name, self.scenes)
         with self.reading(name):
@@ -196,27 +167,40 @@ class Dataset:
         pair : Pair
             Which pair.
         region : pair of slice
-            Rows and columns; the whole image by default. Two images, a depth map and its mask
-            are decoded, whatever else the scene holds.
+            Rows and columns; the whole image by default. Its images and its depth map are decoded,
+            whatever else the scene holds.
 
         Raises
         ------
         StoreError
             Where an array cannot be decoded.
         """
-        depth, valid = self.read_depth(pair, region)
-        index = self._index(pair, self.manifest.axes)
-        infocus = self._part(pair.scene, "infocus", index, region)
-        defocus = self._part(pair.scene, "defocus", index, region)
-        return Capture(pair, infocus, defocus, depth, valid)
+        at = self._index(pair, self.manifest.axes)
+        depth = self.manifest.depth
+        return Capture(
+            pair,
+            self._part(pair.scene, "images", (*at, slice(None), *region)),
+            self._part(pair.scene, "depth", (*self._index(pair, depth.axes), *region)),
+            self._facts(pair.scene, at),
+            depth,
+        )
 
-    def read_depth(
-        self, pair: Pair, region: Region = WHOLE
-    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """Read one pair's depth levels and where they are known, or a region of them."""
-        index = self._index(pair, self.manifest.depth.axes)
-        depth = self._part(pair.scene, "depth", index, region)
-        return depth, self._part(pair.scene, "valid", index, region)
+    def read_levels(self, pair: Pair) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """Read one pair's depth levels, and where the depth is known."""
+        depth = self.manifest.depth
+        values = self._part(pair.scene, "depth", self._index(pair, depth.axes))
+        return depth.levels_of(values), np.isfinite(values)
+
+    def _facts(self, scene: str, at: tuple[int, ...]) -> ImageFacts:
+        if scene not in self._known:
+            names = ("role", *BY_IMAGE, *OF_CAMERA)
+            self._known[scene] = {name: self._part(scene, name, ...) for name in names}
+        known = self._known[scene]
+        return ImageFacts(
+            tuple(ROLES[number] for number in known["role"]),
+            **{name: known[name][at] for name in BY_IMAGE},
+            **{name: known[name] for name in OF_CAMERA},
+        )
 
     def shape_of(self, scene: str) -> tuple[int, int]:
         """Return the rows and columns of a scene's images."""
@@ -233,14 +217,13 @@ class Dataset:
             array = self._root[key]
             if not isinstance(array, zarr.Array):
                 raise TypeError("not an array")
-            depth = array if name in ("depth", "available") else self._array(scene, "depth")
-            require_fit(array, name, self.manifest, depth.shape[-2:])
+            images = array if name == "images" else self._array(scene, "images")
+            require_fit(array, name, self.manifest, images.shape)
             self._arrays[key] = array
         return self._arrays[key]
 
-    def _part(self, scene: str, name: str, index: tuple[int, ...], region: Region) -> NDArray[Any]:
+    def _part(self, scene: str, name: str, selection: Any) -> NDArray[Any]:
         with self.reading(f"{scene}/{name}"):
-            selection: Any = (*index, *region)
             return np.asarray(self._array(scene, name)[selection])
 
     @contextmanager

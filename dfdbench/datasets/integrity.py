@@ -125,7 +125,7 @@ class _SceneVerifier:
 
     def __call__(self, scene: str) -> _Scene:
         try:
-            dataset = self.store.to_xarray(scene)
+            dataset = self.store.stored(scene)
         except StoreError as error:
             why = f"cannot be opened: {error.problems[0].got}"
             return _Scene(scene, "", 0, (StoreDifference(scene, "", why),))

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from dfdbench.blur.tracks import CLEAN
@@ -59,6 +61,33 @@ class Depth(StrictRecord):
     grows_with: Literal["nearness", "distance"]
     unit: str
     scale: DepthScale | None = None
+
+    @property
+    def kind(self) -> Literal["levels", "metres"]:
+        """What the depth is in: levels 0 to 255, or metres, whose ends `scale` then tells."""
+        return "metres" if self.unit == "metres" else "levels"
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The nearest and the farthest depth, in levels or metres."""
+        if self.kind == "metres" and self.scale is not None:
+            return self.scale.near, self.scale.far
+        return (255.0, 0.0) if self.grows_with == "nearness" else (0.0, 255.0)
+
+    def of_metres(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return distances in metres as depths of this kind; NaN stays, and without a scale all."""
+        if self.kind == "metres":
+            return distance
+        if self.scale is None:
+            return np.full_like(distance, np.nan)
+        levels = self.scale.to_exact_levels(np.where(np.isfinite(distance), distance, 1.0))
+        return np.where(np.isfinite(distance), levels, np.nan)
+
+    def levels_of(self, depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """Return depth of this kind, NaN where unknown, as levels; `unknown` where unknown."""
+        if self.kind == "metres" and self.scale is not None:
+            return self.scale.to_levels(depth, self.unknown)
+        return np.where(np.isfinite(depth), depth, self.unknown).astype(np.uint8)
 
     @property
     def direction(self) -> str:

@@ -197,7 +197,7 @@ def training_mean(store: Dataset) -> float:
         place = (pair.scene, tuple(pair.at[axis] for axis in store.manifest.depth.axes))
         if place not in seen:
             seen.add(place)
-            depth, valid = store.read_depth(pair)
+            depth, valid = store.read_levels(pair)
             total += int(depth[valid].astype(np.int64).sum())
             count += int(valid.sum())
     if not count:

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.datasets.dataset import Capture, Dataset
+from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import MethodError
@@ -202,14 +203,14 @@ def record_of(
     blank = blank_record(images.pair, "failed")
     if prediction.depth is None:
         return blank.model_copy(update={"error": prediction.error, "warnings": warnings})
-    likeness = correlation(images.depth[images.valid], prediction.depth[images.valid])
+    likeness = correlation(images.levels[images.valid], prediction.depth[images.valid])
     if likeness < AGAINST:
         warnings.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")
     if in_unit_range(prediction.depth):
         warnings.append(UNIT_LEVELS)
     crop, scale = store.manifest.network_crop, store.manifest.depth.scale
     scores = {
-        protocol.label: score(protocol, images.depth, images.valid, prediction.depth, crop, scale)
+        protocol.label: score(protocol, images.levels, images.valid, prediction.depth, crop, scale)
         for protocol in protocols
     }
     return blank.model_copy(

@@ -137,7 +137,7 @@ def mask_figure(store: Dataset, result: Result, folder: Path, join: ErrorJoin) -
     for axis, head in zip(grid[0], heads, strict=True):
         axis.set_title(head, fontsize=10)
     for record, axes in zip(rows, grid, strict=True):
-        depth, valid = store.read_depth(record.pair)
+        depth, valid = store.read_levels(record.pair)
         prediction = read_prediction(folder, record.pair, depth.shape)
         assert prediction is not None
         _draw_mask(figure, axes, join, depth, valid, prediction)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.blur.tracks import CLEAN
-from dfdbench.datasets.dataset import Capture
+from dfdbench.datasets.captures import Capture
 from dfdbench.figures.style import (
     COLOURS,
     ERROR_LIMIT,
@@ -145,7 +145,7 @@ def change_figure(
 def _draw_maps(
     figure: Figure, axes: NDArray[Any], images: Capture, predictions: Sequence[NDArray[Any]]
 ) -> None:
-    known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
+    known = images.depth.astype(np.float64)
     levels: dict[str, Any] = {"cmap": "viridis", "interpolation": "nearest"}
     levels |= {"vmin": np.nanmin(known), "vmax": np.nanmax(known)}
     errors: dict[str, Any] = {"cmap": "PuOr", "interpolation": "nearest"}

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dfdbench.datasets.dataset import Capture
+from dfdbench.datasets.captures import Capture
 from dfdbench.figures.style import (
     ERROR_LIMIT,
     brightened,
@@ -56,8 +56,8 @@ def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> 
     Examples
     --------
     >>> from dfdbench.datasets.manifest import Pair
-    >>> grey, level = np.full((6, 8, 3), 90, np.uint8), np.full((6, 8), 40, np.uint8)
-    >>> figure = show(Capture(Pair("Desk", (("view", 1),)), grey, grey, level, level > 0))
+    >>> grey, level = np.full((2, 6, 8, 3), 90, np.uint8), np.full((6, 8), 40, np.float32)
+    >>> figure = show(Capture(Pair("Desk", (("view", 1),)), grey, level))
     >>> [axis.get_title() for axis in figure.axes][:3]
     ['in-focus', 'defocus', 'ground truth']
     """
@@ -83,7 +83,7 @@ def draw_pair(
     prediction: NDArray[np.floating[Any]] | None,
 ) -> None:
     """Draw a pair into three axes, or into five with a prediction; depth and error get scales."""
-    known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
+    known = images.depth.astype(np.float64)
     low, high = depth_span(known)
     levels: dict[str, Any] = {"cmap": "viridis", "vmin": low, "vmax": high}
     errors: dict[str, Any] = {"cmap": "PuOr", "vmin": -ERROR_LIMIT, "vmax": ERROR_LIMIT}

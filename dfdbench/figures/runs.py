@@ -175,7 +175,7 @@ def _depth_counts(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     truth, found = np.zeros(LEVELS), np.zeros(LEVELS)
     for pair in [record.pair for record in result.pairs if record.status == "ok"]:
-        depth, valid = store.read_depth(pair)
+        depth, valid = store.read_levels(pair)
         if (prediction := read_prediction(folder, pair, depth.shape)) is not None:
             truth += np.bincount(depth[valid], minlength=LEVELS)
             found += np.bincount(np.rint(prediction[valid]).astype(np.int64), minlength=LEVELS)

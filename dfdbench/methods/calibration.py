@@ -147,12 +147,12 @@ def _bare_levels(parts: Sequence[Part]) -> NDArray[np.bool_]:
 def _part(pair: TrainingPair, number: int) -> Part:
     # Of a large image one part, another of each pair: left, middle, right, and so on.
     where = []
-    for size, turn in zip(pair.depth.shape, (number // 3, number), strict=True):
+    for size, turn in zip(pair.levels.shape, (number // 3, number), strict=True):
         start = (size - min(size, _SIDE)) * (turn % 3) // 2
         where.append(slice(start, start + _SIDE))
     rows, columns = where
     infocus, defocus = pair.infocus[rows, columns], pair.defocus[rows, columns]
-    depth, valid = pair.depth[rows, columns], pair.valid[rows, columns]
+    depth, valid = pair.levels[rows, columns], pair.valid[rows, columns]
     # One channel, the least noisy of a camera, tells as much of the blur as three.
     middle = slice(infocus.shape[2] // 2, infocus.shape[2] // 2 + 1)
     defocus = defocus[..., middle]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,10 @@ from dfdbench.system.parallel import Processes
 Image = NDArray[np.uint8]
 
 _ORDINARY = "an ordinary pair, 240 × 320"
+if TYPE_CHECKING:
+    import xarray
+
+_FACTS = ("focus_distance", "focus_depth", "f_number")
 _FIT = "fit, on two made pairs"
 _AGAIN = "the same pair again"
 _ELSEWHERE = "the same pair in another process"
@@ -34,8 +38,27 @@ class MadePair(NamedTuple):
 
     infocus: Image
     defocus: Image
-    depth: Image
+    levels: Image
     valid: NDArray[np.bool_]
+
+    @property
+    def depth(self) -> NDArray[np.float32]:
+        """The levels, NaN where not valid."""
+        return np.where(self.valid, self.levels, np.nan).astype(np.float32)
+
+    @property
+    def stack(self) -> xarray.DataArray:
+        """Both images, with nothing known of them but their roles."""
+        import xarray  # half a second, for methods that ask
+
+        return xarray.DataArray(
+            np.stack([self.infocus, self.defocus]),
+            dims=("image", "y", "x", "channel"),
+            coords={"role": ("image", ["infocus", "defocus"])}
+            | {name: ("image", [np.nan] * 2) for name in _FACTS},
+            attrs={"unit": "levels", "near": 255.0, "far": 0.0}
+            | dict.fromkeys(("focal_length", "pixel_pitch"), np.nan),
+        )
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ class FavaroSoatto:
     >>> image = np.random.default_rng(0).integers(0, 256, (64, 120, 3)).astype(np.uint8)
     >>> depth = np.repeat(np.array([[40, 120, 200]], np.uint8), 64, 0).repeat(40, 1)
     >>> defocus = synthesize(image, depth, RECIPES["published"])
-    >>> pair = SimpleNamespace(infocus=image, defocus=defocus, depth=depth, valid=depth > 0)
+    >>> pair = SimpleNamespace(infocus=image, defocus=defocus, levels=depth, valid=depth > 0)
     >>> method = FavaroSoatto()
     >>> method.restore(method.fit([pair]))
     >>> bool(np.abs(method(image, defocus)[32, 20::40] - [40, 120, 200]).max() < 5)
@@ -120,7 +120,7 @@ class FavaroSoatto:
         for index in evenly_spread(len(pairs)):
             pair = pairs[index]
             vectors = self._vectors(pair.infocus, pair.defocus)
-            groups = pair.depth.astype(np.int64) * self._groups // _LEVELS
+            groups = pair.levels.astype(np.int64) * self._groups // _LEVELS
             known = np.zeros_like(pair.valid)
             # Patches that lie within the image.
             inside = (slice(sharp // 2, -(sharp // 2)),) * 2
@@ -136,7 +136,7 @@ class FavaroSoatto:
                 stacked = sharp**2 * stacked - stacked[:, : sharp**2].sum(1, keepdims=True)
                 moments[group] += stacked.T @ stacked
                 counts[group] += rows.size
-                depths[group] += pair.depth[rows, columns].sum(dtype=np.int64)
+                depths[group] += pair.levels[rows, columns].sum(dtype=np.int64)
         enough = np.flatnonzero(counts >= 2 * size)
         if not enough.size:
             raise nothing_to_fit(

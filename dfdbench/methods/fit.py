@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from dfdbench.methods.importing import error_of
 from dfdbench.methods.method import Method
 from dfdbench.methods.process_state import process_kept, seeded
 
+if TYPE_CHECKING:
+    import xarray
+
 #: What a fit may return: numbers and arrays of numbers by name.
 Learned = dict[str, bool | int | float | NDArray[Any]]
 
@@ -27,18 +30,26 @@ _EXPECTED = "a mapping of names to numbers or NumPy arrays of numbers, or None"
 
 
 class TrainingPair(Protocol):
-    """What a fit sees of a pair: images (y, x, 3) of uint8, depth levels (y, x), where known."""
+    """What a fit sees of a capture."""
 
     @property
     def infocus(self) -> NDArray[np.uint8]:
-        """The sharp image, RGB."""
+        """The in-focus image, RGB, shape (y, x, 3)."""
 
     @property
     def defocus(self) -> NDArray[np.uint8]:
-        """The blurred image, RGB."""
+        """The defocus image, RGB, shape (y, x, 3)."""
 
     @property
-    def depth(self) -> NDArray[np.uint8]:
+    def stack(self) -> xarray.DataArray:
+        """All images, dimensions (image, y, x, channel), with what is known of them."""
+
+    @property
+    def depth(self) -> NDArray[np.float32]:
+        """Depth in the data set's unit, shape (y, x); NaN where it is not known."""
+
+    @property
+    def levels(self) -> NDArray[np.uint8]:
         """Depth levels."""
 
     @property
@@ -87,7 +98,7 @@ def teach(method: Method, pairs: Sequence[TrainingPair], seed: int = 0) -> Lesso
     ...     def __call__(self, infocus, defocus):
     ...         return np.full(infocus.shape[:2], self.level)
     >>> from types import SimpleNamespace
-    >>> depth = np.full((2, 2), 90, np.uint8)
+    >>> depth = np.full((2, 2), 90, np.float32)
     >>> pair = SimpleNamespace(depth=depth, valid=depth > 0)
     >>> teach(Method("mean", "m:Mean", Mean()), [pair, pair]).learned
     {'level': 90.0}

@@ -191,7 +191,7 @@ def depth_table(
         known = np.flatnonzero(pair.valid)
         known = known[evenly_spread(known.size, _PIXELS)]
         measures.append(measure(pair.infocus, pair.defocus).ravel()[known])
-        depths.append(pair.depth.ravel()[known])
+        depths.append(pair.levels.ravel()[known])
     measured, depth = np.concatenate([[], *measures]), np.concatenate([[], *depths])
     if not depth.size:
         raise nothing_to_fit(method, "training pairs with known depth", "none")

@@ -100,7 +100,7 @@ def _cards(
     if found is None:
         return []
     images, prediction = found
-    known = np.where(images.valid, images.depth, np.nan).astype(np.float64)
+    known = images.depth.astype(np.float64)
     low, high = float(np.nanmin(known)), float(np.nanmax(known))
     times = brightening(images.infocus)
     place = run.result.dataset.fingerprint, pair.id

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.datasets.dataset import Capture, Dataset, open_dataset
+from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.metrics.protocol import metrics_of
 from dfdbench.results.first_table import shown_protocol

@@ -49,7 +49,7 @@ class TrainingImages:
             images = store.read(pair)
             both = np.concatenate([images.infocus, images.defocus], axis=2)
             pixels.append(torch.from_numpy(np.ascontiguousarray(both.transpose(2, 0, 1))))
-            depth = images.depth.astype(np.int16)
+            depth = images.levels.astype(np.int16)
             if ignore_unknown:
                 depth[~images.valid] = IGNORED
             levels.append(kept.setdefault(depth.tobytes(), torch.from_numpy(depth)))

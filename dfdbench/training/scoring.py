@@ -83,7 +83,7 @@ def mean_scores(
         levels = predict(images.infocus, images.defocus).astype(np.float32)
         crop = store.manifest.network_crop
         for protocol, found in values.items():
-            scores = score(PROTOCOLS[protocol], images.depth, images.valid, levels, crop)
+            scores = score(PROTOCOLS[protocol], images.levels, images.valid, levels, crop)
             for metric in METRICS:
                 if not math.isnan(scores[metric]):
                     found[metric].append(scores[metric])

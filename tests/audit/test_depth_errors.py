@@ -35,7 +35,7 @@ def run(tiny_store: Dataset, tmp_path: Path) -> Run:
 def test_errors_are_those_of_all_known_pixels_by_their_depth(tiny_store: Dataset, run: Run) -> None:
     store = with_metres(Dataset(tiny_store.path))
     found = depth_errors(store, run.result, run.folder, "mine")
-    depths = [store.read_depth(pair) for pair in store.pairs("test")]
+    depths = [store.read_levels(pair) for pair in store.pairs("test")]
     known = np.concatenate([depth[valid] for depth, valid in depths]).astype(float)
     whole = np.ones(256, bool)
     assert found.levels.pixels.sum() == known.size == found.answers.sum()

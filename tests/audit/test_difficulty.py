@@ -105,7 +105,7 @@ def test_the_errors_of_local_follow_it(demo_store: Dataset) -> None:
     predict, steps, errors, shares, means = Local(RECIPE), [], [], [], []
     for pair in demo_store.pairs("Market")[:9]:
         images = demo_store.read(pair)
-        found = smallest_step(images.infocus, images.depth, images.valid, RECIPE)
+        found = smallest_step(images.infocus, images.levels, images.valid, RECIPE)
         error = np.abs(predict(images.infocus, images.defocus) - images.depth)[images.valid]
         steps.append(found.step[images.valid])
         errors.append(error)

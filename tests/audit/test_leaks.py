@@ -105,6 +105,6 @@ def test_a_copied_image_under_another_name_is_found_and_keeps_scenes_together(
 
 
 def test_an_image_that_cannot_be_read_is_told(tiny_store: Dataset) -> None:
-    shutil.rmtree(Path(str(tiny_store.path)) / "Two/infocus")
+    shutil.rmtree(Path(str(tiny_store.path)) / "Two/images")
     with pytest.raises(StoreError, match="cannot be read"):
         scene_hashes(Dataset(tiny_store.path), ["One", "Two"])

@@ -130,7 +130,7 @@ def test_only_a_runs_own_predictions_are_joined(tiny_store: Dataset, tmp_path: P
     record = compare_depths(*sides_of(tiny_store))
     join = join_errors(tiny_store, run.result, run.folder, record)
     assert list(join.pairs) == [pair.id for pair in run.result.pairs]
-    truth = [tiny_store.read_depth(pair)[1].sum() for pair in tiny_store.pairs("test")]
+    truth = [tiny_store.read_levels(pair)[1].sum() for pair in tiny_store.pairs("test")]
     assert join.total.pixels.sum() == sum(truth)
     first = run.result.pairs[0].model_copy(update={"prediction_sha256": "0" * 64})
     edited = run.result.model_copy(update={"pairs": [first, *run.result.pairs[1:]]})

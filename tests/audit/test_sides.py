@@ -63,11 +63,14 @@ def test_a_crop_shows_as_many_pixels_as_it_has_in_eight_orientations() -> None:
 def test_the_crop_expansion_is_about_what_the_thesis_reports(shared_data: Path) -> None:
     # 5.2.1: each image was drawn 8753.74 times, each level used "approximately 422 times more".
     folder = shared_data / "middlebury"
-    source = open_source(find_manifest("middlebury-default"), folder)
+    manifest = find_manifest("middlebury-default")
+    source = open_source(manifest, folder)
     scenes = dict.fromkeys(pair.scene for pair in source.available_pairs())
     maps = [source.read(scene) for scene in list(scenes)[:6]]
     histograms = [
-        depth_histogram(scene.depth[view], scene.valid[view]) for scene in maps for view in (0, 1)
+        depth_histogram(manifest.depth.levels_of(scene.depth[view]), scene.valid[view])
+        for scene in maps
+        for view in (0, 1)
     ]
     used = 8753.74 * sum(h.expanded.sum() for h in histograms)
     assert 380 < used / sum(h.known for h in histograms) < 470
@@ -103,7 +106,8 @@ def test_depth_maps_weigh_by_the_manifests_pairs(tiny_store: Dataset) -> None:
     histograms = scene_histograms(tiny_store)
     assert {name: h.pairs for name, h in histograms.items()} == {"One": 4, "Two": 4, "Three": 3}
     arrays = tiny_store.to_xarray("Three")
-    depth, valid = arrays["depth"].values, arrays["valid"].values
+    depth = tiny_store.manifest.depth.levels_of(arrays["depth"].values)
+    valid = np.isfinite(arrays["depth"].values)
     by_hand = sum(
         weight * np.bincount(depth[view][valid[view]], minlength=256)
         for view, weight in ((0, 2), (1, 1))

@@ -41,7 +41,7 @@ def store_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
             available[0, 0, 0] = True
             infocus = np.zeros((*extent, 370, 463, 3), np.uint8)
             infocus[0, 0, 0] = random.integers(0, 256, (370, 463, 3))
-            images = SceneImages(infocus, depth, depth > 0, available)
+            images = SceneImages.of_pairs(infocus, depth, depth > 0, available)
             digests[scene] = writer.scenes.write(
                 scene, scene_dataset(manifest, scene, images, recipe), "0" * 64
             )
@@ -57,7 +57,7 @@ def pair_by_pair(path: Path) -> int:
     store, counts = Dataset(path), np.zeros(256, np.int64)
     pairs: tuple[Pair, ...] = store.manifest.pairs("all")
     for pair in pairs:
-        depth, valid = store.read_depth(pair)
+        depth, valid = store.read_levels(pair)
         counts += np.bincount(depth[valid], minlength=256)
     return int(counts.sum())
 

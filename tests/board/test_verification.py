@@ -166,7 +166,7 @@ import numpy as np
 
 class Mean:
     def fit(self, pairs):
-        return {"level": np.mean([pair.depth.mean() for pair in pairs])}
+        return {"level": np.mean([pair.levels.mean() for pair in pairs])}
 
     def restore(self, learned):
         self.level = learned["level"]

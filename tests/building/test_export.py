@@ -77,7 +77,9 @@ def test_pairs_by_other_axes_are_named_by_them(tmp_path: Path, captured: bool) -
 
         def read(self, scene: str) -> SceneImages:
             there = np.ones(2, bool)
-            return SceneImages(infocus, depth, depth > 0, there, defocus if captured else None)
+            return SceneImages.of_pairs(
+                infocus, depth, depth > 0, there, defocus if captured else None
+            )
 
         def missing_help(self, missing: tuple[Pair, ...]) -> str:
             return ""

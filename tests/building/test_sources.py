@@ -30,7 +30,7 @@ def check_interface(source: Source, manifest: Manifest) -> None:
     assert images.infocus.shape[: len(on_axes)] == on_axes
     assert images.depth.shape == images.valid.shape
     assert images.infocus.shape[len(on_axes) : -1] == images.depth.shape[-2:]
-    assert (images.defocus is not None) == source.captures_defocus
+    assert ("defocus" in images.facts.roles) == source.captures_defocus
     assert isinstance(source.missing_help(pairs[:1]), str)
 
 
@@ -86,7 +86,7 @@ class Noise:
         random = np.random.default_rng(len(scene))
         infocus = random.integers(1, 256, (*extent, 20, 24, 3)).astype(np.uint8)
         depth = np.full((extent[0], 20, 24), 90, np.uint8)
-        return SceneImages(infocus, depth, depth > 0, np.ones(extent, bool))
+        return SceneImages.of_pairs(infocus, depth, depth > 0, np.ones(extent, bool))
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
         return ""

@@ -49,7 +49,7 @@ def test_a_track_s_store_holds_its_images_and_does_not_tell_how(
     for pair in store.pairs("all"):
         plain, found = tiny_store.read(pair), store.read(pair)
         recipe, track = RECIPES["published"], find_degradation(label)
-        infocus, defocus = form_pair(plain.infocus, plain.depth, recipe, track, pair.id)
+        infocus, defocus = form_pair(plain.infocus, plain.levels, recipe, track, pair.id)
         assert np.array_equal(found.infocus, infocus)
         assert np.array_equal(found.defocus, defocus)
         assert np.array_equal(found.depth, plain.depth)

@@ -18,7 +18,7 @@ def test_a_folder_named_by_info_is_scored_and_submitted(
     for name in ids:
         path = tmp_path / "work/elsewhere" / f"{name}.npy"
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.save(path, demo_store.read_depth(pairs[name])[0])
+        np.save(path, demo_store.read_levels(pairs[name])[0])
     (tmp_path / "work/leaderboard/results").mkdir(parents=True)
     asked = ["score", "--predictions", "elsewhere", "--dataset", "demo", "--submit"]
     done = dfdbench(*asked)

@@ -92,7 +92,7 @@ def test_a_store_of_an_edited_released_manifest_is_refused(tiny_store: Dataset) 
     ("place", "change"),
     [
         ("Two/available", {"shape": [1, 1, 1]}),
-        ("Two/infocus", {"data_type": "float64", "fill_value": 0.0}),
+        ("Two/images", {"data_type": "float64", "fill_value": 0.0}),
         ("Two/depth", {"chunk_key_encoding": {"name": "default", "configuration": {"@": 1}}}),
         ("Two/depth", {"codecs": []}),
     ],

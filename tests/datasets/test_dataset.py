@@ -35,12 +35,16 @@ def test_a_store_says_what_it_is(tiny_store: Dataset, tiny_manifest: Manifest) -
 def test_it_opens_as_a_plain_datatree(tiny_store: Dataset) -> None:
     tree = xarray.open_datatree(str(tiny_store.path), engine="zarr", consolidated=False)
     scene = tree["Two"]
-    assert scene["infocus"].dims == ("view", "illumination", "exposure", "y", "x", "channel")
-    assert scene["infocus"].dtype == scene["defocus"].dtype == scene["depth"].dtype == np.uint8
-    assert scene["depth"].dims == scene["valid"].dims == ("view", "y", "x")
+    axes = ("view", "illumination", "exposure")
+    assert scene["images"].dims == (*axes, "image", "y", "x", "channel")
+    assert scene["images"].dtype == np.uint8
+    assert scene["depth"].dtype == np.float32
+    assert np.array_equal(scene["role"], [0, 1])
+    assert scene["f_number"].dims == (*axes, "image")
+    assert scene["depth"].dims == ("view", "y", "x")
     assert scene["available"].dims == ("view", "illumination", "exposure")
     assert not bool(tree["Three"]["available"].sel(view=5, illumination=1, exposure=1))
-    assert zarr.open_array(str(tiny_store.path / "Two/infocus")).chunks == (1, 1, 1, 24, 31, 3)
+    assert zarr.open_array(str(tiny_store.path / "Two/images")).chunks == (1, 1, 1, 1, 24, 31, 3)
 
 
 def test_a_pair_is_what_the_files_hold(tiny_store: Dataset) -> None:
@@ -48,8 +52,8 @@ def test_a_pair_is_what_the_files_hold(tiny_store: Dataset) -> None:
     assert pairs == tiny_store.manifest.pairs("test")
     for pair in pairs:
         images = tiny_store.read(pair)
-        assert np.array_equal(images.valid, images.depth != 0)
-        again = synthesize(images.infocus, images.depth, RECIPES["published"])
+        assert np.array_equal(images.valid, images.levels != 0)
+        again = synthesize(images.infocus, images.levels, RECIPES["published"])
         assert np.array_equal(images.defocus, again)
 
 
@@ -122,7 +126,7 @@ def test_a_damaged_scene_is_written_again(
     tiny_manifest: Manifest, tiny_folder: Path, tiny_store: Dataset
 ) -> None:
     before = tiny_store.fingerprint
-    chunk = next(path for path in (tiny_store.path / "Two/defocus/c").rglob("*") if path.is_file())
+    chunk = next(path for path in (tiny_store.path / "Two/images/c").rglob("*") if path.is_file())
     chunk.unlink()
     report = build_store(tiny_manifest, open_source(tiny_manifest, tiny_folder), tiny_store.path)
     assert report.fingerprint == before
@@ -168,7 +172,8 @@ def test_pairs_are_read_when_they_are_asked_for(tiny_store: Dataset) -> None:
     expected = tiny_store.read(tiny_store.pairs("test")[-1])
     assert np.array_equal(data[-1].defocus, expected.defocus)
     assert data[0].infocus.shape == (24, 31, 3)
-    assert data[0].depth.dtype == np.uint8
+    assert data[0].depth.dtype == np.float32
+    assert data[0].levels.dtype == np.uint8
     assert data[0].valid.dtype == np.bool_
     part = data[2:5]
     assert len(part) == 3
@@ -186,12 +191,12 @@ def test_a_crop_decodes_its_own_pair_only(tiny_store: Dataset) -> None:
     data = open_dataset(str(tiny_store.path)).captures()
     region = (slice(4, 12), slice(10, 26))
     whole = data[1]
-    for name in ("infocus", "defocus", "depth", "valid"):
+    for name in ("infocus", "defocus", "levels", "valid"):
         crop = getattr(data.crop(1, region), name)
         assert np.array_equal(crop, getattr(whole, name)[region])
     # With every other image of the scene damaged, the crop is still read.
     local = Path(tiny_store.path.path)
-    for chunk in (local / "One/infocus/c").rglob("*"):
+    for chunk in (local / "One/images/c").rglob("*"):
         if chunk.is_file() and "/0/0/1/" not in chunk.as_posix():
             chunk.write_bytes(b"rot")
     assert np.array_equal(data.crop(1, region).infocus, whole.infocus[region])
@@ -226,7 +231,7 @@ def test_a_region_is_two_slices(tiny_store: Dataset, region: object) -> None:
 
 def test_scenes_are_arrays_with_names(tiny_store: Dataset) -> None:
     scene = open_dataset("tiny", tiny_store.path).captures().scene("Two")
-    image = scene["infocus"].sel(view=5, illumination=1, exposure=0)
+    image = scene["images"].sel(view=5, illumination=1, exposure=0)[0]
     assert image.dims == ("y", "x", "channel")
     assert image.shape == (24, 31, 3)
 

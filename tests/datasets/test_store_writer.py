@@ -34,7 +34,7 @@ def test_the_same_store_wherever_it_lies(
     assert np.array_equal(store.read(pair).defocus, expected.defocus)
     assert np.array_equal(store.read(pair, region).infocus, expected.infocus[region])
     assert np.array_equal(store.read(pair, region).valid, expected.valid[region])
-    assert store.to_xarray("Two")["infocus"].dims[0] == "view"
+    assert store.to_xarray("Two")["images"].dims[0] == "view"
     assert verify_store(store).sound
     assert not exists(place("s.zarr.partial"))
     assert not exists(place(".s.zarr.lock"))

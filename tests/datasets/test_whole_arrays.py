@@ -9,7 +9,7 @@ from dfdbench.datasets.integrity import verify_store
 from dfdbench.errors import StoreError
 
 
-@pytest.mark.parametrize("name", ["available", "depth", "valid", "infocus", "defocus"])
+@pytest.mark.parametrize("name", ["available", "depth", "images", "f_number"])
 def test_a_lost_chunk_is_told_and_never_read_as_zeros(tiny_store: Dataset, name: str) -> None:
     place = Path(tiny_store.path.path) / "Two" / name / "c"
     chunk = sorted(path for path in [place, *place.rglob("*")] if path.is_file())[0]

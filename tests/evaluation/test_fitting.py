@@ -8,7 +8,8 @@ import typer
 from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.cli.screen import progress
-from dfdbench.datasets.dataset import WHOLE, Capture, Dataset, Region
+from dfdbench.datasets.captures import Capture
+from dfdbench.datasets.dataset import WHOLE, Dataset, Region
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -109,7 +110,7 @@ def test_a_fit_cannot_change_the_pairs_and_its_time_is_recorded_apart(
     result = run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "out").result
     after = [tiny_store.read(pair) for pair in tiny_store.pairs("all")]
     for one, other in zip(before, after, strict=True):
-        for name in ("infocus", "defocus", "depth", "valid"):
+        for name in ("images", "levels", "valid"):
             assert np.array_equal(getattr(one, name), getattr(other, name))
     assert result.complete
     assert result.method.fitted_on == "tiny-1, split train"

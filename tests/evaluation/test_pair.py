@@ -38,7 +38,7 @@ def test_a_method_is_warmed_up_once_and_scored_under_the_protocols_asked(
         images = tiny_store.read(pair)
         assert depth is not None
         assert np.array_equal(depth, images.infocus[..., 0].astype(np.float32) / 2)
-        expected = score(PROTOCOLS["valid"], images.depth, images.valid, depth, 16)
+        expected = score(PROTOCOLS["valid"], images.levels, images.valid, depth, 16)
         assert record.scores == {"valid": expected}
         assert (record.id, record.status, record.timed_alone) == (pair.id, "ok", True)
         assert record.prediction_sha256 == array_digest("depth", ("y", "x"), depth)

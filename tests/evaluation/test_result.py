@@ -23,7 +23,7 @@ def test_a_result_says_nothing_of_where_files_lay(tiny_store: Dataset, tmp_path:
 
 def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
     depths = {
-        images.infocus.tobytes(): images.depth.astype(np.float32)
+        images.infocus.tobytes(): images.levels.astype(np.float32)
         for images in map(tiny_store.read, tiny_store.pairs("test"))
     }
 

@@ -42,7 +42,7 @@ def test_a_run_predicts_once_and_scores_under_every_protocol(
         assert np.array_equal(kept, images.infocus[..., 0].astype(np.float32) / 2)
         assert record.prediction_sha256 == array_digest("depth", ("y", "x"), kept)
         for name, protocol in PROTOCOLS.items():
-            expected = score(protocol, images.depth, images.valid, kept, 16)
+            expected = score(protocol, images.levels, images.valid, kept, 16)
             assert record.scores[name]["nrmse"] == expected["nrmse"]
             assert record.scores[name]["ssim"] == expected["ssim"]
     recorded = run.result.dataset

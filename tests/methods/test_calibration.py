@@ -142,7 +142,7 @@ def test_pairs_that_show_nothing_are_refused(made: Sequence[MadePair]) -> None:
 
 def test_a_bare_surface_does_not_bend_the_curve_at_its_end() -> None:
     law = BlurLaw(tuple(RISING.tolist()))
-    seen = [MadePair(p.infocus, p.defocus, p.depth, p.depth > 40) for p in pairs(law, count=3)]
+    seen = [MadePair(p.infocus, p.defocus, p.levels, p.levels > 40) for p in pairs(law, count=3)]
     # Nearly flat: of what little there is, rounding leaves a pattern that fits another width.
     noise = np.random.default_rng(0).normal(size=(160, 200, 3))
     bare = np.rint(100.3 + 0.7 * cv2.GaussianBlur(noise, (0, 0), 1)).astype(np.uint8)
@@ -198,7 +198,7 @@ def test_pixels_near_a_jump_the_border_or_the_unknown_do_not_count() -> None:
 def test_pixels_that_may_be_cut_off_above_do_not_count() -> None:
     made = plane(120)
     bright = np.maximum(made.defocus, 254)
-    (part,) = parts_of([MadePair(made.infocus, bright, made.depth, made.valid)])
+    (part,) = parts_of([MadePair(made.infocus, bright, made.levels, made.valid)])
     assert not part.counts.any()
 
 

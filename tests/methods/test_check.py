@@ -128,9 +128,9 @@ class Fitted:
 
     def fit(self, pairs: Any) -> Any:
         assert [pair.infocus.shape for pair in pairs] == [(240, 320, 3)] * 2
-        assert set(np.unique(pairs[0].depth)) == set(np.unique(pairs[1].depth))
+        assert set(np.unique(pairs[0].levels)) == set(np.unique(pairs[1].levels))
         if self.change:
-            pairs[1].depth[0, 0] += 1
+            pairs[1].levels[0, 0] += 1
         return self.learned
 
     def restore(self, learned: Any) -> None:

@@ -31,24 +31,24 @@ def test_a_law_and_a_shape_that_nobody_told_are_learned() -> None:
 
     def changed(seed: int) -> MadePair:
         made = slope(seed)
-        pair = pair_of(made.infocus, made.depth, recipe)
+        pair = pair_of(made.infocus, made.levels, recipe)
         gain = (0.8 * pair.defocus + 15).astype(np.uint8)
-        return MadePair(pair.infocus, gain, pair.depth, pair.valid)
+        return MadePair(pair.infocus, gain, pair.levels, pair.valid)
 
     method = FavaroSoatto()
     method.restore(method.fit([changed(seed) for seed in range(4)]))
     pair = changed(9)
-    assert np.abs(inside(method(pair.infocus, pair.defocus) - pair.depth)).mean() < 5
+    assert np.abs(inside(method(pair.infocus, pair.defocus) - pair.levels)).mean() < 5
 
 
 def test_pixels_of_unknown_depth_are_not_learned_from() -> None:
     pair = slope(1)
-    spoilt = pair.depth.copy()
+    spoilt = pair.levels.copy()
     spoilt[:48] = 3
     half = pair.valid.copy()
     half[:48] = False
     learned = FavaroSoatto(groups=16).fit([MadePair(pair.infocus, pair.defocus, spoilt, half)])
-    whole = MadePair(pair.infocus, pair.defocus, pair.depth, half)
+    whole = MadePair(pair.infocus, pair.defocus, pair.levels, half)
     assert np.array_equal(learned["operators"], FavaroSoatto(groups=16).fit([whole])["operators"])
 
 

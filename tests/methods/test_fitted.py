@@ -119,7 +119,7 @@ def test_neither_told_nor_fitted_says_what_to_do(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_pairs_of_unknown_depth_are_refused(name: str) -> None:
     pair = slope(1, 40, 60)
-    unknown = MadePair(pair.infocus, pair.defocus, pair.depth, np.zeros_like(pair.valid))
+    unknown = MadePair(pair.infocus, pair.defocus, pair.levels, np.zeros_like(pair.valid))
     for pairs in ([], [unknown]):
         with pytest.raises(MethodError, match=r"nothing to fit to|no pair|do not show"):
             load(name).fit(pairs)  # type: ignore[attr-defined]
@@ -242,7 +242,7 @@ def test_fitted_a_method_does_about_as_well_as_told(
     fitted.restore(learned_law())
     pair = slope(9)
     errors = [
-        np.abs(inside(method(pair.infocus, pair.defocus) - pair.depth)).mean()
+        np.abs(inside(method(pair.infocus, pair.defocus) - pair.levels)).mean()
         for method in (told, fitted)
     ]
     assert errors[1] < errors[0] + levels_more

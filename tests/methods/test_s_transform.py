@@ -54,7 +54,7 @@ def test_fitted_it_does_about_as_well_as_told() -> None:
     fitted.restore(fitted.fit([slope(seed) for seed in range(3)]))
     pair = slope(9)
     errors = [
-        np.abs(inside(method(pair.infocus, pair.defocus) - pair.depth)).mean()
+        np.abs(inside(method(pair.infocus, pair.defocus) - pair.levels)).mean()
         for method in (told, fitted)
     ]
     assert errors[1] < 1.1 * errors[0] < 25
@@ -62,7 +62,7 @@ def test_fitted_it_does_about_as_well_as_told() -> None:
 
 def test_a_lens_the_other_way_round_is_learned() -> None:
     recipe = BlurRecipe(0.4, 0.01, invert=False)
-    made = [pair_of(slope(seed).infocus, slope(seed).depth, recipe) for seed in range(2)]
+    made = [pair_of(slope(seed).infocus, slope(seed).levels, recipe) for seed in range(2)]
     method = STransform()
     assert method.fit is not None
     method.restore(method.fit(made[:1]))

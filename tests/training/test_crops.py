@@ -39,7 +39,7 @@ def test_images_are_those_of_the_store(tiny_store: Dataset, images: TrainingImag
     assert len(images.pixels) == len(pairs) == 7
     assert np.array_equal(images.pixels[2][:3].permute(1, 2, 0).numpy(), pair.infocus)
     assert np.array_equal(images.pixels[2][3:].permute(1, 2, 0).numpy(), pair.defocus)
-    assert np.array_equal(images.levels[2].numpy(), pair.depth)
+    assert np.array_equal(images.levels[2].numpy(), pair.levels)
     assert images.levels[0] is images.levels[1]  # exposures of a view share a depth map
 
 
@@ -48,7 +48,7 @@ def test_unknown_pixels_may_be_left_out(tiny_store: Dataset) -> None:
     depth = tiny_store.read(pairs[0])
     found = TrainingImages.read(tiny_store, pairs, ignore_unknown=True).levels[0].numpy()
     assert (found[~depth.valid] == IGNORED).all()
-    assert (found[depth.valid] == depth.depth[depth.valid]).all()
+    assert (found[depth.valid] == depth.levels[depth.valid]).all()
 
 
 def test_channel_means_are_those_of_all_pixels(tiny_store: Dataset, images: TrainingImages) -> None:

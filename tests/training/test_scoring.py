@@ -43,7 +43,7 @@ def test_they_are_the_means_of_the_thesis_protocols(tiny_store: Dataset) -> None
         images = tiny_store.read(pair)
         levels = predict(images.infocus, images.defocus).astype(np.float32)
         for label, taken in scores.items():
-            taken.append(score(PROTOCOLS[label], images.depth, images.valid, levels, 16))
+            taken.append(score(PROTOCOLS[label], images.levels, images.valid, levels, 16))
     assert found == {
         label: {name: pytest.approx(np.mean([one[name] for one in taken])) for name in taken[0]}
         for label, taken in scores.items()

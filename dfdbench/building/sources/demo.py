@@ -101,7 +101,7 @@ class DemoScenes:
                     seed = (_SEED, number, view, illumination, exposure)
                     infocus[v, i, e] = photograph_light(light * _GAINS[exposure], seed)
         unknown = self._manifest.depth.unknown
-        return SceneImages(infocus, depth, depth != unknown, np.ones(extent, bool))
+        return SceneImages.of_pairs(infocus, depth, depth != unknown, np.ones(extent, bool))
 
 
 def _problems_of(manifest: Manifest) -> Iterator[Problem]:

@@ -126,7 +126,7 @@ class FolderScenes:
         levels[~valid] = depth.unknown
         told = {pair.id: found.found for pair, found in captured.items() if found.found}
         warnings = tuple(text for found in captured.values() for text in found.warnings)
-        return SceneImages(infocus, levels, valid, available, defocus, told, warnings)
+        return SceneImages.of_pairs(infocus, levels, valid, available, defocus, told, warnings)
 
     def _named(self, role: str, pair: Pair) -> str:
         values = {**self._names[pair.scene], "scene": pair.scene}

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.captures import PAIR, ImageFacts
 from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import SourceError
 
@@ -23,29 +25,62 @@ class SceneImages:
 
     Parameters
     ----------
-    infocus : ndarray of uint8, shape (*pair axes, y, x, channel)
-        RGB; zero where a pair is not available.
-    depth : ndarray of uint8, shape (*depth axes, y, x)
-        Depth levels.
-    valid : ndarray of bool, shape as `depth`
-        True where the depth is known.
+    images : ndarray of uint8 or uint16, shape (*pair axes, image, y, x, channel)
+        RGB; zero where a capture is not available. In-focus images alone where the build makes the
+        others by a recipe.
+    depth : ndarray of float32, shape (*depth axes, y, x)
+        In the manifest's unit, NaN where it is not known.
     available : ndarray of bool, shape (*pair axes,)
-        True where the pair's image is there.
-    defocus : ndarray of uint8, shape as `infocus`, optional
-        RGB, where the source captured it; None where it is made from the in-focus image.
+        True where the capture is there.
+    facts : ImageFacts, optional
+        What is known of each image, shapes (image,) or (*pair axes, image).
     found : mapping, optional
         What the source found out about the scene, fit for JSON: the store keeps it.
     warnings : tuple of str, optional
         What looks odd and was built all the same.
     """
 
-    infocus: NDArray[np.uint8]
-    depth: NDArray[np.uint8]
-    valid: NDArray[np.bool_]
+    images: NDArray[Any]
+    depth: NDArray[np.float32]
     available: NDArray[np.bool_]
-    defocus: NDArray[np.uint8] | None = None
+    facts: ImageFacts = field(default_factory=ImageFacts)
     found: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """True where the depth is known, shape as `depth`."""
+        return np.isfinite(self.depth)
+
+    @property
+    def infocus(self) -> NDArray[Any]:
+        """The in-focus images, shape (*pair axes, y, x, channel)."""
+        return np.asarray(self.images[..., self.facts.roles.index("infocus"), :, :, :])
+
+    @property
+    def defocus(self) -> NDArray[Any]:
+        """The first defocus images, shape (*pair axes, y, x, channel)."""
+        return np.asarray(self.images[..., self.facts.roles.index("defocus"), :, :, :])
+
+    @classmethod
+    def of_pairs(
+        cls,
+        infocus: NDArray[np.uint8],
+        levels: NDArray[np.uint8],
+        valid: NDArray[np.bool_],
+        available: NDArray[np.bool_],
+        defocus: NDArray[np.uint8] | None = None,
+        found: Mapping[str, Any] = MappingProxyType({}),
+        warnings: tuple[str, ...] = (),
+    ) -> SceneImages:
+        """Return what pairs consist of, shapes (*pair axes, y, x, channel), in depth levels.
+
+        Without `defocus` the build makes it.
+        """
+        images = [infocus] if defocus is None else [infocus, defocus]
+        depth = np.where(valid, levels, np.nan).astype(np.float32)
+        facts = ImageFacts(PAIR[: len(images)])
+        return cls(np.stack(images, axis=-4), depth, available, facts, found, warnings)
 
 
 class Source(Protocol):

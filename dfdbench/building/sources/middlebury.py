@@ -189,7 +189,7 @@ class MiddleburyScenes:
         unknown = self._manifest.depth.unknown
         empty = np.full(shape, unknown, np.uint8)
         depth = np.stack([depths.get(view, empty) for view in axes["view"]])
-        return SceneImages(infocus, depth, depth != unknown, available)
+        return SceneImages.of_pairs(infocus, depth, depth != unknown, available)
 
 
 def image_name(at: Mapping[str, int]) -> str:

@@ -123,7 +123,9 @@ class RealworldFolder:
             infocus[place], defocus[place] = images[0], images[-1]
             available[place] = True
         depth = as_told(levels, valid, self._manifest.depth, whole=self._synthetic)
-        return SceneImages(infocus, depth, valid, available, None if self._synthetic else defocus)
+        return SceneImages.of_pairs(
+            infocus, depth, valid, available, None if self._synthetic else defocus
+        )
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
         """Return what is wrong with the scenes that are there, and how to go on."""

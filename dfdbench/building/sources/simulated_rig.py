@@ -125,7 +125,7 @@ class SimulatedRig:
         seen = depth_image(self._ranges(simulated), read_beams())
         levels, valid = warp(*seen, matrices[scene], size)
         depth = as_told(levels, valid, self._manifest.depth)
-        return SceneImages(infocus, depth, valid, np.ones(len(infocus), bool), blurred)
+        return SceneImages.of_pairs(infocus, depth, valid, np.ones(len(infocus), bool), blurred)
 
     @cached_property
     def _registered(self) -> tuple[dict[str, Floats], dict[str, tuple[Problem, ...]]]:

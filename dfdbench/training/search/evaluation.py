@@ -95,7 +95,7 @@ def mean_parts(
         images = store.read(pair)
         levels = predict(images.infocus, images.defocus).astype(np.float32)
         rows, columns = _seen(levels.shape, centre)
-        depth, valid = images.depth[rows, columns], images.valid[rows, columns]
+        depth, valid = images.levels[rows, columns], images.valid[rows, columns]
         scores = score(protocol, depth, valid, levels[rows, columns], store.manifest.network_crop)
         for name in PARTS:
             if not math.isnan(scores[name]):

@@ -24,7 +24,7 @@ def test_images_are_read_as_rgb_and_zero_depth_is_unknown(
     write_png(tiny_folder / "One/disp1.png", depth)
     images = MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
     assert images.infocus[0, 0, 0, 5, 5].tolist() == [255, 0, 0]
-    assert images.depth[0, 3, 4] == 0
+    assert np.isnan(images.depth[0, 3, 4])
     assert np.argwhere(~images.valid[0]).tolist() == [[3, 4]]
 
 

@@ -95,11 +95,10 @@ def test_brighter_is_nearer_and_unknown_stays_0(published: Path, tmp_path: Path)
         build_store(manifest, open_source(manifest, published), place)
         store = Dataset(place)
         images = store.read(store.pairs("k33")[0])
-        assert (images.depth[20:] == expected).all()
-        assert (images.depth[:9] == 0).all()
+        assert (images.levels[20:] == expected).all()
+        assert (images.levels[:20] == 0).all()
         assert store.attributes["depth_grows_with"] == manifest.depth.grows_with
-    # Distances are what the file says, its marks of the unknown too.
-    assert (images.depth[9:20] == 255).all()
+    assert np.isnan(images.depth[:20]).all()
 
 
 @pytest.mark.slow
@@ -156,9 +155,9 @@ def test_synthetic_blur_takes_the_sharpest_step_and_inverts_the_depth(
     scene = raw_scene(captures, "k03")
     assert (images.infocus == scene.image(40, 135)).all()
     levels, valid = scene.depth()
-    assert (images.depth == 255 - levels).all()
+    assert (images.levels == 255 - levels).all()
     assert (images.valid == valid).all()
-    expected = synthesize(images.infocus, images.depth, RECIPES["published"])
+    expected = synthesize(images.infocus, images.levels, RECIPES["published"])
     assert (images.defocus == expected).all()
 
 

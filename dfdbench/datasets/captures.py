@@ -1,0 +1,186 @@
+"""A capture: N images of one view, what is known of each, and the depth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import xarray
+from numpy.typing import NDArray
+
+from dfdbench.datasets.manifest import Depth, Pair
+from dfdbench.errors import InputError
+from dfdbench.system.thumbnails import Thumbnail, depth_map, gallery, heading, photograph
+
+Role = Literal["infocus", "defocus"]
+#: What an image may be; a store holds their numbers.
+ROLES: tuple[Role, ...] = ("infocus", "defocus")
+#: The roles of a pair's images.
+PAIR: tuple[Role, ...] = ("infocus", "defocus")
+#: What is known of each image, and of the camera; NaN if it is not.
+BY_IMAGE = ("focus_distance", "focus_depth", "f_number")
+OF_CAMERA = ("focal_length", "pixel_pitch")
+#: Of a stack so many images are shown as thumbnails.
+_SHOWN = 4
+
+#: What depth means if nothing else is said: levels, brighter nearer, 0 unknown.
+LEVELS = Depth(axes=[], unknown=0, grows_with="nearness", unit="levels")
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+def _unknown() -> NDArray[np.float64]:
+    return np.array(np.nan)
+
+
+@dataclass(frozen=True)
+class ImageFacts:
+    """What is known of a capture's images and of the camera; NaN if it is not.
+
+    Parameters
+    ----------
+    roles : tuple of str
+        ``infocus`` or ``defocus``, one per image.
+    focus_distance : ndarray of float64, shape (image,)
+        From the camera to what is in focus, in metres.
+    focus_depth : ndarray of float64, shape (image,)
+        The same as a depth, in the unit of the truth.
+    f_number : ndarray of float64, shape (image,)
+        Focal length over aperture.
+    focal_length, pixel_pitch : ndarray of float64, shape ()
+        Of the camera, in metres.
+    """
+
+    roles: tuple[Role, ...] = PAIR
+    focus_distance: NDArray[np.float64] = field(default_factory=_unknown)
+    focus_depth: NDArray[np.float64] = field(default_factory=_unknown)
+    f_number: NDArray[np.float64] = field(default_factory=_unknown)
+    focal_length: NDArray[np.float64] = field(default_factory=_unknown)
+    pixel_pitch: NDArray[np.float64] = field(default_factory=_unknown)
+
+
+@dataclass(frozen=True)
+class Capture:
+    """N images of one view and its depth; a pair is a capture of two.
+
+    Parameters
+    ----------
+    pair : Pair
+        Which capture it is.
+    images : ndarray of uint8 or uint16, shape (image, y, x, channel)
+        RGB.
+    depth : ndarray of float32, shape (y, x)
+        In the data set's unit; NaN where it is not known.
+    facts : ImageFacts
+        What is known of the images.
+    about : Depth
+        What the depth means: the manifest's section.
+
+    Examples
+    --------
+    >>> grey = np.full((2, 4, 6, 3), 90, np.uint8)
+    >>> capture = Capture(Pair("Desk", ()), grey, np.full((4, 6), 40, np.float32))
+    >>> capture.infocus.shape, capture.stack.sizes["image"], int(capture.levels[0, 0])
+    ((4, 6, 3), 2, 40)
+    """
+
+    pair: Pair
+    images: Image
+    depth: NDArray[np.float32]
+    facts: ImageFacts = field(default_factory=ImageFacts)
+    about: Depth = LEVELS
+
+    @property
+    def infocus(self) -> NDArray[np.uint8]:
+        """The image in focus all over, shape (y, x, channel), 8 bits; the first of several."""
+        return self._image("infocus")
+
+    @property
+    def defocus(self) -> NDArray[np.uint8]:
+        """The blurred image, shape (y, x, channel), 8 bits; the first of several."""
+        return self._image("defocus")
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """True where the depth is known."""
+        return np.isfinite(self.depth)
+
+    @property
+    def levels(self) -> NDArray[np.uint8]:
+        """The depth as levels 0 to 255, the manifest's unknown level where it is not known."""
+        return self.about.levels_of(self.depth)
+
+    @property
+    def is_pair(self) -> bool:
+        """Whether it has an in-focus and a defocus image, and no other."""
+        return self.facts.roles == PAIR
+
+    @property
+    def stack(self) -> xarray.DataArray:
+        """The images with what is known of them, dimensions (image, y, x, channel).
+
+        Coordinates of ``image``: ``role``, ``focus_distance`` (metres), ``focus_depth`` (in the
+        unit of the truth) and ``f_number``; attributes: ``unit``, ``near`` and ``far`` (the ends of
+        the set's depths, in that unit), ``focal_length`` and ``pixel_pitch`` (metres). NaN is
+        unknown.
+        """
+        facts, count = self.facts, len(self.images)
+        near, far = self.about.ends
+        known = {name: np.broadcast_to(getattr(facts, name), count) for name in BY_IMAGE}
+        return xarray.DataArray(
+            self.images,
+            dims=("image", "y", "x", "channel"),
+            coords={"role": ("image", list(facts.roles))}
+            | {name: ("image", values) for name, values in known.items()},
+            attrs={"unit": self.about.kind, "near": near, "far": far}
+            | {name: float(getattr(facts, name)) for name in OF_CAMERA},
+        )
+
+    def two_of(self, images: Sequence[int] | None) -> Capture:
+        """Return a pair of two of the images, the first of them as the in-focus one."""
+        if images is None:
+            return self
+        facts = {
+            name: np.broadcast_to(getattr(self.facts, name), len(self.images))[list(images)]
+            for name in BY_IMAGE
+        }
+        camera = {name: getattr(self.facts, name) for name in OF_CAMERA}
+        return Capture(
+            self.pair,
+            self.images[list(images)],
+            self.depth,
+            ImageFacts(PAIR, **facts, **camera),
+            self.about,
+        )
+
+    def _image(self, role: Role) -> NDArray[np.uint8]:
+        if role not in self.facts.roles:
+            raise InputError(f"the capture has no {role} image", where=self.pair.id)
+        return eight_bits(self.images[self.facts.roles.index(role)])
+
+    def _repr_html_(self) -> str:
+        rows, columns = self.depth.shape
+        known = 100 * float(self.valid.mean())
+        facts = f"{columns} × {rows} pixels, depth known at {known:.1f} % of them"
+        return heading(self.pair.id, facts) + gallery([self.thumbnails()])
+
+    def thumbnails(self) -> list[Thumbnail]:
+        """Return the images and the ground truth as small pictures; of a stack the first few."""
+        images = [
+            photograph(eight_bits(image), {"infocus": "in-focus"}.get(role, role))
+            for image, role in zip(self.images, self.facts.roles, strict=True)
+        ]
+        return [*images[:_SHOWN], depth_map(self.levels, self.valid, "ground truth")]
+
+
+def eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return an image of 8 or 16 bits with 8.
+
+    Examples
+    --------
+    >>> eight_bits(np.array([0, 257, 65535], np.uint16)).tolist()
+    [0, 1, 255]
+    """
+    return image if image.dtype == np.uint8 else np.rint(image / 257).astype(np.uint8)
