@@ -61,10 +61,10 @@ def made_capture(
     seed: int = 0,
     focus: Sequence[float] = (30, 90, 150, 210),
     slope: float = 0.03,
-    shape: tuple[int, int] = (96, 160),
+    shape: tuple[int, int] = (80, 256),
     with_infocus: bool = True,
 ) -> Any:
-    """Return a capture of slanted ground: depth levels rise from left to right."""
+    """Return a capture whose depth rises from left to right, by less than a level a pixel."""
     sharp = texture(seed, *shape)
     levels = np.broadcast_to(np.linspace(20, 235, shape[1]).astype(np.uint8), shape).copy()
     images = [blurred_to(sharp, levels, plane, slope) for plane in focus]

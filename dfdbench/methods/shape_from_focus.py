@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -260,15 +260,25 @@ class ShapeFromFocus:
         """Return depth in the stack's unit, float32 of shape (y, x)."""
         places, where = _focus_places(stack)
         images = stack.values
-        greys = [grey_of_image(images[index]) for index in where]
+        return _depth_of(self._found([images[index] for index in where], places), stack)
+
+    def sharpest(self, images: Sequence[Array]) -> NDArray[np.intp]:
+        """Return which image is sharpest at every pixel, shape (y, x); of one or more."""
+        if len(images) == 1:
+            return np.zeros(images[0].shape[:2], np.intp)
+        return np.rint(self._found(images, np.arange(len(images)), "none")).astype(np.intp)
+
+    def _found(self, images: Sequence[Array], places: Array, peak: str = "") -> Floats:
+        greys = [grey_of_image(image) for image in images]
         focus = np.stack([focus_cells(grey, self._measure) for grey in greys])
         guide = np.empty(greys[0].shape, np.float32)
         _take(np.stack(greys), sharpest_image(focus), guide)
-        slopes, starts = self._smoothed(focus, _cells(guide))
+        lines = self._smoothed(focus, _cells(guide))
         found = np.empty_like(guide)
-        power = power_of_blur(focus, places) if self._peak == "defocus" else 0.0
-        _peaks(slopes, starts, guide, places, power, self._peak != "none", found)
-        return _depth_of(found, stack)
+        peak = peak or self._peak
+        power = power_of_blur(focus, places) if peak == "defocus" else 0.0
+        _peaks(*lines, guide, places.astype(np.float64), power, peak != "none", found)
+        return found
 
     def _smoothed(self, focus: Floats, guide: Floats) -> Floats:
         """Return a guided filter's lines: slopes and starts, (image, row of cells, x)."""
@@ -376,7 +386,7 @@ def _peaks(
             for x in range(width):
                 if value[x] > largest[x]:
                     which[x], largest[x] = number, value[x]
-        for x in range(width):
+        for x in range(width if curved else 0):
             middle = min(max(int(which[x]), 1), count - 2)
             curve[0, x] = values[middle, x] - values[middle - 1, x]
             curve[1, x] = values[middle, x] - values[middle + 1, x]
@@ -386,12 +396,15 @@ def _peaks(
                     curve[side, x] = np.exp(factor * curve[side, x]) - 1
         for x in range(width):
             best = int(which[x])
+            if not curved:
+                out[y, x] = places[best]
+                continue
             middle = min(max(best, 1), count - 2)
             # The least of the parabola through three points, as Newton's differences give it.
             rise = -curve[0, x] / (places[middle] - places[middle - 1])
             next_rise = curve[1, x] / (places[middle + 1] - places[middle])
             bend = (next_rise - rise) / (places[middle + 1] - places[middle - 1])
-            if not curved or not bend > 0:
+            if not bend > 0:
                 out[y, x] = places[best]
             else:
                 least = bounds[middle] - rise / (2 * bend)
