@@ -140,8 +140,8 @@ def parts_of(pairs: Sequence[TrainingPair]) -> list[Part]:
 
 
 def _places(count: int) -> list[int]:
-    even = np.linspace(0, count - 1, min(_PAIRS, count)).round().astype(int)
-    return np.unique(even).tolist()
+    even = np.linspace(0, count - 1, min(_PAIRS, count)).round()
+    return sorted(set(even.astype(int).tolist()))
 
 
 def _without_bare(parts: Sequence[Part]) -> list[Part]:
@@ -163,12 +163,11 @@ def _bare_levels(parts: Sequence[Part]) -> NDArray[np.bool_]:
 
 def _region(shape: tuple[int, ...], number: int) -> tuple[slice, slice]:
     # Of a large image one part, another of each pair: left, middle, right, and so on.
-    where = []
-    for size, turn in zip(shape, (number // 3, number), strict=True):
-        start = (size - min(size, _SIDE)) * (turn % 3) // 2
-        where.append(slice(start, start + _SIDE))
-    rows, columns = where
-    return rows, columns
+    rows, columns = (
+        (size - min(size, _SIDE)) * (turn % 3) // 2
+        for size, turn in zip(shape, (number // 3, number), strict=True)
+    )
+    return slice(rows, rows + _SIDE), slice(columns, columns + _SIDE)
 
 
 def _part(infocus: Array, defocus: Array, depth: Array, valid: Array) -> Part:
@@ -248,11 +247,8 @@ class Calibration:
         """Return what `all_as_learned` was given."""
         if np.ndim(learned["sigmas"]) == 1:
             return (cls.of(learned),)
-        arrays = {name: np.asarray(value) for name, value in learned.items()}
-        return tuple(
-            cls.of({name: array[index] for name, array in arrays.items()})
-            for index in range(len(arrays["sigmas"]))
-        )
+        names, columns = learned.keys(), map(np.asarray, learned.values())
+        return tuple(cls.of(dict(zip(names, row, strict=True))) for row in zip(*columns))
 
     @classmethod
     def of(cls, learned: Learned) -> Calibration:

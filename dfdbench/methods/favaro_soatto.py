@@ -135,19 +135,14 @@ class FavaroSoatto:
                 what = "the training captures have different numbers of defocus images"
                 raise MethodError(what, where=_NAME)
             groups = pair.levels.astype(np.int64) * self._groups // _LEVELS
-            known = np.zeros_like(pair.valid)
+            known, inside = np.zeros_like(pair.valid), (slice(sharp // 2, -(sharp // 2)),) * 2
             # Patches that lie within the image.
-            inside = (slice(sharp // 2, -(sharp // 2)),) * 2
             known[inside] = pair.valid[inside]
             for group in np.unique(groups[known]):
                 rows, columns = np.nonzero(known & (groups == group))
                 taken = evenly_spread(rows.size, _PATCHES)
                 rows, columns = rows[taken], columns[taken]
-                stacked = np.concatenate(
-                    [patches[rows, columns].reshape(rows.size, -1) for patches in vectors], axis=1
-                )
-                # Whole numbers: the sharp patch's mean is taken away, times its pixels.
-                stacked = sharp**2 * stacked - stacked[:, : sharp**2].sum(1, keepdims=True)
+                stacked = _stacked([patches[rows, columns] for patches in vectors])
                 moments[group] += stacked.T @ stacked
                 counts[group] += rows.size
                 depths[group] += pair.levels[rows, columns].sum(dtype=np.int64)
@@ -217,6 +212,13 @@ class FavaroSoatto:
         own, width = self._depths[np.rint(best).astype(np.int64)], _LEVELS / self._groups
         depth = np.interp(best, np.arange(self._depths.size), self._depths)
         return np.clip(depth, own - width, own + width).astype(np.float32)
+
+
+def _stacked(patches: Sequence[Array]) -> Array:
+    """Return patches as rows, the first ones' mean taken away; whole, times its pixels."""
+    stacked = np.concatenate([each.reshape(len(each), -1) for each in patches], axis=1)
+    pixels = patches[0][0].size if len(patches[0]) else 1
+    return pixels * stacked - stacked[:, :pixels].sum(1, keepdims=True)
 
 
 def _patches(image: Image, side: int) -> NDArray[np.float64]:

@@ -75,8 +75,8 @@ def level_costs(
         sharp, blurred = np.atleast_3d(infocus), np.atleast_3d(images[0])
         return data_cost(sharp, blurred, blurs[0].sigmas, weight, most, blurs[0].kernel_size)[0]
     costs: NDArray[np.uint16] | None = None
-    for blurred in all_blurred(blurs, infocus, images):
-        costs = law_cost(blurred, UNIT, most, costs, add=costs is not None)[0]
+    for one in all_blurred(blurs, infocus, images):
+        costs = law_cost(one, UNIT, most, costs, add=costs is not None)[0]
     assert costs is not None
     return costs
 

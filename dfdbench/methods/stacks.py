@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.datasets.captures import eight_bits
 from dfdbench.errors import MethodError
 from dfdbench.methods.shape_from_focus import ShapeFromFocus
 
@@ -34,7 +33,8 @@ def sharp_and_blurred(stack: DataArray) -> tuple[Image, list[Image]]:
         Without a defocus image.
     """
     roles = stack["role"].values.tolist()
-    images = [eight_bits(image) for image in stack.values]
+    values = stack.values
+    images = values if values.dtype == np.uint8 else np.rint(values / 257).astype(np.uint8)
     blurred = [image for image, role in zip(images, roles, strict=True) if role != "infocus"]
     if not blurred:
         raise MethodError("no image of the stack has the role defocus", where="stack")
@@ -61,7 +61,7 @@ def fused(images: Sequence[Image]) -> Image:
     >>> bool((fused([left, right]) == sharp).mean() > 0.9)
     True
     """
-    which = ShapeFromFocus().sharpest(images)
+    which = ShapeFromFocus().sharpest(np.stack(images))
     whole: NDArray[Any] = np.empty_like(images[0])
     for index, image in enumerate(images):
         np.copyto(whole, image, where=(which == index)[..., np.newaxis])
