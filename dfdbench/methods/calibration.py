@@ -248,7 +248,9 @@ class Calibration:
         if np.ndim(learned["sigmas"]) == 1:
             return (cls.of(learned),)
         names, columns = learned.keys(), map(np.asarray, learned.values())
-        return tuple(cls.of(dict(zip(names, row, strict=True))) for row in zip(*columns))
+        return tuple(
+            cls.of(dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)
+        )
 
     @classmethod
     def of(cls, learned: Learned) -> Calibration:
@@ -299,8 +301,7 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
     Raises
     ------
     MethodError
-        As for `calibrate`; if the captures have different numbers of defocus images, or the same
-        image is focused at different depths.
+        As for `calibrate`; if not all captures are focused at the same depths.
     """
     if not len(captures) or is_pair(captures[0].stack):
         return [calibrate(captures)]
@@ -313,9 +314,8 @@ def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
         stack, levels, valid = capture.stack, capture.levels, capture.valid
         there = stack["focus_depth"].values[stack["role"] != "infocus"]
         if there.size != focus.size or not np.allclose(there, focus, rtol=1e-3, equal_nan=True):
-            what = "the training stacks are not focused alike: one law an image cannot hold"
-            expected, got = (", ".join(f"{at:g}" for at in each) for each in (focus, there))
-            raise MethodError(what, where="focus_depth", expected=expected, got=got)
+            what = f"the training stacks are not focused alike, {focus} and {there}"
+            raise MethodError(what, where="focus_depth")
         rows, columns = _region(levels.shape, number)
         infocus, images = sharp_and_blurred(stack[:, rows, columns])
         for found, image in zip(parts, images, strict=True):

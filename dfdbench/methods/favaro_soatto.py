@@ -218,7 +218,7 @@ def _stacked(patches: Sequence[Array]) -> Array:
     """Return patches as rows, the first ones' mean taken away; whole, times its pixels."""
     stacked = np.concatenate([each.reshape(len(each), -1) for each in patches], axis=1)
     pixels = patches[0][0].size if len(patches[0]) else 1
-    return pixels * stacked - stacked[:, :pixels].sum(1, keepdims=True)
+    return np.asarray(pixels * stacked - stacked[:, :pixels].sum(1, keepdims=True))
 
 
 def _patches(image: Image, side: int) -> NDArray[np.float64]:
