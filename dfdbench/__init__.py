@@ -9,7 +9,7 @@ __all__ += ["__version__"]
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
-        from dfdbench.system.version import PACKAGE_VERSION
+        from dfdbench.system.packages import PACKAGE_VERSION
 
         return PACKAGE_VERSION
     return _attached(name)

@@ -1,6 +1,4 @@
 from .api import (
-    Comparison,
-    Run,
     build,
     compare,
     list_datasets,
@@ -15,7 +13,8 @@ from .board.board import Board, leaderboard
 from .datasets.captures import Capture
 from .datasets.dataset import Captures, Dataset, open_dataset
 from .evaluation.predict import predict
-from .figures.pairs import show
+from .figures.runs import show
+from .report.objects import Comparison, Run
 
 __version__: str
 __all__ = [

@@ -5,206 +5,47 @@ from __future__ import annotations
 import shutil
 import tempfile
 import warnings
+import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from dfdbench.blur.tracks import CLEAN
+from dfdbench.board.submission import require_fit_to_submit, require_submittable
 from dfdbench.building.build import build_store
 from dfdbench.building.obtaining import obtain
 from dfdbench.building.plan import plan_build
-from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
+from dfdbench.datasets.integrity import require_sound
 from dfdbench.datasets.store_place import default_store
-from dfdbench.errors import InputError, ResultError
-from dfdbench.evaluation.evaluate import evaluate
+from dfdbench.errors import InputError
+from dfdbench.evaluation.evaluate import Shown, built_track, evaluate, labels_of, without_track
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.plan import RunOptions
+from dfdbench.evaluation.run import RunDone
 from dfdbench.evaluation.scored import score_predictions
-from dfdbench.evaluation.tracks import run_over_tracks
+from dfdbench.methods.calibration import Calibration
 from dfdbench.methods.method import Method
+from dfdbench.methods.registry import find_entry, method_words, registered_methods
 from dfdbench.methods.registry import load_method as _load_method
-from dfdbench.methods.registry import method_words, registered_methods
-from dfdbench.results.difference_tables import change_tables
-from dfdbench.results.first_table import first_protocol, shown_protocol
-from dfdbench.results.frame import scores_of
+from dfdbench.metrics.protocol import Unit, find_protocol
+from dfdbench.report.objects import Comparison, Run
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import Result, Unit
+from dfdbench.results.record import Result, protocol_on
 from dfdbench.results.record_file import RESULT
-from dfdbench.results.run_names import told_apart
-from dfdbench.results.run_tables import run_score_table
 from dfdbench.results.saved_run import SavedRun
-from dfdbench.results.saved_run import open_run as _open_run
-from dfdbench.results.summary import summarise
+from dfdbench.results.saved_run import open_saved_run as _open_run
 from dfdbench.system.location import Place
-from dfdbench.system.parallel import Threads
-from dfdbench.tables.table import as_html
-from dfdbench.tables.wording import counted, listed
+from dfdbench.system.parallel import Pool, Threads
+from dfdbench.tables.table import counted
 
 Progress = Callable[[int, int], None]
-
-
-class Run:
-    """The scores of a method on a split of a data set, and on its tracks if it was run on them.
-
-    Parameters
-    ----------
-    runs : mapping of str to SavedRun
-        By ``clean`` and ``TRACK-SEVERITY``.
-    """
-
-    def __init__(self, runs: Mapping[str, SavedRun]) -> None:
-        self._runs = dict(runs)
-        self._first = next(iter(self._runs.values()))
-
-    def __repr__(self) -> str:
-        more = f", and on {len(self._runs) - 1} tracks" if len(self._runs) > 1 else ""
-        return f"{self._first!r}"[:-1] + f"{more}>"
-
-    def _repr_html_(self) -> str:
-        return self._first._repr_html_()
-
-    @property
-    def results(self) -> dict[str, Result]:
-        """Everything a run recorded, by ``clean`` and ``TRACK-SEVERITY``."""
-        return {label: run.result for label, run in self._runs.items()}
-
-    @property
-    def scores(self) -> pd.DataFrame:
-        """Every score: a row per track, pair, protocol and metric."""
-        return scores_of(list(self.results.values()))
-
-    def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
-        """Return the pairs' scores under one protocol, a row per pair and a column per metric."""
-        return self._first.to_frame(protocol)
-
-    def table(self, protocol: str | None = None) -> pd.DataFrame:
-        """Return the mean scores, by illumination and exposure or whatever axes the set has.
-
-        Parameters
-        ----------
-        protocol : str, optional
-            By default the data set's first.
-
-        Returns
-        -------
-        DataFrame
-            A row per group of pairs, a column per metric; of a run on tracks, a row per track.
-
-        Raises
-        ------
-        UnknownNameError
-            If the run was not scored under that protocol.
-        """
-        if len(self._runs) == 1:
-            result = self._first.result
-            table = run_score_table(summarise(result, protocol or shown_protocol(result)))
-            return pd.DataFrame(table.rows, columns=list(table.columns))
-        shown = protocol or shown_protocol(self._first.result)
-        means = {
-            label: (run.result.averages or {}).get(shown, {}) for label, run in self._runs.items()
-        }
-        return pd.DataFrame.from_dict(means, orient="index").rename_axis("track")
-
-    @property
-    def predictions(self) -> Iterator[tuple[str, NDArray[np.float32]]]:
-        """The depth maps that the run kept, as (pair, depth levels of shape (y, x))."""
-        for pair in self._first.result.pairs:
-            found = self._first.images(pair)
-            if found is not None:
-                yield pair.id, found[1]
-
-    def images(self, pair: str) -> tuple[Capture, NDArray[np.float32]]:
-        """Return a pair's images and the depth predicted for it.
-
-        Raises
-        ------
-        UnknownNameError
-            If the run has no such pair.
-        ResultError
-            If the run kept no depth maps, or the data set is not there.
-        """
-        found = self._first.images(pair)
-        if found is None:
-            raise ResultError(
-                self._first.without or "the run kept no depth map of this pair", where=pair
-            )
-        return found
-
-    def report(self, path: Path | str, protocol: str | None = None) -> Path:
-        """Write an HTML page about the run into a folder, worst pairs first; return its path."""
-        from dfdbench.report.html import write_html  # it imports matplotlib
-
-        shown = protocol or first_protocol(self._first.result.dataset.short)
-        folder = output_place(path, self._first.path.parent)
-        folder.mkdir(parents=True, exist_ok=True)
-        return write_html(list(self._runs.values()), shown, folder)
-
-    def save(self, path: Path | str) -> Path:
-        """Copy the run into a folder, which `open_run` opens; return the folder.
-
-        Raises
-        ------
-        InputError
-            If something is there already.
-        """
-        folder = output_place(path, self._first.path.parent)
-        if folder.exists():
-            raise InputError(
-                "there is something already", where=str(folder), fix="name a new folder"
-            )
-        many = len(self._runs) > 1
-        for label, run in self._runs.items():
-            shutil.copytree(run.path.parent, folder / label if many else folder)
-        return folder
-
-
-class Comparison:
-    """The differences of runs on the same data from the first of them, pair by pair.
-
-    Parameters
-    ----------
-    runs : sequence of Run
-        At least two.
-    protocol : str, optional
-        By default the data set's first.
-    """
-
-    def __init__(self, runs: Sequence[Run], protocol: str | None = None) -> None:
-        if len(runs) < 2:
-            raise InputError("a comparison needs two runs", got=str(len(runs)))
-        self._runs = told_apart([run._first for run in runs])
-        self.protocol = protocol or first_protocol(self._runs[0].result.dataset.short)
-        first = self._runs[0]
-        self.tables = {
-            other.label: change_tables(
-                first.result, other.result, self.protocol, 10, (first.label, other.label)
-            )
-            for other in self._runs[1:]
-        }
-
-    def __repr__(self) -> str:
-        return f"<{listed([run.label for run in self._runs])}, under {self.protocol}>"
-
-    def _repr_html_(self) -> str:
-        return "".join(as_html(tables[0]) for tables in self.tables.values())
-
-    @property
-    def scores(self) -> pd.DataFrame:
-        """Every score of all runs, a row per run, pair, protocol and metric."""
-        return scores_of([run.result for run in self._runs])
-
-    def table(self) -> pd.DataFrame:
-        """Return the mean differences from the first run, with their intervals."""
-        frames = {
-            label: pd.DataFrame(tables[0].rows, columns=list(tables[0].columns))
-            for label, tables in self.tables.items()
-        }
-        return pd.concat(frames, names=["run"])
 
 
 def build(
@@ -338,33 +179,92 @@ def run(
     split: str = "test",
     *,
     parameters: Mapping[str, Any] = MappingProxyType({}),
+    protocol: str | None = None,
     limit: int | None = None,
     seed: int = 0,
     out: Path | str | None = None,
+    keep_predictions: bool = True,
+    fresh: bool = False,
+    pool: Pool | None = None,
+    for_board: bool = False,
     cache: Path | None = None,
     on_pair: Progress | None = None,
 ) -> Run:
     """Run a method on a split of a built data set, as ``dfdbench run`` does.
 
-    Takes what `dfdbench.evaluation.evaluate.evaluate` takes.
+    Parameters
+    ----------
+    method : str or callable
+        A registered name, ``module:attribute``, ``file.py:attribute``; or the thing itself: a
+        function of two RGB images, uint8 of shape (y, x, 3), that returns depth levels 0 to 255,
+        shape (y, x), a class of such objects, or one of them. It may be defined in a notebook.
+    dataset : str or Dataset
+        A data set's name, a store's path or URL, or an open data set.
+    split : str
+        A split, a fold, a scene, or ``"all"``.
+    parameters : mapping
+        Given to the method: to a class when it is constructed, to a function at each call.
+    protocol : str, optional
+        The protocol of the run's tables; by default the data set's first.
+    limit : int, optional
+        Only the first pairs, so many; there are no averages then.
+    seed : int
+        For methods that draw random numbers.
+    out : Path or str, optional
+        A folder that keeps result and depth maps; a run that was stopped goes on there, unless
+        only this process knows the method. By default a temporary folder, which lasts as long as
+        what is returned.
+    keep_predictions : bool
+        Keep the depth maps; figures need them.
+    fresh : bool
+        Evaluate all pairs anew.
+    pool : Pool, optional
+        Other processes to evaluate pairs in, several at once; times are then not comparable.
+    for_board : bool
+        Refuse before the run what the leaderboard would refuse.
+    cache : Path, optional
+        The cache folder.
+    on_pair : callable, optional
+        Called with (pairs done, pairs to do).
+
+    Raises
+    ------
+    StoreError
+        If the data set is not built.
+    UnknownNameError
+        If there is no such method, data set, split or protocol.
+    InputError
+        If `limit` is less than 1, or `out` holds something else.
+    MethodError
+        If the method cannot be loaded or fitted. What it raises on a pair is in that pair's record.
 
     Examples
     --------
     >>> found = run(lambda infocus, defocus: 255 - infocus.mean(2), "demo")  # doctest: +SKIP
     >>> found.table()  # doctest: +SKIP
     """
-    done = evaluate(
-        method,
-        dataset,
-        split,
-        parameters=parameters,
-        limit=limit,
-        seed=seed,
-        out=out,
-        cache=cache,
-        on_pair=on_pair,
-    )
-    return Run({CLEAN: done})
+    if limit is not None and limit < 1:
+        raise InputError("no number of pairs", where="limit", expected="1 or more", got=str(limit))
+    if for_board:
+        require_submittable(limit)
+    store = _opened(dataset, cache)
+    store.manifest.scenes_of(split)
+    shown = protocol_on(store.manifest, protocol)
+    check = partial(require_fit_to_submit, split=split) if for_board else None
+    options = RunOptions(limit, keep_predictions, fresh, seed)
+    with _folder(out, str(store.path)) as folder:
+        done, calibration = evaluate(
+            method,
+            store,
+            split,
+            folder,
+            parameters,
+            options,
+            pool=pool,
+            check=check,
+            on_pair=on_pair,
+        )
+        return _run_of({CLEAN: done}, {CLEAN: store}, shown, out, calibration)
 
 
 def run_tracks(
@@ -375,35 +275,81 @@ def run_tracks(
     parameters: Mapping[str, Any] = MappingProxyType({}),
     tracks: Sequence[str] | None = None,
     given_blur: bool = False,
+    protocol: str = "valid",
     source: Path | None = None,
     seed: int = 0,
     out: Path | str | None = None,
+    for_board: bool = False,
     cache: Path | None = None,
+    on_result: Callable[[str, Result], None] = lambda label, result: None,
+    shown: Shown = lambda what: nullcontext(),
 ) -> Run:
     """Run a method on the clean images and on every track, as ``dfdbench tracks`` does.
 
-    Takes what `dfdbench.evaluation.tracks.run_over_tracks` takes; `out` is by default a new
-    temporary folder.
+    Parameters
+    ----------
+    method, split, parameters, seed, out, for_board, cache
+        As for `run`. Depth maps are not kept.
+    dataset : str
+        The name of a data set with synthetic blur, without a track.
+    tracks : sequence of str, optional
+        Which; by default all.
+    given_blur : bool
+        Give the method each track's blur; the row then has no rank.
+    protocol : str
+        The protocol of the run's table.
+    source : Path, optional
+        The data set's files, to build what is not built.
+    on_result : callable
+        Called with each label, ``clean`` or ``TRACK-SEVERITY``, and its result.
+    shown : callable
+        Shows progress: entered with what is done, it gives a callable (done, total).
+
+    Raises
+    ------
+    StoreError
+        If a data set is not built and cannot be made here.
+    DfdbenchError
+        As of `run`.
 
     Examples
     --------
     >>> found = run_tracks("local", "demo", tracks=["noise"])  # doctest: +SKIP
     >>> found.table()  # doctest: +SKIP
     """
-    folder = Path(out or tempfile.mkdtemp(prefix="dfdbench-"))
-    runs = run_over_tracks(
-        method,
-        dataset,
-        folder,
-        split,
-        parameters=parameters,
-        tracks=tracks,
-        given_blur=given_blur,
-        source=source,
-        seed=seed,
-        cache=cache,
-    )
-    return Run(runs)
+    if for_board:
+        require_submittable(None)
+    plain = without_track(dataset)
+    plain.scenes_of(split)
+    protocol = protocol_on(plain, protocol)
+    labels = labels_of(tracks)
+    # What cannot be run is said before anything is built or run for long.
+    if isinstance(method, str):
+        find_entry(method)
+    check = partial(require_fit_to_submit, split=split) if for_board else None
+    options = RunOptions(keep_predictions=False, seed=seed)
+    with _folder(out, source) as folder:
+        stores = {CLEAN: built_track(plain, dataset, CLEAN, source, cache, shown)}
+        load_for(stores[CLEAN], method, parameters, seed, given_blur)
+        for label in labels[1:]:
+            stores[label] = built_track(plain, dataset, label, source, cache, shown)
+        runs = {}
+        name = method if isinstance(method, str) else repr(method)
+        for label, store in stores.items():
+            with shown(f"running {name} on {label}") as step:
+                runs[label], _ = evaluate(
+                    method,
+                    store,
+                    split,
+                    folder / label,
+                    parameters,
+                    options,
+                    given_blur,
+                    check=check,
+                    on_pair=step,
+                )
+            on_result(label, runs[label].result)
+        return _run_of(runs, stores, protocol, out)
 
 
 def score(
@@ -413,8 +359,11 @@ def score(
     *,
     unit: Unit = "levels",
     method: str | None = None,
+    protocol: str | None = None,
     out: Path | str | None = None,
+    for_board: bool = False,
     cache: Path | None = None,
+    on_pair: Progress | None = None,
 ) -> Run:
     """Score depth maps that were made elsewhere, one file per pair.
 
@@ -422,36 +371,79 @@ def score(
     ----------
     folder : Path or str
         The depth maps: npy, npz, PNG or TIFF, named after the pairs.
-    dataset : str or Dataset
-        The data set.
-    split : str
-        Which of its pairs.
+    dataset, split, protocol, for_board, cache, on_pair
+        As for `run`.
     unit : {"levels", "metres"}
         What the files hold.
     method : str, optional
         What tables call it; by default the folder's name.
     out : Path or str, optional
         Where the result goes; by default a new temporary folder.
-    cache : Path, optional
-        The cache folder.
 
     Raises
     ------
     ResultError
         With everything that is wrong with the files.
-
-    Examples
-    --------
-    >>> score("depth_maps", "demo").table()  # doctest: +SKIP
     """
-    data = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, cache=cache)
-    place = output_place(out or Path(tempfile.mkdtemp(prefix="dfdbench-")) / "run", folder)
+    if for_board:
+        require_submittable(None)
+    store = _opened(dataset, cache)
+    store.manifest.scenes_of(split)
+    if for_board:
+        require_sound(store)
+    shown = protocol_on(store.manifest, protocol)
     name = method or Path(folder).resolve().name
-    done = score_predictions(Path(folder), data, split, place, name, unit)
-    return Run({CLEAN: SavedRun(place / RESULT, done.result, data, "")})
+    with _folder(out, folder, str(store.path)) as place:
+        done = score_predictions(Path(folder), store, split, place, name, unit, on_pair)
+        return _run_of({CLEAN: done}, {CLEAN: store}, shown, out)
 
 
-def compare(*runs: Run | Path | str, protocol: str | None = None) -> Comparison:
+def _opened(dataset: str | Dataset, cache: Path | None) -> Dataset:
+    if isinstance(dataset, Dataset):
+        return dataset
+    if isinstance(dataset, str):
+        return open_dataset(dataset, cache=cache)
+    raise InputError(
+        f"a data set is a name, a path or what open_dataset returns; got {dataset!r:.80}",
+        where="dataset",
+        fix="run(method, captures.dataset, split)",
+    )
+
+
+@contextmanager
+def _folder(out: Path | str | None, *inputs: Path | str | None) -> Iterator[Path]:
+    """Give a run's folder: the one named, or a temporary one, which goes if the run fails."""
+    if out is not None:
+        yield output_place(out, *inputs, replaces=True)
+        return
+    folder = Path(tempfile.mkdtemp(prefix="dfdbench-"))
+    try:
+        yield folder
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _run_of(
+    done: Mapping[str, RunDone],
+    stores: Mapping[str, Dataset],
+    protocol: str,
+    out: Path | str | None,
+    calibration: Calibration | None = None,
+) -> Run:
+    runs = {
+        label: SavedRun(each.folder / RESULT, each.result, stores[label], "")
+        for label, each in done.items()
+    }
+    made = Run(runs, protocol, [note for each in done.values() for note in each.notes], calibration)
+    if out is None:
+        weakref.finalize(made, shutil.rmtree, made.folder, ignore_errors=True)
+    return made
+
+
+def compare(
+    *runs: Run | Path | str, protocol: str | None = None, dataset: str | None = None, most: int = 10
+) -> Comparison:
     """Compare runs on the same data with the first of them, pair by pair.
 
     Parameters
@@ -460,6 +452,10 @@ def compare(*runs: Run | Path | str, protocol: str | None = None) -> Comparison:
         Runs, or their folders.
     protocol : str, optional
         By default the data set's first.
+    dataset : str, optional
+        The store's path, if it is not where the runs found it.
+    most : int
+        How many changed pairs are listed.
 
     Raises
     ------
@@ -468,10 +464,11 @@ def compare(*runs: Run | Path | str, protocol: str | None = None) -> Comparison:
 
     Examples
     --------
-    >>> compare(run("local", "demo"), run("constant", "demo")).table()  # doctest: +SKIP
+    >>> compare("results/a", "results/b").table()  # doctest: +SKIP
     """
-    opened = [each if isinstance(each, Run) else open_run(each) for each in runs]
-    return Comparison(opened, protocol)
+    label = find_protocol(protocol).label if protocol else None
+    opened = [each._first if isinstance(each, Run) else _open_run(each, dataset) for each in runs]
+    return Comparison(opened, label, most)
 
 
 def open_run(path: Path | str, dataset: str | None = None) -> Run:

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from dfdbench.optics.lens_table import read_lens_table
 from dfdbench.rig.geometry import CaptureRig, Pose
-from dfdbench.rig.lidar import average_scans, depth_image, warp
-from dfdbench.rig.lidar_files import read_beams
+from dfdbench.rig.lidar import average_scans, depth_image, read_beams, warp
 from dfdbench.rig.registration import register, sight
 from dfdbench.rig.sighting import Sighting
 from dfdbench.simulation.board_scene import MOUNTED, SimulatedScene, defocus

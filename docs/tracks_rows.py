@@ -19,7 +19,7 @@ from dfdbench.board.ranking import TRACKS_PROTOCOL, ScoreBoard
 from dfdbench.figures.comparisons import tracks_figure
 from dfdbench.figures.style import write_figure
 from dfdbench.metrics.metric import RANKED_BY
-from dfdbench.results.track_tables import track_means
+from dfdbench.results.frame import track_means
 from dfdbench.results.wording import NOTHING, score_text
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown

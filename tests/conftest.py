@@ -26,8 +26,7 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.methods.data_cost import data_cost
 from dfdbench.methods.mrf import Energy, published
-from dfdbench.rig.registration import register, sight
-from dfdbench.rig.registration_file import write_registration
+from dfdbench.rig.registration import register, sight, write_registration
 from dfdbench.simulation.capture_files import CaptureSettings, write_captures
 from dfdbench.system.location import as_location
 from dfdbench.system.parallel import Threads

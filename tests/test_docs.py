@@ -6,12 +6,15 @@ import re
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray
 
 from dfdbench.board.submission import submit
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
+from dfdbench.methods.calling import check_depth
 from dfdbench.methods.registry import built_in_methods
 from tests.board.made_tracks import make_tracks
 
@@ -159,3 +162,39 @@ def test_what_tracks_cost_is_written_between_its_marks_and_drawn(
     written = page.read_text("utf-8")
     assert written.startswith((DOCS / "classical.md").read_text("utf-8")[:500])
     assert written.endswith((DOCS / "classical.md").read_text("utf-8")[-500:])
+
+
+def test_the_adapter_for_a_published_stack_network_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    torch = pytest.importorskip("torch")
+    text = (DOCS / "methods.md").read_text("utf-8")
+    adapter = r"^```python\n(import numpy as np\nimport torch\n.*?)^```"
+    (block,) = re.findall(adapter, text, re.S | re.M)
+    assert len(block.splitlines()) <= 40
+    # A stand-in for what authors publish: the distance at which a pixel is brightest.
+    (tmp_path / "their_code.py").write_text(
+        "import torch\n\n\nclass Network(torch.nn.Module):\n"
+        "    def forward(self, images, focus):\n"
+        "        assert images.shape[-2] % 32 == images.shape[-1] % 32 == 0\n"
+        "        place = images.mean(2).argmax(1)\n"
+        "        return focus[0][place]\n\n\n"
+        "def load_network(weights):\n    assert weights == 'theirs.pt'\n    return Network()\n"
+    )
+    (tmp_path / "adapter.py").write_text(block)
+    monkeypatch.syspath_prepend(tmp_path)
+    method = importlib.import_module("adapter").StackNetwork("theirs.pt")
+    images = np.zeros((3, 33, 50, 3), np.uint8)
+    images[1:, :, 25:] = [[[[9]]], [[[5]]]]
+    stack = xarray.DataArray(
+        images,
+        dims=("image", "y", "x", "channel"),
+        coords={
+            "role": ("image", ["infocus", "defocus", "defocus"]),
+            "focus_distance": ("image", [np.nan, 2.0, 1.0]),
+        },
+    )
+    found = check_depth(method(stack), (33, 50), "metres")
+    assert found[0] is not None
+    assert (found[0][:, 25:] == 2.0).all()
+    assert torch.is_grad_enabled()

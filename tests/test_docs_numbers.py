@@ -31,8 +31,7 @@ from dfdbench.metrics.metric import RANKED_BY, mean_of
 from dfdbench.metrics.protocol import find_protocol
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.told import told
-from dfdbench.results.wording import score_text
+from dfdbench.results.wording import given_to, score_text
 from tests.methods.test_graph_cuts import PROGRAM
 
 ROOT = Path(__file__).parents[1]
@@ -81,7 +80,7 @@ QUOTED = [
 ]
 #: Tables that a test below compares, by how their heads begin, and numbers that are no results.
 COMPARED = {
-    "README.md": ["| method | told |"],
+    "README.md": ["| method | given |"],
     "docs/graph_cuts.md": ["| solved with | exposure |", "| solver | exposure 1"],
     "docs/training.md": ["| NRMSE / NMAE / SSIM, `thesis-networks`"],
 }
@@ -234,7 +233,7 @@ def test_a_table_that_quotes_the_board_has_its_numbers(quoted: Quoted) -> None:
 
 
 def test_the_readmes_table_is_what_make_demo_prints() -> None:
-    quoted = Quoted("README.md", "| method | told |", "demo-1-test", "thesis")
+    quoted = Quoted("README.md", "| method | given |", "demo-1-test", "thesis")
     (split,) = re.findall(r"^DEMO_SPLIT := (\w+)$", (ROOT / "Makefile").read_text("utf-8"), re.M)
     _, rows = table(quoted)
     assert [row[0] for row in rows] == ["`graph-cuts`", "`local`", "`s-transform`", "`constant`"]
@@ -242,7 +241,7 @@ def test_the_readmes_table_is_what_make_demo_prints() -> None:
         result = results(quoted.board, quoted.protocol)[name.strip("`")]
         pairs = [pair for pair in result.pairs if pair.scene == split]
         scores = [score_text(mean(pairs, "thesis", metric)) for metric in METRICS.values()]
-        assert (given, shown) == (told(result), scores), name
+        assert (given, shown) == (given_to(result), scores), name
 
 
 def test_the_folds_of_photographs_are_printed_and_sealed() -> None:

@@ -73,7 +73,7 @@ def test_every_row_of_the_leaderboard_is_there_with_its_file(made: Any) -> None:
     demo = next(b for b in boards if (b["set"], b["protocol"]) == ("demo-1, split test", "thesis"))
     shown = (ROOT / "leaderboard/README.md").read_text("utf-8")
     first = demo["rows"][0]
-    assert f"| 1 | {first['method']} | {first['told']} | {first['scores'][0]:.4f} |" in shown
+    assert f"| 1 | {first['method']} | {first['given']} | {first['scores'][0]:.4f} |" in shown
 
 
 def test_what_was_not_run_has_a_board_of_its_own_and_no_rank(made: Any, tmp_path: Path) -> None:
@@ -111,7 +111,7 @@ def test_a_row_on_tracks_says_what_its_runs_on_tracks_were_given(made: Any, tmp_
     submit(list(runs.values()), tmp_path)
     (text,) = re.findall(r'id="board-data">(.*?)</script>', made("board").board_page(tmp_path))
     (row,) = [row for board in json.loads(text) for row in board["rows"]]
-    assert (row["told"], row["seconds"]) == ("blur fitted", 2.0)
+    assert (row["given"], row["seconds"]) == ("blur fitted", 2.0)
 
 
 def test_links_lead_where_the_site_has_what_they_name(made: Any) -> None:
@@ -144,7 +144,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 QUESTIONS = {
     "which protocol did the thesis use": ("which-protocol-did-the-thesis-use", "thesis-networks"),
     "own photographs": ("how-do-i-use-my-own-photographs", "new-dataset"),
-    "what does told mean": ("what-does-told-mean", "blur fitted"),
+    "what does given mean": ("what-does-given-mean", "blur fitted"),
     "how do I cite": ("how-do-i-cite", "CITATION.cff"),
     "weights trained on": ("what-were-the-shipped-weights-trained-on", "middlebury-default"),
     "status 2": ("what-does-status-2-mean", "--allow-missing"),

@@ -38,7 +38,7 @@ except SystemExit:
 """
 
 
-@pytest.mark.parametrize("module", ["dfdbench.system.version", "dfdbench.cli"])
+@pytest.mark.parametrize("module", ["dfdbench.system.packages", "dfdbench.cli"])
 def test_ctrl_c_while_it_loads_is_told_in_a_line(module: str) -> None:
     command = (sys.executable, "-c", STOPPED_WHILE_LOADING, module)
     ended = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -100,7 +100,7 @@ def test_the_tracks_commands_run(place: Path) -> None:
     outcome = say(place, run)
     assert outcome.returncode == 0, outcome.stderr
     assert (place / "results/demo-1@camera-2-test/constant/result.json").exists()
-    assert "not told: a track" in say(place, info).stdout
+    assert "not given: a track" in say(place, info).stdout
 
 
 def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:

@@ -69,7 +69,7 @@ def test_the_rows_that_are_listed_can_be_run() -> None:
         for method in wanted["methods"]:
             name, *options = method.split()
             assert name in built_in_methods()
-            if kind == "tracks" and "--told" in options:
-                options.remove("--told")
+            if kind == "tracks" and "--given-blur" in options:
+                options.remove("--given-blur")
             assert options[::2] == ["--param"] * (len(options) // 2)
             values_of(options[1::2], "--param")

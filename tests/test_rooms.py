@@ -157,13 +157,11 @@ BEYOND_A_MODULE = {
     ("methods", "mrf", "test_solvers.py"),
     ("report", "test_browser.py"),
 }
-
-
 #: Modules without a test file of their own name: the file that tests them, and why it is another.
 TESTED_ELSEWHERE = {
     "dfdbench": "test_public_names.py",
-    # Its verb is all that there is to it.
-    "dfdbench.evaluation.tracks": "cli/test_tracks.py",
+    # What the public functions return.
+    "dfdbench.report.objects": "test_api.py",
     # What `main` tells of errors is seen from outside.
     "dfdbench.cli": "cli/test_command_line.py",
     # A protocol: what fulfils it is tested against it.

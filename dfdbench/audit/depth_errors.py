@@ -18,8 +18,7 @@ from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.errors import ResultError
 from dfdbench.results.record import Result
 from dfdbench.results.wording import NOTHING
-from dfdbench.tables.table import Table
-from dfdbench.tables.wording import counted, percent
+from dfdbench.tables.table import Table, counted, percent
 
 _BAND = 16
 _BANDS = np.arange(LEVELS).reshape(-1, _BAND)

@@ -15,8 +15,7 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
 from dfdbench.results.wording import NOTHING
-from dfdbench.tables.table import Table
-from dfdbench.tables.wording import percent
+from dfdbench.tables.table import Table, percent
 
 SCHEMA_VERSION = 1
 #: A step that is a useful depth difference: an eighth of the range that 256 levels span.

@@ -19,11 +19,10 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.errors import ResultError
-from dfdbench.results.folder import read_prediction, require_pairs_of
 from dfdbench.results.record import PairResult, Result
+from dfdbench.results.run_folder import read_prediction, require_pairs_of
 from dfdbench.results.wording import NOTHING
-from dfdbench.tables.table import Table
-from dfdbench.tables.wording import percent
+from dfdbench.tables.table import Table, percent
 
 SCHEMA_VERSION = 1
 #: Below this share of the error, uncovered levels are not what is wrong.
@@ -198,7 +197,7 @@ def kept_predictions(
         elif array_digest("depth", ("y", "x"), prediction) != pair.prediction_sha256:
             problems.append(("the prediction is not the result's", pair.id))
         else:
-            yield pair, depth, valid, prediction
+            yield pair, depth, valid, store.manifest.depth.exact_levels(prediction)
     if problems or not evaluated:
         what, where = problems[0] if problems else ("no pair was evaluated", "")
         raise ResultError(

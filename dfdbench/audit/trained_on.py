@@ -15,7 +15,7 @@ from dfdbench.datasets.folds import training_of
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import DfdbenchError, InputError
-from dfdbench.tables.wording import percent
+from dfdbench.tables.table import percent
 
 #: How `trained_on` names scenes: a manifest's name and version, then a split, or the fold or
 #: scene that was left out.

@@ -211,6 +211,73 @@ def form_pair(
     return first, _photograph(blurred, formation, (*key, "defocus"))
 
 
+def focus_levels(planes: int) -> tuple[int, ...]:
+    """Return the depth levels that a stack's images are focused at, the farthest first.
+
+    Examples
+    --------
+    >>> focus_levels(5), focus_levels(1)
+    ((0, 64, 128, 191, 255), (128,))
+    """
+    if planes == 1:
+        return (LEVELS // 2,)
+    return tuple(round(LAST_LEVEL * plane / (planes - 1)) for plane in range(planes))
+
+
+def form_stack(
+    infocus: NDArray[np.uint8], depth: NDArray[np.uint8], recipe: BlurRecipe, planes: int
+) -> NDArray[np.uint8]:
+    """Return the images of a focal stack, shape (image, y, x, channel).
+
+    Parameters
+    ----------
+    infocus : ndarray of uint8, shape (y, x, channel)
+        RGB.
+    depth : ndarray of uint8, shape (y, x)
+        Depth levels, brighter for nearer.
+    recipe : BlurRecipe
+        What each level away from the focus adds.
+    planes : int
+        How many images; they are focused at `focus_levels`.
+
+    Raises
+    ------
+    InputError
+        As `dfdbench.blur.synthesis.synthesize` does.
+
+    Notes
+    -----
+    At depth level d an image focused at level f has a Gaussian with ``sigma = sigma_min + |d - f| *
+    sigma_step``; surfaces cover each other as in `dfdbench.blur.layers.composite_layers`.
+
+    Examples
+    --------
+    >>> from dfdbench.blur.recipe import RECIPES
+    >>> image = np.zeros((9, 9, 3), np.uint8)
+    >>> image[4, 4] = 255
+    >>> stack = form_stack(image, np.full((9, 9), 255, np.uint8), RECIPES["published"], 3)
+    >>> stack[:, 4, 4, 0].tolist()
+    [4, 13, 248]
+    """
+    problems = input_problems(infocus, depth, recipe)
+    if problems:
+        raise InputError.of(problems)
+    light = infocus.astype(np.float64)
+    return np.stack(
+        [
+            rounded(composite_layers(light, depth, _kernels_at(recipe, focus)))
+            for focus in focus_levels(planes)
+        ]
+    )
+
+
+@lru_cache(maxsize=16)
+def _kernels_at(recipe: BlurRecipe, focus: int) -> Floats:
+    away = np.abs(np.arange(LEVELS) - focus)
+    size = kernel_size_of(recipe, layers=True)
+    return without_tails(point_spread_functions(recipe.sigmas[away], size, _GAUSSIAN))
+
+
 def blur(
     light: Floats, depth: NDArray[np.uint8], recipe: BlurRecipe, formation: Formation
 ) -> Floats:

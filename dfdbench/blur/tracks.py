@@ -42,6 +42,10 @@ class Formation:
         scale.
     full_well : float
         Electrons at full scale, from which shot noise follows; 0 for none.
+    planes : int
+        Images focused at depths spread evenly over the levels, in place of the defocus image.
+    infocus : bool
+        Whether there is an image in focus all over.
     """
 
     sigma_min: float = 1.0
@@ -54,6 +58,8 @@ class Formation:
     linear: bool = False
     read_noise: float = 0.0
     full_well: float = 0.0
+    planes: int = 0
+    infocus: bool = True
 
 
 @dataclass(frozen=True)
@@ -186,6 +192,27 @@ _ALL = (
     ),
 )
 
+_MOST_PLANES = 10
+#: Focal stacks: their severity is the number of focus planes.
+STACKS: Mapping[str, Track] = MappingProxyType(
+    {
+        name: Track(
+            name,
+            1,
+            title,
+            _steps("{:g} focus planes", *range(1, _MOST_PLANES + 1)),
+            tuple(
+                Formation(layers=True, planes=count, infocus=infocus)
+                for count in range(1, _MOST_PLANES + 1)
+            ),
+        )
+        for name, title, infocus in (
+            ("stack", "a focal stack beside the in-focus image", True),
+            ("stack-only", "a focal stack without an in-focus image", False),
+        )
+    }
+)
+
 #: The tracks by name.
 TRACKS: Mapping[str, Track] = MappingProxyType({track.name: track for track in _ALL})
 #: What rows of the leaderboard are ranked over, by name: tracks at their severities. A suite never
@@ -198,6 +225,7 @@ SUITES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             for severity in (1, 2, 3)
         )
     }
+    | {label: (label,) for label in ("stack-5", "stack-9")}
 )
 
 
@@ -218,15 +246,15 @@ def find_degradation(label: str) -> Degradation:
     """
     known = {
         f"{track.name}-{severity}": Degradation(track, severity)
-        for track in TRACKS.values()
+        for track in (*TRACKS.values(), *STACKS.values())
         for severity in range(len(track.severities) + 1)
     }
     if label in known:
         return known[label]
     name, _, severity = label.rpartition("-")
     name = name or label
-    if name in TRACKS:
-        raise _unknown_severity(TRACKS[name], label, severity)
+    if track := ({**TRACKS, **STACKS}).get(name):
+        raise _unknown_severity(track, label, severity)
     # The whole of it is matched: of "noise1" the track alone would be half an answer.
     near = difflib.get_close_matches(label.casefold(), known, n=1, cutoff=0.6)
     fix = f"did you mean {near[0]}? " if near else ""

@@ -26,11 +26,10 @@ from dfdbench.board.tables import board_tables, records_of
 from dfdbench.errors import Problem, ResultError, reason_of, unknown_name
 from dfdbench.metrics.metric import IN_METRES
 from dfdbench.results.frame import scores_of
-from dfdbench.results.told import told
+from dfdbench.results.wording import given_to
 from dfdbench.system.files import read_text, write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown
-from dfdbench.tables.table import Table, as_html
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import Table, as_html, counted
 
 #: The leaderboard's folder in a clone.
 LEADERBOARD = Path("leaderboard")
@@ -177,13 +176,13 @@ class Board:
         )
         contexts = [self._context(board) for board in self.boards]
         compared = dict.fromkeys(table.compare for table in published if table.compare)
-        given = [told(result) for row in self.rows.values() for result in row.results]
+        given = [given_to(result) for row in self.rows.values() for result in row.results]
         text = environment.from_string(template.read_text(encoding="utf-8")).render(
             note=_text(self.folder / NOTE).rstrip(),
             boards=[c for c in contexts if c["suite"] == CLEAN and not c["scored"]],
             tracks=[c for c in contexts if c["suite"] != CLEAN],
             scored=[c for c in contexts if c["scored"]],
-            lens_told=any("lens told" in text for text in given),
+            lens_given=any("the lens" in text for text in given),
             in_metres=any(board.metric in IN_METRES for board in self.boards),
             summaries=[as_markdown(published_summary(published, name)) for name in compared],
             published=[_published_context(table) for table in published],

@@ -18,7 +18,7 @@ from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest, Name, Pair
 from dfdbench.datasets.tracked import AT
 from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unknown_name
-from dfdbench.evaluation.result import without_folder
+from dfdbench.evaluation.run import without_folder
 from dfdbench.methods.registry import registered_methods
 from dfdbench.metrics.protocol import RELEASED, metrics_of
 from dfdbench.results.record import (
@@ -36,11 +36,10 @@ from dfdbench.results.record import (
     Sha256,
     average,
 )
-from dfdbench.results.told import knew_blur
-from dfdbench.results.wording import method_label
+from dfdbench.results.wording import knew_blur, method_label
 from dfdbench.system.files import read_whole
-from dfdbench.system.record import Record, problems_of
-from dfdbench.tables.wording import listed
+from dfdbench.system.strict import Record, problems_of
+from dfdbench.tables.table import listed
 
 RESULTS = "results"
 #: The fingerprints that a data set must have if it is made the same everywhere.

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dfdbench.blur.tracks import CLEAN, SUITES
+from dfdbench.board.board import LEADERBOARD, require_leaderboard
 from dfdbench.board.row_file import (
     CLEAN_SUITE,
     read_row,
@@ -14,11 +15,49 @@ from dfdbench.board.row_file import (
     row_of,
     row_problems,
     row_text,
+    training_problems,
 )
-from dfdbench.errors import Problem, ResultError
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.integrity import require_sound
+from dfdbench.errors import InputError, Problem, ResultError
+from dfdbench.methods.method import Method
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.results.record import Result
 from dfdbench.system.files import write_whole
+
+
+def require_submittable(limit: int | None) -> None:
+    """Refuse, before a run, one that the leaderboard would refuse, or a place without one.
+
+    Raises
+    ------
+    InputError, ResultError
+        If the run is limited to some pairs, or there is no leaderboard here.
+    """
+    if limit:
+        raise InputError(
+            "a limited run cannot be submitted",
+            where=f"--limit {limit}",
+            fix="leave out --limit; pairs that were run already are taken over",
+        )
+    require_leaderboard(LEADERBOARD)
+
+
+def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
+    """Refuse a damaged data set, and a method whose weights were trained on scenes of the test.
+
+    Raises
+    ------
+    StoreError, InputError
+        If the data set does not hold what was built; if the method has seen the test.
+    """
+    require_sound(store)
+    trained_on, weights = method.trained_on, method.weights_sha256
+    problems = training_problems(
+        trained_on, weights, store.manifest.stem, split, f"--split {split}"
+    )
+    if problems:
+        raise InputError.of(problems)
 
 
 def submit(results: Result | Sequence[Result], folder: Path, replace: bool = False) -> Path:

@@ -17,18 +17,19 @@ from dfdbench.datasets.tracked import part_name
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
-from dfdbench.results.frame import mean_scores
+from dfdbench.results.frame import group_means
 from dfdbench.results.record import SCORED, Result
-from dfdbench.results.told import TOLD_NOTE, told
 from dfdbench.results.wording import (
+    GIVEN_NOTE,
     NOTHING,
     SECONDS_NOTE,
+    given_to,
     interval_text,
     machine_of,
     parameters_of,
     score_text,
     seconds_text,
-    training_of,
+    training_text,
 )
 from dfdbench.tables.table import Link, Table
 
@@ -51,7 +52,7 @@ def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
         standings_table(board, folder),
         lighting_table(board),
         scenes_table(board),
-        folds_table(board),
+        board_folds_table(board),
         runs_table(board, folder),
     ]
     return [table for table in tables if table.rows]
@@ -65,7 +66,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
     columns = (
         "",
         "method",
-        "told",
+        "given",
         find_metric(board.metric).heading,
         interval_name(board.scenes),
         *(metric.heading for metric in metrics),
@@ -76,7 +77,7 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
         (
             NOTHING if standing.rank is None else str(standing.rank),
             _linked(standing.entry, folder) if scored else standing.entry.label,
-            told(standing.entry.result),
+            given_to(standing.entry.result),
             board.shown(row, board.metric),
             interval_text(standing.interval),
             *(board.shown(row, metric.name) for metric in metrics),
@@ -104,7 +105,7 @@ def tracks_table(board: ScoreBoard, folder: Path) -> Table:
     clean = board.scores[
         (board.scores["track"] == CLEAN) & (board.scores["metric"] == board.metric)
     ]
-    on_clean = mean_scores(clean, "row")
+    on_clean = group_means(clean, "row")
     rows = tuple(
         (
             NOTHING if standing.rank is None else str(standing.rank),
@@ -131,7 +132,7 @@ def tracks_table(board: ScoreBoard, folder: Path) -> Table:
 
 def tracks_of(board: ScoreBoard) -> pd.DataFrame:
     """Return each row's mean over severities, by row and metric, a column a track."""
-    means = mean_scores(board.scores, "row", "metric", "track", "severity")
+    means = group_means(board.scores, "row", "metric", "track", "severity")
     return over_tracks(means, board.suite)
 
 
@@ -174,7 +175,7 @@ def scenes_table(board: ScoreBoard) -> Table:
     return _by_scenes(board, "scene", {name: [name] for name in sorted(set(board.scores["scene"]))})
 
 
-def folds_table(board: ScoreBoard) -> Table:
+def board_folds_table(board: ScoreBoard) -> Table:
     """Return each method's mean over the test scenes of each fold, a row a fold.
 
     It has no rows if the data set has no folds or the split does not hold at least two whole ones.
@@ -213,7 +214,7 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
         (
             entry.result.method.name if folder is None else Link(entry.result.method.name, link),
             parameters_of(entry.result),
-            training_of(entry.result.method),
+            training_text(entry.result.method),
             seconds_text(entry.seconds),
             machine_of(entry.result),
             entry.result.method.paper or NOTHING,
@@ -285,7 +286,7 @@ def _by_place(board: ScoreBoard) -> dict[str, list[float]]:
 def _knowledge(board: ScoreBoard, entry: Entry) -> dict[str, object]:
     if board.suite == CLEAN:
         method = entry.result.method
-        said = {"told": told(entry.result), "trained_on": method.trained_on}
+        said = {"given": given_to(entry.result), "trained_on": method.trained_on}
         return {**said, "fitted_on": method.fitted_on}
     return {
         "given_blur": entry.given_blur,
@@ -334,7 +335,7 @@ def _ranking_notes(board: ScoreBoard) -> list[str]:
             f"{above} range over scenes. Fewer than six scenes are too few for a 95 % interval, "
             "and too few to tell a difference from chance."
         )
-    notes = [note, TOLD_NOTE]
+    notes = [note, GIVEN_NOTE]
     trained_on = [standing.entry.result.method.trained_on or "" for standing in board.standings]
     others = {text.partition(",")[0] for text in trained_on} - {board.result.dataset.name}
     notes += [f"{m.stem}: {m.title}." for m in released_manifests() if m.stem in others]

@@ -16,7 +16,7 @@ from dfdbench.errors import InputError, ResultError
 from dfdbench.evaluation.fitting import fit_method
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
-from dfdbench.evaluation.result import trained_on_of
+from dfdbench.evaluation.run import trained_on_of
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.record import SCORED, PairResult, Result

@@ -10,13 +10,13 @@ import numpy as np
 import xarray
 from upath import UPath
 
-from dfdbench.blur.formation import form_pair
+from dfdbench.blur.formation import focus_levels, form_pair, form_stack
 from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.building.plan import NamedRecipe, refuse_another_set, refuse_recipe_on_track
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
-from dfdbench.datasets.captures import BY_IMAGE, OF_CAMERA, PAIR, ROLES
+from dfdbench.datasets.captures import BY_IMAGE, OF_CAMERA, PAIR, ROLES, ImageFacts, Role
 from dfdbench.datasets.depth_scale import Rig
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
@@ -194,7 +194,28 @@ def scene_dataset(
         )
     if blur is not None:
         images = _synthesised(manifest, scene, images, blur)
-    facts, rig = images.facts, manifest.rig or Rig()
+    facts, known = images.facts, _known(images.facts, manifest)
+    extent = (*(len(values) for values in axes.values()), len(facts.roles))
+    variables: dict[str, tuple[tuple[str, ...], Any]] = {
+        "images": ((*axes, "image", "y", "x", "channel"), images.images),
+        "depth": ((*manifest.depth.axes, "y", "x"), images.depth),
+        "available": (tuple(axes), images.available),
+    }
+    coordinates: dict[str, Any] = {
+        axis: np.asarray(values, np.int64) for axis, values in axes.items()
+    }
+    coordinates["role"] = ("image", np.array([ROLES.index(role) for role in facts.roles], np.uint8))
+    coordinates |= {
+        name: ((*axes, "image"), np.broadcast_to(known[name], extent)) for name in BY_IMAGE
+    }
+    coordinates |= {name: ((), known[name]) for name in OF_CAMERA}
+    told: dict[str, Any] = {"found": dict(images.found)} if images.found else {}
+    return xarray.Dataset(variables, coords=coordinates, attrs=told)
+
+
+def _known(facts: ImageFacts, manifest: Manifest) -> dict[str, Any]:
+    """Return what is known of the images: by the source, or else by the manifest."""
+    rig = manifest.rig or Rig()
     by_role = {"infocus": rig.infocus_f_number, "defocus": rig.defocus_f_number}
     stated: dict[str, Any] = {
         "f_number": [_number(by_role[role]) for role in facts.roles],
@@ -212,22 +233,7 @@ def scene_dataset(
         known["focus_depth"] = np.where(
             np.isfinite(known["focus_depth"]), known["focus_depth"], focused
         )
-    extent = (*(len(values) for values in axes.values()), len(facts.roles))
-    variables: dict[str, tuple[tuple[str, ...], Any]] = {
-        "images": ((*axes, "image", "y", "x", "channel"), images.images),
-        "depth": ((*manifest.depth.axes, "y", "x"), images.depth),
-        "available": (tuple(axes), images.available),
-    }
-    coordinates: dict[str, Any] = {
-        axis: np.asarray(values, np.int64) for axis, values in axes.items()
-    }
-    coordinates["role"] = ("image", np.array([ROLES.index(role) for role in facts.roles], np.uint8))
-    coordinates |= {
-        name: ((*axes, "image"), np.broadcast_to(known[name], extent)) for name in BY_IMAGE
-    }
-    coordinates |= {name: ((), known[name]) for name in OF_CAMERA}
-    told: dict[str, Any] = {"found": dict(images.found)} if images.found else {}
-    return xarray.Dataset(variables, coords=coordinates, attrs=told)
+    return known
 
 
 def _number(value: float | None) -> float:
@@ -297,9 +303,9 @@ def _synthesised(
 ) -> SceneImages:
     """Return a scene with its defocus images; the in-focus ones change on a track only."""
     on = find_degradation(manifest.degradation) if manifest.on_track else None
+    planes = on.formation.planes if on else 0
     sharp = images.infocus
-    infocus = sharp if on is None else np.zeros_like(sharp)
-    defocus = np.zeros_like(sharp)
+    made = np.zeros((*sharp.shape[:-3], 1 + (planes or 1), *sharp.shape[-3:]), np.uint8)
     levels = manifest.depth.levels_of(images.depth)
     for place in np.ndindex(images.available.shape):
         if images.available[place]:
@@ -308,10 +314,23 @@ def _synthesised(
             if manifest.depth.grows_with == "distance":
                 depth = LAST_LEVEL - depth
             if on is None:
-                defocus[place] = synthesize(sharp[place], depth, blur)
+                made[place] = sharp[place], synthesize(sharp[place], depth, blur)
+            elif planes:
+                made[place][0] = sharp[place]
+                made[place][1:] = form_stack(sharp[place], depth, blur, planes)
             else:
                 values = tuple((axis, manifest.axes[axis][index]) for axis, index in at.items())
-                name = Pair(scene, values).id
-                infocus[place], defocus[place] = form_pair(sharp[place], depth, blur, on, name)
-    both = np.stack([infocus, defocus], axis=-4)
-    return replace(images, images=both, facts=replace(images.facts, roles=PAIR))
+                made[place] = form_pair(sharp[place], depth, blur, on, Pair(scene, values).id)
+    if not planes or on is None:
+        return replace(images, images=made, facts=replace(images.facts, roles=PAIR))
+    focus = np.array([np.nan, *focus_levels(planes)])
+    if manifest.depth.grows_with == "distance":
+        focus = LAST_LEVEL - focus
+    defocus: Role = "defocus"
+    roles: tuple[Role, ...] = ("infocus", *(defocus for _ in range(planes)))
+    scale, first = manifest.depth.scale, 0 if on.formation.infocus else 1
+    metres = np.full(len(focus), np.nan) if scale is None else scale.to_metres(focus)
+    facts = replace(
+        images.facts, roles=roles[first:], focus_depth=focus[first:], focus_distance=metres[first:]
+    )
+    return replace(images, images=made[..., first:, :, :, :], facts=facts)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
+import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,10 +14,14 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.sources.middlebury import depth_name, image_name
+from dfdbench.datasets.captures import BY_IMAGE, Capture
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import StoreError, reason_of
 from dfdbench.system.files import write_whole
+
+#: What says of a stack's images what is known of them.
+STACK_FILE = "stack.json"
 
 
 def export_png(
@@ -47,6 +54,11 @@ def export_png(
         Write no depth, and name the images ``PAIR/infocus.png`` and ``PAIR/defocus.png``. Depth
         maps named after those folders, ``PAIR.npy``, are what `dfdbench.evaluation.scored` takes.
 
+    Notes
+    -----
+    A stack is written into a folder ``PAIR``: its images, ``stack.json`` with what is known of
+    them, and, unless `images_only`, ``depth.npy``.
+
     Returns
     -------
     int
@@ -67,7 +79,9 @@ def export_png(
         raise StoreError(f"the store holds no pair of split {split}", where=str(store.path))
     for number, pair in enumerate(pairs, 1):
         images = store.read(pair)
-        if images_only:
+        if not images.is_pair:
+            _write_stack(folder / pair.id, images, images_only)
+        elif images_only:
             _write(folder / pair.id / "infocus.png", images.infocus)
             _write(folder / pair.id / "defocus.png", images.defocus)
         else:
@@ -78,6 +92,23 @@ def export_png(
         if on_pair:
             on_pair(number, len(pairs))
     return len(pairs)
+
+
+def _write_stack(folder: Path, capture: Capture, images_only: bool) -> None:
+    stack = capture.stack
+    names = [f"image_{number:02}.png" for number in range(len(capture.images))]
+    for name, image in zip(names, capture.images, strict=True):
+        _write(folder / name, image)
+    known = {key: stack[key].values.tolist() for key in ("role", *BY_IMAGE)}
+    # JSON has no NaN.
+    told = {key: [None if v != v else v for v in values] for key, values in known.items()}
+    attributes = {key: None if v != v else v for key, v in stack.attrs.items()}
+    said = {"images": names, "coordinates": told, "attributes": attributes}
+    write_whole(folder / STACK_FILE, json.dumps(said, indent=1).encode() + b"\n")
+    if not images_only:
+        content = io.BytesIO()
+        np.save(content, capture.depth)
+        write_whole(folder / "depth.npy", content.getvalue())
 
 
 def _names(manifest: Manifest, pair: Pair) -> tuple[str, str]:
@@ -101,7 +132,7 @@ def blur_name(recipe: BlurRecipe) -> str:
     return f"lin_{recipe.sigma_min:.2f}_{recipe.sigma_step * recipe.levels:.2f}"
 
 
-def _write(path: Path, image: NDArray[np.uint8]) -> None:
+def _write(path: Path, image: NDArray[Any]) -> None:
     stored = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
     _, encoded = cv2.imencode(".png", stored)
     content = encoded.tobytes()

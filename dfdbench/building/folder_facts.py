@@ -23,7 +23,7 @@ from dfdbench.building.sources.image_files import (
 )
 from dfdbench.errors import InputError, SourceError
 from dfdbench.optics.sharpness import laplacian_energy
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 # Frames are counted f01, f02; apertures are not.
 _F_NUMBER = re.compile(r"(?<![a-z])f[_/]?((?!0\d)\d+(?:\.\d+)?)")

@@ -15,7 +15,7 @@ from dfdbench.building.folder_matching import Align
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import ROLES
 from dfdbench.errors import InputError
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 _TEST = 4  # without splits of its own, every fourth scene of a set tests
 _NAMED = 6

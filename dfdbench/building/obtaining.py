@@ -15,7 +15,7 @@ from dfdbench.building.sources import Download, Source, download_middlebury, ope
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, Problem, SourceError
 from dfdbench.system.cache import DOWNLOADS, cache_folder
-from dfdbench.tables.wording import counted
+from dfdbench.tables.table import counted
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from dfdbench.cli.screen import end_unread, say, spell_out_what_cannot_be_shown
 from dfdbench.cli.verbs import LazyGroup
 from dfdbench.errors import DfdbenchError, Problem, reason_of
 from dfdbench.system.abandoned import keep_quiet_of_abandoned_tasks
+from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.variables import require_sound_start
-from dfdbench.system.version import PACKAGE_VERSION
 
 __all__ = ["app", "main"]
 

@@ -1,4 +1,4 @@
-"""The verbs that make data sets and write them elsewhere: build, export."""
+"""The verbs that make data sets and write them elsewhere: build, new-dataset, export."""
 
 from __future__ import annotations
 
@@ -8,14 +8,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.cli.completion import data_sets
-from dfdbench.cli.options import Cache, Scheduler, Workers, pool_of
-from dfdbench.cli.screen import download_progress, progress, say
+from dfdbench.cli.options import (
+    Cache,
+    DataSetArgument,
+    Scheduler,
+    Split,
+    Workers,
+    data_sets,
+    pool_of,
+)
+from dfdbench.cli.screen import download_progress, progress, say, writing
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.tables.wording import counted
+from dfdbench.system.files import write_whole
+from dfdbench.tables.table import counted
 
 if TYPE_CHECKING:
     from dfdbench.building.build import BuildReport
@@ -99,15 +107,10 @@ def build(
 
 
 def export(
-    name: Annotated[
-        str,
-        typer.Argument(
-            help="A data set's name, or a store's path or URL.", autocompletion=data_sets
-        ),
-    ],
+    name: DataSetArgument,
     png: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write PNG files into.")],
     out: Annotated[Path | None, typer.Option(hidden=True, callback=_called_png)] = None,
-    split: Annotated[str, typer.Option(help="A split, a fold, a scene, or all.")] = "all",
+    split: Split = "all",
     images_only: Annotated[
         bool,
         typer.Option(
@@ -207,3 +210,35 @@ def _spans(names: list[str], known: tuple[str, ...]) -> list[str]:
                 runs.append([])
             runs[-1].append(name)
     return [text for run in runs for text in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)]
+
+
+def new_dataset(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Two photographs and a depth map a scene.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="The manifest to write; default: NAME-1.toml, here.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="The data set's name; default: the folder's.")
+    ] = None,
+) -> None:
+    """Look at a folder of captures and write a manifest for a person to finish."""
+    from dfdbench.building.new_manifest import new_manifest
+
+    written = new_manifest(folder, name)
+    path = output_place(out or written.name, folder)
+    if path.exists():
+        raise InputError(
+            f"a {'folder' if path.is_dir() else 'file'} of that name is there",
+            where=str(path),
+            fix="name another: --out FILE.toml",
+        )
+    with writing(path):
+        write_whole(path, written.toml)
+    for heading, lines in (("found", written.found), ("say yourself", written.open)):
+        print(f"{heading}:")
+        for line in lines:
+            print(f"  {line}")
+    print(f"manifest     {path}")
+    print(f"next         dfdbench build {path} --source {folder}")

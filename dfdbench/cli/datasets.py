@@ -1,26 +1,35 @@
-"""The verbs that look at data sets and the cache: list, verify, cache."""
+"""The verbs that look: list, info, verify, cache, doctor."""
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
 import sys
+from collections.abc import Iterable, Iterator
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.filesize import decimal
 
-from dfdbench.blur.tracks import TRACKS
-from dfdbench.cli.completion import data_sets
-from dfdbench.cli.options import Cache, Workers, pool_of
-from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.blur.tracks import TRACKS, find_degradation
+from dfdbench.cli.options import Cache, DataSetArgument, Printed, Workers, data_sets, pool_of
+from dfdbench.cli.screen import print_table, print_tables, progress, say
 from dfdbench.datasets.catalog import find_manifest, released_manifests
-from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.store_place import default_store, own_stores
+from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.store_place import default_store, own_stores, place_of
 from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import DfdbenchError, InputError, unknown_name
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
-from dfdbench.tables.table import Table
-from dfdbench.tables.wording import counted
+from dfdbench.system.packages import EXTRAS
+from dfdbench.tables.table import Format, Table, counted
+
+if TYPE_CHECKING:
+    from dfdbench.datasets.dataset import Dataset
+    from dfdbench.results.record import Environment
+
 
 cache_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 
@@ -76,16 +85,7 @@ def _own(cache: Path | None) -> list[tuple[str, ...]]:
     return rows
 
 
-def verify(
-    name: Annotated[
-        str,
-        typer.Argument(
-            help="A data set's name, or a store's path or URL.", autocompletion=data_sets
-        ),
-    ],
-    workers: Workers = None,
-    cache: Cache = None,
-) -> None:
+def verify(name: DataSetArgument, workers: Workers = None, cache: Cache = None) -> None:
     """Recompute a store's fingerprint and compare it with the recorded one."""
     from dfdbench.datasets.dataset import open_dataset
     from dfdbench.datasets.integrity import verify_store
@@ -163,3 +163,278 @@ def clear_cache(
         typer.confirm("Remove them?", abort=True)
     remove_entries(chosen)
     print(f"removed {len(chosen)} entries, {decimal(sum(entry.size for entry in chosen))}")
+
+
+# Of what a source found out about a scene, so much is shown.
+_LONGEST = 100
+
+
+def info(
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="A data set's name, with its track, a manifest's path, or a store's place.",
+            autocompletion=data_sets,
+        ),
+    ],
+    pairs: Annotated[
+        str | None, typer.Option(help="List the pairs of this split, fold or scene, one per line.")
+    ] = None,
+    croissant: Annotated[
+        bool, typer.Option("--croissant", help="Print its description in Croissant 1.1, JSON-LD.")
+    ] = False,
+    cache: Cache = None,
+) -> None:
+    """Show what a data set consists of, or what a built one holds."""
+    if croissant:
+        _print_croissant(name, cache)
+        return
+    if place := place_of(name, cache):
+        # A manifest tells all it knows without the libraries that read arrays.
+        from dfdbench.datasets.dataset import Dataset
+
+        store = Dataset(place)
+        if pairs is None:
+            _show_store(store)
+        else:
+            _list_pairs(store.pairs(pairs))
+    elif pairs is None:
+        _show_manifest(find_manifest(name), cache)
+    else:
+        _list_pairs(find_manifest(name).pairs(pairs))
+
+
+def _print_croissant(name: str, cache: Path | None) -> None:
+    from dfdbench.datasets.croissant import croissant_text
+
+    if place := place_of(name, cache):
+        from dfdbench.datasets.dataset import Dataset
+
+        manifest = Dataset(place).manifest
+    else:
+        manifest = find_manifest(name)
+    print(croissant_text(manifest), end="")
+
+
+def _list_pairs(pairs: Iterable[Pair]) -> None:
+    for pair in pairs:
+        print(pair.id)
+
+
+def _show_store(store: Dataset) -> None:
+    from dfdbench.system.location import size_of
+
+    attributes = store.attributes
+    options = ", ".join(_option(*item) for item in attributes["options"].items() if item[1])
+    recipe = attributes["recipe"]
+    parameters = ", ".join(f"{key} {value}" for key, value in recipe["parameters"].items())
+    missing = attributes.get("missing_pairs", [])
+    lines = [
+        f"{store.manifest.title}",
+        f"  store        {store.path}",
+        f"  size         {decimal(size_of(store.path))}",
+        f"  fingerprint  {store.fingerprint}",
+        f"  manifest     {store.manifest.stem}  sha256 {attributes['manifest_sha256']}",
+        f"  recipe       {recipe['name']}: {parameters}"
+        if recipe["name"]
+        else f"  recipe       {_without_recipe(store.manifest)}",
+        f"  degradation  {_degradation_text(store.manifest)}",
+        f"  depth        {_depth_text(store.manifest)}",
+        f"  options      {options or 'none'}",
+        f"  built by     dfdbench {attributes['dfdbench_version']}",
+        f"  pairs        {len(store.pairs('all'))} of {store.manifest.pair_count}, "
+        f"{len(missing)} missing",
+    ]
+    print("\n".join(lines))
+    _show_scenes(store)
+
+
+def _show_scenes(store: Dataset) -> None:
+    from dfdbench.datasets.damage import scene_record
+
+    rows = []
+    placed: list[tuple[str, dict[str, float]]] = []
+    others: list[tuple[str, str, str]] = []
+    for scene in store.scenes:
+        record = scene_record(store.to_xarray(scene).attrs, f"{store.path}, {scene}")
+        for name, value in record.found.items():
+            # Other packages' sources may keep whatever fits into JSON.
+            if _places(value) and (not placed or value.keys() == placed[0][1].keys()):
+                placed.append((name, value))
+            else:
+                text = json.dumps(value, ensure_ascii=False)
+                others.append((scene, name, f"{text[:_LONGEST]}…" if text[_LONGEST:] else text))
+        size = " × ".join(map(str, store.shape_of(scene)))
+        pairs = str(len(store.pairs(scene)))
+        rows.append((scene, size, pairs, record.source_sha256[:16], record.digest[:16]))
+    heading = ("scene", "y × x", "pairs", "made from", "digest")
+    print_table(Table("scenes", heading, tuple(rows), "lrrll"))
+    if placed:
+        names = tuple(placed[0][1])
+        matched = tuple((pair, *(f"{value[name]:g}" for name in names)) for pair, value in placed)
+        title = "what lays one image on the other"
+        print_table(Table(title, ("pair", *names), matched, "l" + "r" * len(names)))
+    if others:
+        columns = ("scene", "what", "value")
+        print_table(Table("what the source found out", columns, tuple(others), "lll"))
+
+
+def _places(value: object) -> bool:
+    return (
+        isinstance(value, dict)
+        and bool(value)
+        and all(isinstance(number, float) for number in value.values())
+    )
+
+
+def _recipe_text(manifest: Manifest) -> str:
+    told = None if manifest.on_track else manifest.recipe
+    return told or _without_recipe(manifest)
+
+
+def _without_recipe(manifest: Manifest) -> str:
+    if manifest.on_track:
+        return "not given: a track"
+    captured = "SIMULATED captures" if manifest.simulated else "captured"
+    return f"none: both images are {captured}"
+
+
+def _degradation_text(manifest: Manifest) -> str:
+    if not manifest.on_track:
+        return manifest.degradation
+    found = find_degradation(manifest.degradation)
+    return f"{found.label}, version {found.track.version}: {found.text}"
+
+
+def _depth_text(manifest: Manifest) -> str:
+    return f"brighter is {manifest.depth.direction}; {manifest.depth.unit}"
+
+
+def _option(name: str, value: Any) -> str:
+    if isinstance(value, dict):
+        value = ", ".join(f"{key} {inner}" for key, inner in value.items())
+    return f"{name.replace('_', ' ')} {value}"
+
+
+def _show_manifest(manifest: Manifest, cache: Path | None) -> None:
+    lines = [
+        f"{manifest.title}",
+        f"  manifest   {manifest.stem}  sha256 {manifest.sha256}",
+        f"  scenes     {manifest.scene_count}",
+        f"  pairs      {manifest.pair_count}",
+        f"  recipe     {_recipe_text(manifest)}",
+        f"  images     {_degradation_text(manifest)}",
+        f"  depth      {_depth_text(manifest)}",
+    ]
+    lines += [
+        f"  axis       {axis}: {', '.join(map(str, values))}"
+        for axis, values in manifest.axes.items()
+    ]
+    lines += [
+        f"  split      {split.name} ({split.partition}): {counted(split.pairs, 'pair')} of "
+        f"{counted(len(split.scenes), 'scene')}"
+        + (f": {', '.join(split.scenes)}" if len(split.scenes) <= 8 else "")
+        for split in manifest.splits
+    ]
+    lines += [f"  fold       {fold.name}: {', '.join(fold.test_scenes)}" for fold in manifest.folds]
+    for exclusion in manifest.exclusions:
+        where = "; ".join(f"{axis} {values}" for axis, values in exclusion.coordinates.items())
+        lines.append(
+            f"  left out   {counted(exclusion.pairs, 'pair')} of {', '.join(exclusion.scenes)}, "
+            f"{where}: {exclusion.reason}"
+        )
+    for source in manifest.sources:
+        lines.append(f"  source     {source.name}: {source.url}")
+        lines.append(f"  licence    {source.licence}")
+    citations = dict.fromkeys(cite for source in manifest.sources for cite in source.citations)
+    lines += [f"  cite       {citation}" for citation in citations]
+    place = default_store(manifest, cache)
+    lines.append(f"  store      {place} ({'built' if place.exists() else 'not built'})")
+    print("\n".join(lines))
+
+
+#: Of the environment, what changes how libraries and dfdbench itself work.
+_VARIABLES = (
+    "DFDBENCH_CACHE",
+    "DFDBENCH_SHARED_DATA",
+    "OMP_NUM_THREADS",
+    "NUMBA_CACHE_DIR",
+    "NUMBA_NUM_THREADS",
+    "NUMBA_DISABLE_JIT",
+    "CUDA_VISIBLE_DEVICES",
+)
+
+
+def doctor(format: Printed = Format.table, cache: Cache = None) -> None:
+    """Say what is installed here and what the machine can do: for bug reports."""
+    from dfdbench.results.environment import describe_environment
+
+    nets = list(_nets())
+    # PyTorch is imported by now, so that its threads and its GPU are seen.
+    found = describe_environment()
+    rows = [*_system(found), *nets, *_extras(), *_place(cache_folder(cache))]
+    rows += [_compiled(), *_variables()]
+    table = Table("dfdbench, here", ("what", "found"), tuple(rows), "ll")
+    print_tables([table], format)
+
+
+def _system(found: Environment) -> Iterator[tuple[str, str]]:
+    commit = f", commit {found.git}" if found.git else ""
+    yield "dfdbench", f"{found.versions['dfdbench']}{commit}"
+    yield "python", f"{found.python}, {found.platform}"
+    yield "processor", f"{found.cpu}, {found.cpu_count} cores"
+    yield "threads", ", ".join(f"{name} {count}" for name, count in found.threads.items())
+    libraries = [f"{name} {v}" for name, v in found.versions.items() if name != "dfdbench"]
+    yield "libraries", ", ".join(libraries)
+
+
+def _nets() -> Iterator[tuple[str, str]]:
+    try:
+        import torch
+
+        from dfdbench.training.configuration import precision_for
+    except ModuleNotFoundError:
+        return
+    devices = [torch.device("cpu")] + [torch.device("cuda")] * torch.cuda.is_available()
+    for device in devices:
+        precision, reason = precision_for(device)
+        yield f"trains on {device.type} in", f"{precision}: {reason}"
+    yield "gpu", torch.cuda.get_device_name() if torch.cuda.is_available() else "none"
+
+
+def _extras() -> Iterator[tuple[str, str]]:
+    for extra, modules in EXTRAS.items():
+        try:
+            there = ", ".join(f"{module} {version(module)}" for module in modules)
+        except PackageNotFoundError:
+            there = f"absent: pip install 'dfdbench[{extra}]'"
+        yield f"extra {extra}", there
+
+
+def _place(folder: Path) -> Iterator[tuple[str, str]]:
+    entries = cache_entries(folder)
+    size = sum(entry.size for entry in entries)
+    above = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    free = shutil.disk_usage(above).free
+    writable = "" if os.access(above, os.W_OK) else ", cannot be written"
+    yield "cache", f"{folder}: {_in_bytes(size)}, {_in_bytes(free)} free{writable}"
+    stores = [entry.name.removesuffix(".zarr") for entry in entries if entry.kind == "stores"]
+    yield "built", ", ".join(stores) or "nothing"
+
+
+def _compiled() -> tuple[str, str]:
+    from dfdbench.metrics.similarity import mean_similarity
+
+    # Of one module; if not told otherwise, numba has a folder for each.
+    place = mean_similarity.stats.cache_path
+    return "compiled code", place or "not cached, so each command compiles: set NUMBA_CACHE_DIR"
+
+
+def _in_bytes(size: int) -> str:
+    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
+
+
+def _variables() -> Iterator[tuple[str, str]]:
+    for name in _VARIABLES:
+        if name in os.environ:
+            yield name, os.environ[name]

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 from matplotlib.ticker import MaxNLocator
 
-from dfdbench.cli.lengths import LARGEST_PIXEL, parse_length
+from dfdbench.cli.options import LARGEST_PIXEL, parse_length
 from dfdbench.cli.screen import print_table, save_figure
 from dfdbench.errors import InputError
 from dfdbench.figures.camera import blur_figure, pair_figure, temperature_figure, voltage_figure

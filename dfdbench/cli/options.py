@@ -1,9 +1,11 @@
-"""Options that several verbs have in common."""
+"""Options that several verbs share, how their values are read, and what the shell completes."""
 
 from __future__ import annotations
 
 import json
+import math
 import os
+import re
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,11 +13,90 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dfdbench.errors import InputError, Problem
-from dfdbench.system.json_text import parse_json
+from dfdbench.system.text import parse_json
+from dfdbench.tables.table import Format
 
 if TYPE_CHECKING:
     from dfdbench.system.parallel import Cluster, Pool
 
+
+def data_sets(incomplete: str) -> list[str]:
+    """Return the names of data sets that begin so; behind an ``@`` those of their tracks.
+
+    Examples
+    --------
+    >>> data_sets("middlebury-d"), data_sets("demo@camera-")
+    (['middlebury-default'], ['demo@camera-1', 'demo@camera-2', 'demo@camera-3'])
+    """
+    from dfdbench.blur.tracks import TRACKS
+    from dfdbench.datasets.catalog import released_manifests
+    from dfdbench.datasets.store_place import own_stores
+
+    known = {manifest.short: manifest.recipe is not None for manifest in released_manifests()}
+    name, on_track, _ = incomplete.partition("@")
+    names = sorted({*known, *own_stores()})
+    if on_track and known.get(name):
+        names = [
+            f"{name}@{track.name}-{severity}"
+            for track in TRACKS.values()
+            for severity in range(1, len(track.severities) + 1)
+        ]
+    return [found for found in names if found.startswith(incomplete)]
+
+
+def methods(incomplete: str) -> list[str]:
+    """Return the names of the registered methods that begin so.
+
+    Examples
+    --------
+    >>> methods("graph")
+    ['graph-cuts', 'graph-cuts-rounded']
+    """
+    from dfdbench.methods.registry import registered_methods
+
+    return sorted(name for name in registered_methods() if name.startswith(incomplete))
+
+
+DataSet = Annotated[
+    str, typer.Option(help="A data set's name or a store's path.", autocompletion=data_sets)
+]
+DataSetArgument = Annotated[
+    str,
+    typer.Argument(help="A data set's name, or a store's path or URL.", autocompletion=data_sets),
+]
+Method = Annotated[
+    str,
+    typer.Option(
+        help="A registered name, file.py:function or module:function.", autocompletion=methods
+    ),
+]
+Params = Annotated[
+    list[str] | None,
+    typer.Option("--param", help="A parameter of the method, NAME=VALUE; repeatable."),
+]
+Split = Annotated[str, typer.Option(help="Which pairs: a split, a fold, a scene, or all.")]
+
+
+def _known_protocol(name: str | None) -> str | None:
+    from dfdbench.metrics.protocol import find_protocol
+
+    return find_protocol(name).label if name else None
+
+
+Protocol = Annotated[
+    str | None,
+    typer.Option(
+        help="Scoring protocol; default: the data set's usual one.", callback=_known_protocol
+    ),
+]
+Out = Annotated[
+    str | None,
+    typer.Option(help="Folder to write into; default: its own below results/ or training/."),
+]
+Printed = Annotated[Format, typer.Option(help="How the tables are printed.")]
+Seed = Annotated[
+    int, typer.Option(min=0, max=2**32 - 1, help="Seed for all that is drawn at random.")
+]
 Cache = Annotated[
     Path | None,
     typer.Option(
@@ -145,3 +226,50 @@ def _cluster(workers: int | None, scheduler: str | None) -> Cluster | None:
     from dfdbench.system.parallel import Cluster
 
     return Cluster(scheduler)
+
+
+#: A longer one is a slip of the unit.
+LARGEST_PIXEL = "1mm"
+_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
+_LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
+
+
+def parse_length(text: str, where: str, unit: str = "", at_most: str = "") -> float:
+    """Return a length in metres.
+
+    Parameters
+    ----------
+    text : str
+        A number and a unit: m, cm, mm, um or nm.
+    where : str
+        What the length is, for the message: an option, say.
+    unit : str, optional
+        The unit of a number that bears none; by default such a number is refused.
+    at_most : str, optional
+        The longest that can be meant, as a length with its unit.
+
+    Raises
+    ------
+    InputError
+        Where the text is no positive length, its unit is not known, or it is too long.
+
+    Examples
+    --------
+    >>> parse_length("9.6mm", "--focal-length")
+    0.0096
+    >>> parse_length("1.5", "--range", unit="m")
+    1.5
+    """
+    match = _LENGTH.fullmatch(text)
+    number, found = (float(match[1]), match[2] or unit) if match else (math.nan, "")
+    if not number > 0 or not math.isfinite(number) or found not in _METRES:
+        raise InputError(
+            "not a length",
+            where=where,
+            expected="a positive number and a unit: 9.6mm, 0.5m, 4.8um",
+            got=text,
+        )
+    length = number * _METRES[found]
+    if at_most and length > parse_length(at_most, where):
+        raise InputError("too long", where=where, expected=f"{at_most} at most", got=text)
+    return length

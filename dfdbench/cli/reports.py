@@ -1,4 +1,4 @@
-"""The verbs that read results: report, compare."""
+"""The verbs that read results: report, compare, leaderboard."""
 
 from __future__ import annotations
 
@@ -10,33 +10,32 @@ from typing import Annotated
 
 import typer
 
-from dfdbench.board.row_file import file_stem
-from dfdbench.cli.answer import writing
-from dfdbench.cli.options import FigureFormat, FigureFormats
-from dfdbench.cli.screen import PICTURES, print_table, progress, save_figure, say
+from dfdbench.board.board import LEADERBOARD
+from dfdbench.board.board import leaderboard as open_board
+from dfdbench.board.row_file import file_stem, read_row
+from dfdbench.board.verification import SCORE_TOLERANCE
+from dfdbench.cli.options import FigureFormat, FigureFormats, Printed, Protocol
+from dfdbench.cli.screen import (
+    PICTURES,
+    print_table,
+    print_tables,
+    progress,
+    save_figure,
+    say,
+    writing,
+)
 from dfdbench.errors import InputError
-from dfdbench.figures.comparisons import accuracy_figure, change_figure
-from dfdbench.figures.style import write_figure
-from dfdbench.metrics.protocol import find_protocol, ranked_by
-from dfdbench.report.html import write_html
-from dfdbench.report.markdown import write_markdown
-from dfdbench.report.paper_table import paper_tables
-from dfdbench.results.difference_tables import change_tables, changes_to_show
-from dfdbench.results.first_table import first_protocol
 from dfdbench.results.output_place import output_place
+from dfdbench.results.record import first_protocol
 from dfdbench.results.record_file import RESULT
-from dfdbench.results.run_names import told_apart, without_previous
-from dfdbench.results.saved_run import SavedRun, open_run
+from dfdbench.results.saved_run import SavedRun, open_saved_run, told_apart, without_previous
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
-from dfdbench.tables.table import Format
+from dfdbench.tables.table import Format, counted
 
 _PANELS = 4
 Dataset = Annotated[
     str | None, typer.Option(help="A store's path; default: where the runs found it.")
-]
-ProtocolName = Annotated[
-    str | None, typer.Option(help="Under which protocol; default: that of `run`.")
 ]
 
 
@@ -59,7 +58,7 @@ def report(
         Path | None,
         typer.Option(help="The page's folder, default: report; a table's file, default: printed."),
     ] = None,
-    protocol: ProtocolName = None,
+    protocol: Protocol = None,
     format: Annotated[
         ReportFormat,
         typer.Option(
@@ -78,7 +77,6 @@ def report(
     dataset: Dataset = None,
 ) -> None:
     """Write a page about runs, pairs worst first, or a paper's table of them."""
-    asked = find_protocol(protocol).label if protocol else None
     _refuse_what_does_not_fit(format, metric, figure, figure_format)
     page = output_place(out or "report", *results) if out or format in _PAGES else None
     if figure:
@@ -87,11 +85,13 @@ def report(
     for old, new in left_out:
         both = f"`dfdbench compare {old} {new}` sets them side by side"
         say(f"left out: {old}, the run before {new.name}; {both}")
-    runs = told_apart(open_run(path, dataset) for path in paths)
-    shown = asked or first_protocol(runs[0].result.dataset.short)
+    runs = told_apart(open_saved_run(path, dataset) for path in paths)
+    shown = protocol or first_protocol(runs[0].result.dataset.short)
     if page and format in _PAGES:
         _write_page(runs, shown, format, page, figure_format or ())
         return
+    from dfdbench.report.paper_table import paper_tables
+
     tables = paper_tables(runs, shown, metric or ())
     if out is not None:
         with writing(out):
@@ -103,6 +103,8 @@ def report(
     else:
         print(render(tables, Format(format.value)), end="")
     if figure is not None:
+        from dfdbench.figures.comparisons import accuracy_figure
+
         drawn = accuracy_figure(runs, shown)
         if drawn is None:
             say("no figure: no run is complete")
@@ -137,6 +139,8 @@ def _refuse_what_does_not_fit(
 def _write_page(
     runs: Sequence[SavedRun], protocol: str, format: ReportFormat, folder: Path, also: Sequence[str]
 ) -> None:
+    from dfdbench.report.page import write_html, write_markdown
+
     with writing(folder):
         # Before the drawing, which takes a while.
         folder.mkdir(parents=True, exist_ok=True)
@@ -154,9 +158,9 @@ def _write_page(
 def compare(
     first: Annotated[Path, typer.Argument(metavar="A", help="A result file or a run's folder.")],
     second: Annotated[Path, typer.Argument(metavar="B", help="Another on the same data.")],
-    protocol: ProtocolName = None,
+    protocol: Protocol = None,
     most: Annotated[int, typer.Option(min=1, help="How many changed pairs are listed.")] = 10,
-    format: Annotated[Format, typer.Option(help="How the tables are printed.")] = Format.table,
+    format: Printed = Format.table,
     out: Annotated[
         Path | None,
         typer.Option(help="Panels of changed pairs: a PNG, PDF or SVG file, or a folder."),
@@ -164,38 +168,28 @@ def compare(
     dataset: Dataset = None,
 ) -> None:
     """Compare two runs pair by pair: differences, wins, losses, what changed most."""
-    asked = find_protocol(protocol).label if protocol else None
-    one, other = told_apart((open_run(first, dataset), open_run(second, dataset)))
-    runs = one, other
-    shown = asked or first_protocol(runs[0].result.dataset.short)
-    if one.path.samefile(other.path):
-        raise InputError("A and B are the same run", where=str(runs[0].path), expected="two runs")
+    from dfdbench import api
+    from dfdbench.figures.style import write_figure
+
+    found = api.compare(first, second, protocol=protocol, dataset=dataset, most=most)
+    runs = found.runs
     picture = output_place(_picture(out, *runs), first, second)
-    tables = change_tables(one.result, other.result, shown, most, (one.label, other.label))
+    (tables,) = found.tables.values()
     if format is Format.table:
         for table in tables:
             print_table(table)
     else:
         # A sheet holds one kind of row.
         print(render(tables[:1] if format is Format.csv else tables, format), end="")
-    _draw_changes(runs, shown, min(most, _PANELS), picture)
-
-
-def _draw_changes(
-    runs: tuple[SavedRun, SavedRun], protocol: str, count: int, picture: Path
-) -> None:
-    found = changes_to_show(runs[0].result, runs[1].result, protocol, count)
-    figure = change_figure(*runs, found, ranked_by(protocol)[0])
+    figure = found.figure(min(most, _PANELS))
     if figure is None:
-        reasons = dict.fromkeys(run.without for run in runs if run.without)
-        nothing = "no depth maps of these pairs" if found else "no pair changed"
-        say(f"no panels: {'; '.join(reasons) or nothing}")
+        why = "; ".join(dict.fromkeys(run.without for run in runs if run.without))
+        say(f"no panels: {why or 'no pair with depth maps changed'}")
         return
-    before = " (in place of an earlier one)" if picture.exists() else ""
     with writing(picture):
         picture.parent.mkdir(parents=True, exist_ok=True)
         write_figure(figure, picture)
-    say(f"panels       {picture}{before}")
+    say(f"panels       {picture}")
 
 
 def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
@@ -224,3 +218,80 @@ def _each_once(paths: Sequence[Path]) -> list[Path]:
         else:
             found[file] = path
     return list(found.values())
+
+
+app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
+
+
+@app.callback()
+def leaderboard(
+    context: typer.Context,
+    check: Annotated[
+        bool, typer.Option("--check", help="Change nothing; fail if a file is wrong or stale.")
+    ] = False,
+    format: Annotated[
+        Format | None, typer.Option(help="How the rankings are printed; default: table.")
+    ] = None,
+    folder: Annotated[Path, typer.Option(help="The leaderboard's folder.")] = LEADERBOARD,
+) -> None:
+    """Rank the results of the leaderboard, print the rankings and write its README."""
+    if context.invoked_subcommand:
+        return
+    if check and format:
+        raise InputError(
+            "--check prints no rankings", where=f"--format {format}", fix="leave out one of them"
+        )
+    board = open_board(folder)
+    if check:
+        board.require_written()
+        print(f"{folder}: {counted(len(board.rows), 'row')} valid, README up to date")
+        return
+    path = board.write()
+    print_tables(board.tables(), format)
+    say(f"written      {path}")
+
+
+@app.command("verify")
+def verify_command(
+    rows: Annotated[list[Path], typer.Argument(help="Files of leaderboard/results.")],
+    pairs: Annotated[int, typer.Option(min=1, help="How many pairs are run again.")] = 5,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=2**32 - 1, help="Repeat the draw of this seed; default: a new draw."
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(help="How far a score may be off, 0 to 1.")
+    ] = SCORE_TOLERANCE,
+    trust: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ENTRY",
+            help="Allow this method's code, which is not built in, to be run; repeatable.",
+        ),
+    ] = None,
+    weights: Annotated[
+        Path | None, typer.Option(help="Your copy of weights that are not shipped.")
+    ] = None,
+) -> None:
+    """Run pairs of rows again, drawn anew each time; exit with 1 if something else comes out."""
+    from dfdbench.board.verification import verify
+
+    failed = False
+    for path in rows:
+        row = read_row(path)
+        if row.method.scored:
+            say(f"left out     {path}: scored, not run: there is nothing to run again")
+            continue
+        with progress(f"verifying {row.label}", "the same command draws anew") as step:
+            found = verify(row, path, pairs, seed, tolerance, trust or (), weights, step)
+        print(f"{'verified' if found.passed else 'DIFFERS':<12} {path}")
+        print(f"drawn        {len(found.pairs)} of {found.drawn_from} pairs by --seed {found.seed}")
+        for pair in found.pairs:
+            print(f"{'same' if pair.passes(tolerance) else 'DIFFERENT':<12} {pair}")
+        if not found.same_source:
+            say("the method's source file is not the one that the row was made with")
+        failed |= not found.passed
+    if failed:
+        raise typer.Exit(1)

@@ -1,16 +1,17 @@
-"""What every verb shows its work with: messages, tables, figures, a progress bar."""
+"""What every verb shows its work with: messages, tables, figures, progress, files of answers."""
 
 from __future__ import annotations
 
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 from rich.console import Console
@@ -27,13 +28,15 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from dfdbench.errors import InputError, reason_of, steering_nothing
+from dfdbench.errors import InputError, ResultError, reason_of, steering_nothing
 from dfdbench.results.output_place import output_place
-from dfdbench.tables.render import as_rich
-from dfdbench.tables.table import Table, least_width
+from dfdbench.system.files import write_whole
+from dfdbench.tables.render import as_markdown, as_rich, render
+from dfdbench.tables.table import Format, Table, least_width
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 #: How the file of a figure may end.
 PICTURES = (".png", ".pdf", ".svg")
@@ -90,6 +93,15 @@ def print_table(table: Table) -> None:
     for part in as_rich(table):
         console.width = width if isinstance(part, Text) else max(width, least_width(table))
         console.print(part)
+
+
+def print_tables(tables: Iterable[Table], format: Format | None) -> None:
+    """Print tables to standard output in a form; None for the terminal's."""
+    if format in (None, Format.table):
+        for table in tables:
+            print_table(table)
+    else:
+        print(render(list(tables), format), end="")
 
 
 def _spelt_out(table: Table, encoding: str) -> Table:
@@ -223,3 +235,108 @@ def _bar(
             bar.stop()
             say_stopped(stopped, resumed)
             raise typer.Exit(INTERRUPTED) from None
+
+
+class AnswerFormat(StrEnum):
+    """How the answer is printed."""
+
+    table = "table"
+    markdown = "markdown"
+    json = "json"
+
+
+Answered = Annotated[AnswerFormat, typer.Option(help="How the answer is printed.")]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a verb found.
+
+    Parameters
+    ----------
+    content : str
+        All of it as JSON.
+    tables : tuple of Table
+        What is shown of it.
+    verdict : str
+        A last line below the tables; may be empty.
+    """
+
+    content: str
+    tables: tuple[Table, ...]
+    verdict: str = ""
+
+
+@contextmanager
+def writing(place: Path) -> Iterator[None]:
+    """Tell as a user's mistake where the block cannot write to a place.
+
+    Raises
+    ------
+    ResultError
+        Where it cannot: a file in the way, no permission, no room.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ResultError(
+            "cannot write the answer",
+            where=str(error.filename or place),
+            got=reason_of(error),
+            fix="choose another place with --out",
+        ) from error
+
+
+def give(
+    answer: Answer, format: AnswerFormat, folder: Path, files: Mapping[str, str | Figure]
+) -> None:
+    """Write an answer's files into a folder, print the answer, say where the files are.
+
+    A reader of standard output that has enough, as ``head`` has, changes nothing: the files are
+    there, and the command ends with the status that it would have had.
+
+    Raises
+    ------
+    ResultError
+        Where the folder cannot be written.
+    """
+    replaced = _write(folder, files)
+    try:
+        _show(answer, format)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    say(f"written to   {folder}{', in place of an earlier answer' if replaced else ''}")
+
+
+def _show(answer: Answer, format: AnswerFormat) -> None:
+    if format is AnswerFormat.json:
+        print(answer.content, end="")
+        return
+    for table in answer.tables:
+        if not table.rows:
+            print("\n".join((table.title, *table.notes)))
+        elif format is AnswerFormat.markdown:
+            print(as_markdown(table))
+        else:
+            print_table(table)
+    if answer.verdict:
+        print(answer.verdict)
+
+
+def _write(folder: Path, files: Mapping[str, str | Figure]) -> bool:
+    from matplotlib.figure import Figure
+
+    from dfdbench.figures.style import write_figure
+
+    replaced = False
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            path = folder / name
+            if isinstance(content, Figure):
+                write_figure(content, path)
+                continue
+            replaced |= path.exists() and path.read_text("utf-8", errors="replace") != content
+            write_whole(path, content)
+    return replaced

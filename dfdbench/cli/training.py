@@ -1,46 +1,33 @@
-"""The verb that trains a network: train."""
+"""The verb that trains a network, and what the verbs that train share."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dfdbench.cli.options import Cache, values_of
+from dfdbench.cli.options import Cache, DataSet, Out, Seed, values_of
 from dfdbench.cli.screen import print_table, progress, save_figure, say
-from dfdbench.cli.training_options import (
-    RESUMED,
-    Changes,
-    Configuration,
-    Device,
-    MaxTime,
-    Network,
-    Threads,
-    Weights,
-    seconds_of,
-    stepping,
-    use_threads,
-)
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.system.extras import needed
+from dfdbench.system.packages import needed
 from dfdbench.tables.table import Table
 
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
-    from dfdbench.training.checkpoint import TrainingFolder
-    from dfdbench.training.selections import Selections
+    from dfdbench.training.crops import Selections
     from dfdbench.training.task import Task
-    from dfdbench.training.trainer import TrainingOutcome
+    from dfdbench.training.trainer import TrainingFolder, TrainingOutcome
 
 
 def train_command(
     method: Annotated[Network, typer.Argument(help="The network to train.")],
-    dataset: Annotated[
-        str, typer.Option(help="A data set's name or a store's path.")
-    ] = "middlebury",
+    dataset: DataSet = "middlebury",
     split: Annotated[
         str | None, typer.Option(help="The split to train on.", show_default="train")
     ] = None,
@@ -57,12 +44,8 @@ def train_command(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Start over; the earlier training is removed.")
     ] = False,
-    seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, help="Seed for weights, patches and noise.")
-    ] = 0,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder; default: training/DATASET-SPLIT/METHOD-CONFIG.")
-    ] = None,
+    seed: Seed = 0,
+    out: Out = None,
     device: Device = "auto",
     threads: Threads = None,
     cache: Cache = None,
@@ -72,10 +55,9 @@ def train_command(
     with needed():
         from dfdbench.methods.networks.inference import find_device
         from dfdbench.methods.networks.weights import find_weights
-        from dfdbench.training.checkpoint import TrainingFolder
         from dfdbench.training.configuration import precision_for, read_configuration
         from dfdbench.training.task import task_of
-        from dfdbench.training.trainer import train
+        from dfdbench.training.trainer import TrainingFolder, train
     use_threads(threads)
     store = open_dataset(dataset, cache=cache)
     configuration = read_configuration(config, values_of(changes, "--set"))
@@ -111,8 +93,8 @@ def _keep_figures(
     training: TrainingFolder, task: Task, outcome: TrainingOutcome, title: str
 ) -> Selections:
     from dfdbench.figures.trainings import levels_figure, patches_figure, training_figure
-    from dfdbench.training.checkpoint import FIGURES
-    from dfdbench.training.selections import selections_of
+    from dfdbench.training.crops import selections_of
+    from dfdbench.training.trainer import FIGURES
 
     course, levels, patches = (training.path / name for name in FIGURES)
     save_figure(training_figure(outcome.log, title), course)
@@ -191,3 +173,91 @@ def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
             where=str(folder),
             fix="--resume goes on, --fresh starts anew, --out DIR takes another folder",
         )
+
+
+RESUMED = "--resume goes on from the last checkpoint, at most a minute back"
+#: More than any machine has; a library that is asked for millions of them is killed.
+MOST_THREADS = 1024
+_SECONDS = {"h": 3600, "m": 60, "s": 1}
+
+
+class Network(StrEnum):
+    """What can be trained."""
+
+    dfd_net = "dfd-net"
+    u_net = "u-net"
+
+
+Configuration = Annotated[
+    str,
+    typer.Option(
+        "--config",
+        help="A TOML file, or one of: published, published-realworld, demo, demo-fine, "
+        "demo-u-net, robust, quick.",
+    ),
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Change a setting of the file; docs/training.md lists them.",
+    ),
+]
+Weights = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Start from these weights, a file or a shipped name, instead of random ones.",
+    ),
+]
+MaxTime = Annotated[
+    str | None,
+    typer.Option(metavar="30m", help="Stop a training after this time, as 90s, 30m, 1h30m."),
+]
+Threads = Annotated[
+    int | None,
+    typer.Option(min=1, max=MOST_THREADS, help="Processor threads; default: one per core."),
+]
+Device = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
+
+
+def seconds_of(text: str | None) -> float | None:
+    """Return a duration such as ``1h30m`` in seconds.
+
+    Raises
+    ------
+    InputError
+        Where it is none.
+
+    Examples
+    --------
+    >>> seconds_of("1h30m")
+    5400.0
+    """
+    if text is None:
+        return None
+    parts = re.fullmatch(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s)?", text)
+    if not parts or not any(float(part or 0) for part in parts.groups()):
+        raise InputError(
+            "not a duration", where="--max-time", expected="as 90s, 30m, 1h30m", got=text
+        )
+    units = zip(parts.groups(), _SECONDS.values(), strict=True)
+    return sum(float(part or 0) * unit for part, unit in units)
+
+
+def use_threads(threads: int | None) -> None:
+    """Let PyTorch use this many processor threads; None leaves its choice."""
+    if threads is not None:
+        import torch
+
+        torch.set_num_threads(threads)
+
+
+def stepping(bar: Callable[[int, int | None], None]) -> Callable[[int, int | None, float], None]:
+    """Return what a training calls with (done, total, loss): it moves a bar."""
+
+    def step(done: int, steps: int | None, loss: float) -> None:
+        bar(done, steps)
+
+    return step

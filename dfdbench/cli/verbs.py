@@ -58,22 +58,22 @@ class Verb:
 
 _AUDIT = {
     "coverage": Verb(
-        "coverage",
+        "audit",
         "coverage",
         "Ask whether training covers the depths of the test; status 1 where it does not.",
     ),
     "depths": Verb(
-        "depths",
+        "audit",
         "depths",
         "Count how often each depth occurs, or with --result how far runs are off at each depth.",
     ),
     "split": Verb(
-        "splits",
+        "audit",
         "split_command",
         "Propose splits or folds by scene whose training covers their tests' depths.",
     ),
     "difficulty": Verb(
-        "difficulty",
+        "audit",
         "difficulty",
         "Say for which pixels the blur cannot tell neighbouring depth levels apart.",
     ),
@@ -83,24 +83,24 @@ _RIG = {
         "optics", "app", "What a lens does to a point, and which voltage steps make a good pair."
     ),
     "register": Verb(
-        "registering",
+        "rig",
         "register_scenes",
         "Lay the LIDAR's depth map on the camera's image: a small file and an overlay per scene.",
     ),
-    "simulate": Verb("simulation", "app", "Make captures as the thesis's rig would write them."),
+    "simulate": Verb("rig", "app", "Make captures as the thesis's rig would write them."),
 }
 _THESIS = {
     "experiment": Verb(
-        "experiments",
+        "thesis",
         "experiment",
         "Train for each value and seed of an experiment of the thesis; a stopped one is resumed.",
         goes_on=True,
     ),
     "search": Verb(
-        "search", "app", "Search for a network's architecture, as chapter 6 of the thesis does."
+        "thesis", "app", "Search for a network's architecture, as chapter 6 of the thesis does."
     ),
     "reduce": Verb(
-        "reduction",
+        "thesis",
         "reduce",
         "Count the different outputs of each layer; write configurations of narrower networks.",
     ),
@@ -109,7 +109,9 @@ VERBS = {
     "list": Verb(
         "datasets", "list_datasets", "List the data sets, their tracks and the registered methods."
     ),
-    "info": Verb("info", "info", "Show what a data set consists of, or what a built one holds."),
+    "info": Verb(
+        "datasets", "info", "Show what a data set consists of, or what a built one holds."
+    ),
     "build": Verb(
         "building",
         "build",
@@ -117,24 +119,24 @@ VERBS = {
         goes_on=True,
     ),
     "run": Verb(
-        "methods",
+        "runs",
         "run",
         "Run a method on a data set and print its tables; a stopped run is resumed.",
         goes_on=True,
     ),
     "tracks": Verb(
-        "tracks",
+        "runs",
         "tracks",
         "Run a method over all tracks and severities; a stopped call is resumed.",
         goes_on=True,
     ),
     "predict": Verb(
-        "predict",
+        "methods",
         "predict",
         "Estimate depth from two photographs, or from a folder of pairs; no data set is needed.",
     ),
     "score": Verb(
-        "scoring",
+        "runs",
         "score",
         "Score depth maps that were made elsewhere, one file per pair; nothing is run.",
     ),
@@ -149,7 +151,7 @@ VERBS = {
         "Write a page about runs, pairs worst first, or a paper's table of them.",
     ),
     "leaderboard": Verb(
-        "leaderboard",
+        "reports",
         "app",
         "Rank the results of the leaderboard, print the rankings and write its README.",
     ),
@@ -159,12 +161,12 @@ VERBS = {
         "Train a network; write its weights, a model card, a log and figures.",
     ),
     "check-method": Verb(
-        "checking",
+        "methods",
         "check_method_command",
         "Try a method on awkward inputs and say what is wrong, before a long run.",
     ),
     "new-dataset": Verb(
-        "new_dataset",
+        "building",
         "new_dataset",
         "Look at a folder of captures and write a manifest for a person to finish.",
     ),
@@ -185,7 +187,7 @@ VERBS = {
         "List what lies in the cache: downloads and built data sets; `clear` removes it.",
     ),
     "doctor": Verb(
-        "doctor",
+        "datasets",
         "doctor",
         "Say what is installed here and what the machine can do: for bug reports.",
     ),

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from dfdbench.datasets.depth_scale import Positive
-from dfdbench.system.record import StrictRecord
+from dfdbench.system.strict import StrictRecord
 
 #: What a pattern ends in if the files end differently.
 ANY_ENDING = ".*"

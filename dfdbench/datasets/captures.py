@@ -10,6 +10,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
+from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth, Pair
 from dfdbench.errors import InputError
 from dfdbench.system.thumbnails import Thumbnail, depth_map, gallery, heading, photograph
@@ -138,10 +139,22 @@ class Capture:
             | {name: float(getattr(facts, name)) for name in OF_CAMERA},
         )
 
+    @property
+    def shown(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """What figures show of it: the in-focus image, or else the first, and the one after."""
+        first = self.facts.roles.index("infocus") if "infocus" in self.facts.roles else 0
+        second = (first + 1) % len(self.images)
+        return eight_bits(self.images[first]), eight_bits(self.images[second])
+
     def two_of(self, images: Sequence[int] | None) -> Capture:
         """Return a pair of two of the images, the first of them as the in-focus one."""
         if images is None:
             return self
+        for number in images:
+            if not 0 <= number < len(self.images):
+                there = f"0 to {len(self.images) - 1}"
+                where = self.pair.id
+                raise InputError(f"image {number} is not there", where=where, expected=there)
         facts = {
             name: np.broadcast_to(getattr(self.facts, name), len(self.images))[list(images)]
             for name in BY_IMAGE
@@ -157,7 +170,11 @@ class Capture:
 
     def _image(self, role: Role) -> NDArray[np.uint8]:
         if role not in self.facts.roles:
-            raise InputError(f"the capture has no {role} image", where=self.pair.id)
+            raise InputError(
+                f"the capture has no {role} image",
+                where=self.pair.id,
+                fix="take a method of stacks, or name the two images of a pair, as images=0,4",
+            )
         return eight_bits(self.images[self.facts.roles.index(role)])
 
     def _repr_html_(self) -> str:
@@ -173,6 +190,53 @@ class Capture:
             for image, role in zip(self.images, self.facts.roles, strict=True)
         ]
         return [*images[:_SHOWN], depth_map(self.levels, self.valid, "ground truth")]
+
+
+def capture_of(stack: xarray.DataArray, name: str = "stack") -> Capture:
+    """Return a stack as a capture without depth.
+
+    Parameters
+    ----------
+    stack : DataArray of uint8 or uint16, dimensions (image, y, x, channel)
+        What is not among its coordinates and attributes counts as unknown; images without a role
+        are defocus images.
+    name : str
+        What it is called.
+
+    Raises
+    ------
+    InputError
+        If it has other dimensions or values.
+    """
+    if tuple(stack.dims) != ("image", "y", "x", "channel") or stack.sizes["channel"] != 3:
+        raise InputError(
+            "not a stack",
+            where=name,
+            expected="dimensions image, y, x, channel, with 3 channels",
+            got=", ".join(f"{key} {size}" for key, size in stack.sizes.items()),
+        )
+    if stack.dtype not in (np.uint8, np.uint16):
+        raise InputError(
+            "not a stack", where=name, expected="uint8 or uint16", got=str(stack.dtype)
+        )
+    count = stack.sizes["image"]
+    roles = stack["role"].values if "role" in stack.coords else ["defocus"] * count
+    facts = ImageFacts(
+        tuple("infocus" if role == "infocus" else "defocus" for role in roles),
+        **{
+            key: np.asarray(stack[key].values, np.float64)
+            for key in BY_IMAGE
+            if key in stack.coords
+        },
+        **{key: np.array(float(stack.attrs[key])) for key in OF_CAMERA if key in stack.attrs},
+    )
+    about = LEVELS
+    if stack.attrs.get("unit") == "metres":
+        near, far = (float(stack.attrs[key]) for key in ("near", "far"))
+        scale = DepthScale(near=near, far=far)
+        about = Depth(axes=[], unknown=0, grows_with="distance", unit="metres", scale=scale)
+    depth = np.full(stack.shape[1:3], np.nan, np.float32)
+    return Capture(Pair(name, ()), stack.values, depth, facts, about)
 
 
 def eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:

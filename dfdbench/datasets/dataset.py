@@ -276,12 +276,17 @@ class Captures(Sequence[Capture]):
     dataset : Dataset
         The data set.
     pairs : tuple of Pair
-        Which of its pairs.
+        Which of its captures.
+    images : sequence of int, optional
+        Two images of each, to be had as a pair.
     """
 
-    def __init__(self, dataset: Dataset, pairs: tuple[Pair, ...]) -> None:
+    def __init__(
+        self, dataset: Dataset, pairs: tuple[Pair, ...], images: Sequence[int] | None = None
+    ) -> None:
         self.dataset = dataset
         self.pairs = pairs
+        self._images = images
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -294,8 +299,8 @@ class Captures(Sequence[Capture]):
 
     def __getitem__(self, index: int | slice) -> Capture | Captures:
         if isinstance(index, slice):
-            return Captures(self.dataset, self.pairs[index])
-        return self.dataset.read(self.pair_at(index))
+            return Captures(self.dataset, self.pairs[index], self._images)
+        return self.dataset.read(self.pair_at(index)).two_of(self._images)
 
     def __repr__(self) -> str:
         return f"<{len(self)} pairs of {self.dataset.path}>"
@@ -361,7 +366,7 @@ class Captures(Sequence[Capture]):
             )
         pair = self.pair_at(index)
         _check_region(region, self.dataset.shape_of(pair.scene))
-        return self.dataset.read(pair, region)
+        return self.dataset.read(pair, region).two_of(self._images)
 
     def scene(self, name: str) -> xarray.Dataset:
         """Return all of a scene as lazily read arrays with named dimensions."""

@@ -16,7 +16,7 @@ from dfdbench.blur.tracks import CLEAN
 from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.depth_scale import DepthScale, Rig
 from dfdbench.errors import unknown_name
-from dfdbench.system.record import StrictRecord
+from dfdbench.system.strict import StrictRecord
 
 ALL_PAIRS = "all"
 
@@ -74,6 +74,11 @@ class Depth(StrictRecord):
             return self.scale.near, self.scale.far
         return (255.0, 0.0) if self.grows_with == "nearness" else (0.0, 255.0)
 
+    @property
+    def span(self) -> float:
+        """How far the ends are apart: 255 levels, or so many metres."""
+        return abs(self.ends[0] - self.ends[1])
+
     def of_metres(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return distances in metres as depths of this kind; NaN stays, and without a scale all."""
         if self.kind == "metres":
@@ -82,6 +87,21 @@ class Depth(StrictRecord):
             return np.full_like(distance, np.nan)
         levels = self.scale.to_exact_levels(np.where(np.isfinite(distance), distance, 1.0))
         return np.where(np.isfinite(distance), levels, np.nan)
+
+    def of_unit(
+        self, depth: NDArray[np.float32], unit: Literal["levels", "metres"]
+    ) -> NDArray[np.float32]:
+        """Return depth in levels or metres in this kind; `scale` says how, where they differ."""
+        if unit == self.kind or self.scale is None:
+            return depth
+        turn = self.scale.to_exact_levels if unit == "metres" else self.scale.to_metres
+        return turn(depth).astype(np.float32)
+
+    def exact_levels(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return depth of this kind, without NaN, as levels that are not rounded."""
+        if self.kind == "levels" or self.scale is None:
+            return depth
+        return self.scale.to_exact_levels(depth).astype(np.float32)
 
     def levels_of(self, depth: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Return depth of this kind, NaN where unknown, as levels; `unknown` where unknown."""
@@ -183,6 +203,7 @@ class Manifest(StrictRecord):
     """A data set in full: sources, scenes, axes, exclusions, splits, folds, recipe.
 
     `degradation` is ``clean`` in every file; `dfdbench.datasets.tracked.with_track` names another.
+    `pair_images` are the two images of a stack that a method of pairs gets, the in-focus one first.
     `simulated` is set where a simulator made what stands for a camera's captures.
     Obtained from `dfdbench.datasets.manifest_file.read_manifest` or
     `dfdbench.datasets.catalog.find_manifest`, which check it.
@@ -211,6 +232,7 @@ class Manifest(StrictRecord):
     sources: list[Origin]
     scenes: list[Scene]
     exclusions: list[Exclusion] = Field(default_factory=list)
+    pair_images: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
     splits: list[Split]
     folds: list[Fold] = Field(default_factory=list)
     capture: Recording | None = None

@@ -14,8 +14,8 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_checks import CHECKS
 from dfdbench.errors import ManifestError, Problem, reason_of
 from dfdbench.system.files import read_whole
-from dfdbench.system.record import problems_of
-from dfdbench.system.toml_text import parse_toml
+from dfdbench.system.strict import problems_of
+from dfdbench.system.text import parse_toml
 
 
 def read_manifest(path: str | Path) -> Manifest:

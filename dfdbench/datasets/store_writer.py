@@ -24,6 +24,7 @@ from dfdbench.datasets.fingerprint import (
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.whole_arrays import open_scene
 from dfdbench.errors import DfdbenchError, StoreError, reason_of, room_or
+from dfdbench.system.files import hold
 from dfdbench.system.location import (
     Place,
     as_location,
@@ -35,8 +36,7 @@ from dfdbench.system.location import (
     remove,
     zarr_store,
 )
-from dfdbench.system.work_folder import hold
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 _METADATA = "zarr.json"
 

@@ -1,137 +1,151 @@
-"""A run from Python: a method, a data set and a split in, its scores and depth maps out."""
+"""Load a method for a data set and run it; the data sets of all tracks."""
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
+from dfdbench.blur.tracks import CLEAN, TRACKS
+from dfdbench.building.build import build_store
+from dfdbench.building.obtaining import obtain
+from dfdbench.building.plan import plan_build
+from dfdbench.building.sources import is_made
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.errors import InputError, MethodError
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.errors import InputError, MethodError, StoreError, unknown_name
 from dfdbench.evaluation.loading import depth_warnings, load_for, load_here
 from dfdbench.evaluation.plan import RunOptions
-from dfdbench.evaluation.run import run_method
+from dfdbench.evaluation.run import RunDone, run_method
+from dfdbench.methods.calibration import Calibration
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import entry_of
-from dfdbench.results.output_place import output_place
-from dfdbench.results.record_file import RESULT
-from dfdbench.results.saved_run import SavedRun
+from dfdbench.system.files import write_whole
+from dfdbench.system.parallel import Pool
+
+#: Shows how far a step is: entered with what is done, it gives a callable (done, total).
+Shown = Callable[[str], AbstractContextManager[Callable[[int, int], None] | None]]
 
 
 def evaluate(
-    predict: str | Callable[..., Any],
-    dataset: str | Dataset,
-    split: str = "test",
-    *,
-    parameters: Mapping[str, Any] = MappingProxyType({}),
-    limit: int | None = None,
-    seed: int = 0,
-    out: Path | str | None = None,
-    cache: Path | None = None,
+    method: str | Callable[..., Any],
+    store: Dataset,
+    split: str,
+    folder: Path,
+    parameters: Mapping[str, Any],
+    options: RunOptions,
+    given_blur: bool = False,
+    pool: Pool | None = None,
+    check: Callable[[Method, Dataset], None] | None = None,
     on_pair: Callable[[int, int], None] | None = None,
-) -> SavedRun:
-    """Run a method on a split of a built data set; this is ``dfdbench.evaluate``.
-
-    It does what ``dfdbench run`` does, by the same code: a prediction a pair, scores under every
-    protocol, a fit first where the method has one.
+) -> tuple[RunDone, Calibration | None]:
+    """Load a method for a data set and run it; return also what its fit measured of the blur.
 
     Parameters
     ----------
-    predict : str or callable
-        A registered name, ``module:attribute``, ``file.py:attribute``; or the thing itself: a
-        function of two RGB images, uint8 of shape (y, x, 3), that returns depth levels 0 to 255,
-        shape (y, x), a class of such objects, or one of them. It may stand in a notebook.
-    dataset : str or Dataset
-        A data set's name, a store's path or URL, or an open store.
-    split : str
-        A split, a fold, a scene, or ``"all"``.
-    parameters : mapping
-        Handed to the method: to a class when it is constructed, to a function at each call.
-    limit : int, optional
-        Only the first pairs, so many; there are no averages then.
-    seed : int
-        For methods that draw random numbers.
-    out : Path or str, optional
-        A folder that keeps result and depth maps as `dfdbench run --out` does; a run that was
-        stopped goes on there, unless the method is a thing that only this process knows, which
-        is run anew. By default they lie in a temporary folder, as long as what is returned lives.
-    cache : Path, optional
-        The cache folder in which the data set is looked for.
-    on_pair : callable, optional
-        Called with (pairs done, pairs to do).
+    method : str or callable
+        As for `load_for`, or any callable; one that only this process knows is run anew.
+    check : callable, optional
+        Called with the loaded method and the data set before the run; it raises to stop.
+    store, split, folder, options, pool, on_pair
+        As for `run_method`.
+    parameters, given_blur
+        As for `load_for`.
+    """
+    loaded, found_again = _load(store, method, parameters, options.seed, given_blur)
+    if check:
+        check(loaded, store)
+    if not found_again:
+        options = replace(options, fresh=True)
+    warnings = depth_warnings(loaded, store, split)
+    done = run_method(store, loaded, split, folder, options, pool, warnings, on_pair)
+    calibration = loaded.attribute("calibration")
+    # Someone else's method may have something else of that name.
+    if not isinstance(calibration, Calibration):
+        return done, None
+    write_whole(folder / "law.toml", calibration.law.as_toml())
+    return done, calibration
 
-    Returns
-    -------
-    SavedRun
-        ``result``, the scores; ``to_frame()``, a pandas table of them, one row per pair;
-        ``images(pair)``, a pair's images and depth.
+
+def _load(
+    store: Dataset,
+    method: str | Callable[..., Any],
+    parameters: Mapping[str, Any],
+    seed: int,
+    given_blur: bool,
+) -> tuple[Method, bool]:
+    """Return the method, and whether it can be found again by its name."""
+    if not isinstance(method, str):
+        try:
+            entry_of(method)
+        except MethodError:
+            return load_here(store, method, parameters, seed), False
+    return load_for(store, method, parameters, seed, given_blur), True
+
+
+def without_track(dataset: str) -> Manifest:
+    """Return the manifest of a data set that has tracks.
+
+    Raises
+    ------
+    InputError
+        If the name has a track already, or the defocus images were captured.
+    """
+    manifest = find_manifest(dataset)
+    if manifest.on_track:
+        raise InputError(
+            "this runs over all tracks of a data set",
+            where=dataset,
+            fix=f"name {dataset.rpartition('@')[0]}; --track NAME chooses among its tracks",
+        )
+    if manifest.recipe is None:
+        raise InputError(
+            "there are no tracks: the defocus images are captured, and a track makes them",
+            where=dataset,
+            fix="name a data set with synthetic blur: `dfdbench list`",
+        )
+    return manifest
+
+
+def labels_of(tracks: Sequence[str] | None) -> list[str]:
+    """Return ``clean`` and ``TRACK-SEVERITY`` of some tracks, by default of all.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such track.
+    """
+    for name in tracks or ():
+        if name not in TRACKS:
+            raise unknown_name("track", name, TRACKS)
+    chosen = [TRACKS[name] for name in dict.fromkeys(tracks or TRACKS)]
+    return [
+        CLEAN,
+        *(f"{track.name}-{n}" for track in chosen for n in range(1, len(track.severities) + 1)),
+    ]
+
+
+def built_track(
+    plain: Manifest, dataset: str, label: str, source: Path | None, cache: Path | None, shown: Shown
+) -> Dataset:
+    """Open a data set on a track, or build it if its files are made or at hand.
 
     Raises
     ------
     StoreError
-        Where the data set is not built.
-    UnknownNameError
-        Where there is no such method, data set or split.
-    InputError
-        If `limit` is less than 1, `dataset` is neither a name nor a store, or `out` is a place
-        that holds something else.
-    MethodError
-        Where the method cannot be loaded or fitted. What it raises on a pair is noted in that
-        pair's record instead.
-
-    Examples
-    --------
-    >>> run = evaluate(lambda infocus, defocus: 255 - infocus.mean(2), "demo")  # doctest: +SKIP
-    >>> run.to_frame().groupby("scene")["nrmse"].mean()  # doctest: +SKIP
+        If it is not built and cannot be built here.
     """
-    if limit is not None and limit < 1:
-        raise InputError("no number of pairs", where="limit", expected="1 or more", got=str(limit))
-    if not isinstance(dataset, str | Dataset):
-        raise InputError(
-            "not a data set",
-            where="dataset",
-            expected="a name, a path, or an open store",
-            got=repr(dataset)[:80],
-            fix="evaluate(method, captures.dataset, split)",
-        )
-    store = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, cache=cache)
-    store.manifest.scenes_of(split)
-    method, found_again = _load(store, predict, parameters, seed)
-    if out is None:
-        folder = Path(tempfile.mkdtemp(prefix="dfdbench-"))
-    else:
-        folder = output_place(out, str(store.path), option="out", replaces=True)
+    name = dataset if label == CLEAN else f"{dataset}@{label}"
     try:
-        done = run_method(
-            store,
-            method,
-            split,
-            folder,
-            RunOptions(limit, fresh=not found_again, seed=seed),
-            warnings=depth_warnings(method, store, split),
-            on_pair=on_pair,
-        )
-        run = SavedRun(folder / RESULT, done.result, store, "")
-    except BaseException:
-        if out is None:
-            shutil.rmtree(folder, ignore_errors=True)
-        raise
-    if out is None:
-        weakref.finalize(run, shutil.rmtree, folder, ignore_errors=True)
-    return run
-
-
-def _load(
-    store: Dataset, predict: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int
-) -> tuple[Method, bool]:
-    """Return the method, and whether it could be found again under its name."""
-    if not isinstance(predict, str):
-        try:
-            entry_of(predict)
-        except MethodError:
-            return load_here(store, predict, parameters, seed), False
-    return load_for(store, predict, parameters, seed), True
+        return open_dataset(name, cache=cache)
+    except StoreError:
+        if source is None and not is_made(plain):
+            raise
+    plan = plan_build(find_manifest(name), cache=cache)
+    files = obtain(plan, source, cache=cache).source
+    with shown(f"building {name}") as step:
+        build_store(plan.manifest, files, plan.place, on_scene=step)
+    return open_dataset(name, cache=cache)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,10 +47,13 @@ class Fit:
     learned: Learned | None
 
 
-def training_pairs(store: Dataset, split: str) -> tuple[str, Captures]:
+def training_pairs(
+    store: Dataset, split: str, images: Sequence[int] | None = None
+) -> tuple[str, Captures]:
     """Return the pairs that a method may be fitted on before it is run on a split.
 
-    That is the split ``train``; where a fold or a single scene is run, all other scenes.
+    That is the split ``train``; where a fold or a single scene is run, all other scenes. `images`
+    are two images of each capture, to be had as a pair.
 
     Returns
     -------
@@ -74,7 +78,7 @@ def training_pairs(store: Dataset, split: str) -> tuple[str, Captures]:
             expected=name,
             fix=f"build {store.manifest.short} with its training scenes too",
         )
-    return name, Captures(store, pairs)
+    return name, Captures(store, pairs, images)
 
 
 def training_scenes(manifest: Manifest, split: str) -> tuple[str, frozenset[str]]:
@@ -141,7 +145,8 @@ def fit_method(store: Dataset, method: Method, split: str, seed: int) -> Fit | N
     """
     if method.fit is None:
         return None
-    fitted_on, pairs = training_pairs(store, split)
+    two = method.two_images(store.manifest.pair_images)
+    fitted_on, pairs = training_pairs(store, split, two)
     try:
         lesson = teach(method, pairs, seed)
     except KeyboardInterrupt as stopped:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -51,6 +52,7 @@ def load_for(
     MethodError
         Where the method asks for what there is not; where `told` finds nobody to tell.
     """
+    images, parameters = images_in(parameters)
     taken, recorded = told_by_lens(store.manifest, parameters)
     offers, for_fits = _offers(store, seed, told)
     entry = method if isinstance(method, str) else entry_of(method)
@@ -62,9 +64,9 @@ def load_for(
             "nothing to tell: the method does not ask for the blur recipe, or was given one",
             where=found.entry,
             expected="a constructor parameter recipe that is left open, as graph-cuts has it",
-            fix="leave out --told, or --param recipe",
+            fix="leave out --given-blur, or --param recipe",
         )
-    return replace(found, parameters={**found.parameters, **recorded})
+    return _on(store, found, recorded, images)
 
 
 def load_here(
@@ -82,11 +84,49 @@ def load_here(
     """
     kind = target if hasattr(target, "__qualname__") else type(target)
     name = kind.__qualname__
+    images, parameters = images_in(parameters)
     taken, recorded = told_by_lens(store.manifest, parameters)
     offers, for_fits = _offers(store, seed, told=False)
     entry = f"{kind.__module__}:{name}"
     found = make_method(name, entry, target, None, taken, offers, for_fits)
-    return replace(found, parameters={**found.parameters, **recorded})
+    return _on(store, found, recorded, images)
+
+
+def images_in(parameters: Mapping[str, Any]) -> tuple[tuple[int, int] | None, dict[str, Any]]:
+    """Return which two images the method is to get as a pair, and the other parameters."""
+    others = dict(parameters)
+    said = others.pop("images", None)
+    if said is None:
+        return None, others
+    numbers = re.findall(r"\d+", str(said))
+    if len(numbers) != 2:
+        raise MethodError(
+            "not two images", where="images", expected="two numbers from 0, as 0,4", got=str(said)
+        )
+    return (int(numbers[0]), int(numbers[1])), others
+
+
+def _on(
+    store: Dataset, found: Method, recorded: dict[str, Any], images: tuple[int, int] | None
+) -> Method:
+    """Return a method with what is recorded of it here, if the data set has what it needs.
+
+    Raises
+    ------
+    MethodError
+        If it answers in metres and nothing says what the set's levels are in metres, or the other
+        way round.
+    """
+    depth = store.manifest.depth
+    if found.answers_in(depth.kind) != depth.kind and depth.scale is None:
+        raise MethodError(
+            f"the method answers in metres, and nothing says what levels of {store.manifest.stem} "
+            "are in metres",
+            where=found.name,
+            expected="depth.scale in the manifest, or a method that answers in levels",
+        )
+    named = {} if images is None else {"images": list(images)}
+    return replace(found, images=images, parameters=found.parameters | recorded | named)
 
 
 def load_to_check(name: str, parameters: Mapping[str, Any]) -> Method:
@@ -133,6 +173,10 @@ def _formation_of(store: Dataset) -> BlurRecipe | BlurLaw | None:
     from dfdbench.blur.formation import told_law
 
     formation = find_degradation(manifest.degradation).formation
+    if formation.planes:
+        raise MethodError(
+            "nobody is given the blur of a focal stack", where=manifest.stem, fix="leave out --told"
+        )
     return told_law(find_recipe(manifest.recipe), formation)
 
 

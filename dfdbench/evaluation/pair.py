@@ -6,7 +6,7 @@ import json
 import platform
 import threading
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from dfdbench.methods.fit import restore
 from dfdbench.methods.method import Method, Prediction
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.sources import Hashes, changes
-from dfdbench.metrics.protocol import Protocol, score
+from dfdbench.metrics.protocol import Protocol, Unit, score
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.results.environment import describe_environment, software
 from dfdbench.results.record import Environment, PairResult, pair_scores
@@ -78,15 +78,20 @@ class PairEvaluator:
 
     def __call__(self, pair: Pair) -> Evaluated:
         """Evaluate one pair."""
-        images = self._store.read(pair)
+        images = self._store.read(pair).two_of(
+            self._method.two_images(self._store.manifest.pair_images)
+        )
+        unit = self._store.manifest.depth.kind
+        predict, arguments = self._method.called_on(images)
         # Seeds and standard output belong to the whole process.
         with self._one_at_a_time:
             if not self._warm and self._method.warm_up:
                 with seeded(self._seed), self._method.sources.watch():
-                    call(self._method.warm_up, images.infocus, images.defocus)
+                    call(self._method.warm_up, *arguments)
             self._warm = True
             with seeded(self._seed), self._method.sources.watch():
-                prediction = call(self._method.predict, images.infocus, images.defocus)
+                prediction = call(predict, *arguments, unit=self._method.answers_in(unit))
+        prediction = in_unit(prediction, self._method.answers_in(unit), self._store)
         return record_of(self._store, images, prediction, self._protocols), prediction.depth
 
 
@@ -180,6 +185,14 @@ def _environment_here() -> Environment:
     return describe_environment()
 
 
+def in_unit(prediction: Prediction, unit: Unit, store: Dataset) -> Prediction:
+    """Return a prediction in its data set's unit; what is beyond the set's ends becomes the end."""
+    if prediction.depth is None:
+        return prediction
+    depth = store.manifest.depth.of_unit(prediction.depth, unit)
+    return replace(prediction, depth=depth)
+
+
 def record_of(
     store: Dataset, images: Capture, prediction: Prediction, protocols: Iterable[Protocol]
 ) -> PairResult:
@@ -203,14 +216,18 @@ def record_of(
     blank = blank_record(images.pair, "failed")
     if prediction.depth is None:
         return blank.model_copy(update={"error": prediction.error, "warnings": warnings})
-    likeness = correlation(images.levels[images.valid], prediction.depth[images.valid])
+    about = store.manifest.depth
+    truth = images.depth if about.kind == "metres" else images.levels
+    likeness = correlation(truth[images.valid], prediction.depth[images.valid])
     if likeness < AGAINST:
         warnings.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")
-    if in_unit_range(prediction.depth):
+    if about.kind == "levels" and in_unit_range(prediction.depth):
         warnings.append(UNIT_LEVELS)
-    crop, scale = store.manifest.network_crop, store.manifest.depth.scale
+    crop = store.manifest.network_crop
     scores = {
-        protocol.label: score(protocol, images.levels, images.valid, prediction.depth, crop, scale)
+        protocol.label: score(
+            protocol, truth, images.valid, prediction.depth, crop, about.scale, about.kind
+        )
         for protocol in protocols
     }
     return blank.model_copy(

@@ -16,9 +16,9 @@ from dfdbench.methods.method import Method
 from dfdbench.methods.sources import ABSENT, changes
 from dfdbench.metrics.protocol import Protocol, protocols_of
 from dfdbench.results.environment import software
-from dfdbench.system.json_text import differences
-from dfdbench.system.version import PACKAGE_VERSION
-from dfdbench.tables.wording import listed
+from dfdbench.system.packages import PACKAGE_VERSION
+from dfdbench.system.text import differences
+from dfdbench.tables.table import listed
 
 # Of a value in a message.
 _LONGEST = 60
@@ -137,7 +137,8 @@ def protocols_on(store: Dataset) -> tuple[Protocol, ...]:
 
     Those in metres are among them where its manifest says how levels become metres.
     """
-    return tuple(protocols_of(store.manifest.depth.scale is not None).values())
+    depth = store.manifest.depth
+    return tuple(protocols_of(depth.scale is not None, depth.kind).values())
 
 
 def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) -> RunPlan:

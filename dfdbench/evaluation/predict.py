@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import PIL.Image
@@ -14,24 +15,32 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
+from dfdbench.building.export import STACK_FILE
 from dfdbench.building.folder_matching import matching_of
 from dfdbench.building.sources.captured_pair import matched
 from dfdbench.building.sources.image_files import read_photograph
-from dfdbench.datasets.captured_files import ROLES
+from dfdbench.datasets.captures import ROLES, Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.depth_scale import DepthScale, Rig
+from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError, reason_of
 from dfdbench.evaluation.fitting import FIT, read_fit
 from dfdbench.evaluation.lens import is_lens, lens_law
+from dfdbench.evaluation.loading import images_in
+from dfdbench.evaluation.prediction_files import SIXTEEN_BIT
 from dfdbench.methods.calling import call
 from dfdbench.methods.fit import restore
-from dfdbench.methods.method import Method
+from dfdbench.methods.method import Method, Predict
 from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.registry import entry_of, load_method, make_method
+from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.system.files import write_whole
+
+if TYPE_CHECKING:
+    import xarray
 
 Image = NDArray[np.uint8]
 #: A run whose fit is used, or the blur: a lens, a recipe or a law, as fields or a TOML file.
@@ -41,12 +50,12 @@ IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
 @dataclass(frozen=True)
 class Estimate:
-    """A depth map estimated from two photographs.
+    """A depth map estimated from photographs.
 
     Parameters
     ----------
     depth : ndarray of float32, shape (y, x)
-        Depth levels, 0 (far) to 255 (near), on the in-focus image's pixels.
+        Depth levels, 0 (far) to 255 (near), or metres, on the in-focus image's pixels.
     seconds : float
         How long the method took.
     found : str
@@ -55,10 +64,10 @@ class Estimate:
 
     depth: NDArray[np.float32]
     seconds: float
-    found: str
+    found: str = ""
 
 
-class Predictor:
+class DepthPredictor:
     """A method that is ready to estimate depth from photographs.
 
     Parameters
@@ -93,6 +102,7 @@ class Predictor:
         seed: int = 0,
     ) -> None:
         self._align, self._seed = align, seed
+        self.unit: Unit = "levels"
         given = dict(parameters or {})
         fitted: Path | None = None
         self._scale: DepthScale | None = None
@@ -108,7 +118,9 @@ class Predictor:
             given["recipe"], self._scale = _blur(camera)
         if method is None:
             raise MethodError("no method is named", fix="name a method, or a run of one")
-        self.method = _load(method, given, seed)
+        images = images_in(given)
+        self.method = replace(_load(method, images[1], seed), images=images[0])
+        self.unit = self.method.answers_in("levels")
         self._restore(fitted)
 
     def _restore(self, fitted: Path | None) -> None:
@@ -129,7 +141,9 @@ class Predictor:
 
     @property
     def meaning(self) -> str:
-        """What the depth levels mean, in words."""
+        """What the depth means, in words."""
+        if self.unit == "metres":
+            return "distances in metres"
         levels = "depth levels from 0 (far) to 255 (near)"
         if (scale := self._scale) is None:
             return f"{levels}; how far that is in metres is not known"
@@ -138,6 +152,29 @@ class Predictor:
             f"{levels}, evenly spaced in {law}: level {scale.far_level} is {scale.far:g} m, "
             f"level {scale.near_level} is {scale.near:g} m"
         )
+
+    def of_stack(self, stack: xarray.DataArray) -> Estimate:
+        """Estimate depth from a focal stack, as `dfdbench.Capture.stack` has it, in register.
+
+        Raises
+        ------
+        InputError
+            If it is no stack, or the method takes pairs and it has no two images for one.
+        MethodError
+            If the method raises or returns no depth map.
+        """
+        capture = capture_of(stack).two_of(self.method.two_images(None))
+        self.unit = self.method.answers_in(capture.about.kind)
+        return self._answer(*self.method.called_on(capture))
+
+    def _answer(self, predict: Predict, images: Sequence[Any], found: str = "") -> Estimate:
+        with seeded(self._seed):
+            answer = call(predict, *images, unit=self.unit)
+        if answer.depth is None:
+            raise MethodError(
+                "the method gave no depth map", where=self.method.entry, got=answer.error
+            )
+        return Estimate(answer.depth, answer.seconds, found)
 
     def __call__(self, infocus: Image, defocus: Image) -> Estimate:
         """Estimate depth from an in-focus and a defocus image, RGB, uint8 of shape (y, x, 3).
@@ -165,37 +202,34 @@ class Predictor:
             infocus, defocus, _, _ = matched(infocus, defocus, needed.align, needed.match_gain)
             if needed.align != "none" or needed.match_gain:
                 found = "; ".join((*needed.found, *needed.open))
-        with seeded(self._seed):
-            answer = call(self.method.predict, infocus, defocus)
-        if answer.depth is None:
-            raise MethodError(
-                "the method gave no depth map", where=self.method.entry, got=answer.error
-            )
-        return Estimate(answer.depth, answer.seconds, found)
+        pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), _no_depth(infocus))
+        return self._answer(*self.method.called_on(pair), found)
 
 
 def predict(
     method: str | Callable[..., Any] | None,
-    images: tuple[Image | Path | str, Image | Path | str],
+    images: tuple[Image | Path | str, Image | Path | str] | xarray.DataArray,
     camera: Camera | None = None,
     *,
     parameters: Mapping[str, Any] | None = None,
     align: bool = True,
     seed: int = 0,
 ) -> NDArray[np.float32]:
-    """Estimate a depth map from two photographs of one scene.
+    """Estimate a depth map from two photographs of one scene, or from a focal stack.
 
     Parameters
     ----------
     method, camera, parameters, align, seed
-        As for `Predictor`.
-    images : tuple
-        The in-focus and the defocus image: files, or uint8 arrays of shape (y, x, 3), RGB.
+        As for `DepthPredictor`.
+    images : tuple or DataArray
+        The in-focus and the defocus image: files, or uint8 arrays of shape (y, x, 3), RGB. Or a
+        stack in register, dimensions (image, y, x, channel), with the coordinates that
+        `Capture.stack` has.
 
     Returns
     -------
     ndarray of float32, shape (y, x)
-        Depth levels, 0 (far) to 255 (near), on the in-focus image's pixels.
+        Depth levels, 0 (far) to 255 (near), or metres where the method answers in those.
 
     Raises
     ------
@@ -211,10 +245,13 @@ def predict(
     >>> depth.shape, float(depth.min())
     ((40, 50), 255.0)
     """
+    predictor = DepthPredictor(method, camera, parameters, align, seed)
+    if not isinstance(images, tuple | list):
+        return predictor.of_stack(images).depth
     sharp, blurred = (
         read_image(Path(image)) if isinstance(image, str | Path) else image for image in images
     )
-    return Predictor(method, camera, parameters, align, seed)(sharp, blurred).depth
+    return predictor(sharp, blurred).depth
 
 
 def read_image(path: Path) -> Image:
@@ -235,8 +272,8 @@ def read_image(path: Path) -> Image:
         ) from error
 
 
-def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
-    """Write a depth map: ``.npy`` as it is, ``.png`` as 16 bit, each level times 256.
+def write_depth(path: Path, depth: NDArray[np.float32], unit: Unit = "levels") -> None:
+    """Write a depth map: ``.npy`` as it is, ``.png`` as 16 bit, level times 256 or millimetres.
 
     Raises
     ------
@@ -247,7 +284,9 @@ def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
     if path.suffix == ".npy":
         np.save(file, depth)
     elif path.suffix == ".png":
-        PIL.Image.fromarray(np.rint(depth * 256).astype(np.uint16)).save(file, "png")
+        PIL.Image.fromarray(
+            np.rint(np.minimum(depth * SIXTEEN_BIT[unit], 65535)).astype(np.uint16)
+        ).save(file, "png")
     else:
         raise InputError("a depth map is written as .npy or .png", where=str(path))
     try:
@@ -259,22 +298,56 @@ def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
         ) from error
 
 
-def pairs_in(folder: Path) -> Iterator[tuple[str, Path, Path]]:
-    """Yield the pairs in a folder: ``PAIR/infocus.png`` beside ``PAIR/defocus.png``, at any depth.
+def read_stack(place: Path) -> xarray.DataArray:
+    """Read a stack as `dfdbench.building.export.export` writes it: images and ``stack.json``.
 
-    Yields
+    Raises
     ------
-    name : str
-        The pair's folder, below the one that is searched.
-    infocus, defocus : Path
+    InputError
+        If an image is missing, damaged, or of another size.
     """
-    there: dict[Path, dict[str, Path]] = {}
+    import xarray
+
+    try:
+        said = json.loads((place / STACK_FILE).read_text("utf-8"))
+        images = [read_image(place / name) for name in said["images"]]
+        if len({image.shape for image in images}) > 1:
+            sizes = ", ".join(dict.fromkeys(_size(image) for image in images))
+            raise InputError("images of a stack differ in size", where=str(place), got=sizes)
+        coordinates = {
+            name: ("image", np.array(values, None if name == "role" else np.float64))
+            for name, values in said["coordinates"].items()
+        }
+        dimensions = ("image", "y", "x", "channel")
+        attributes = {
+            name: np.nan if value is None else value for name, value in said["attributes"].items()
+        }
+        return xarray.DataArray(np.stack(images), coordinates, dimensions, attrs=attributes)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        what = f"the stack cannot be read: {reason_of(error)}"
+        raise InputError(what, where=str(place / STACK_FILE)) from error
+
+
+def captures_in(folder: Path) -> dict[str, tuple[Path, ...]]:
+    """Return the pairs and stacks in a folder, by the names of their own folders.
+
+    Returns
+    -------
+    dict of str to tuple of Path
+        Of a pair the in-focus and the defocus image, ``PAIR/infocus.png`` and
+        ``PAIR/defocus.png``; of a stack its folder, which has a ``stack.json``.
+    """
+    there: dict[str, dict[str, Path]] = {}
     for path in sorted(folder.rglob("*")):
-        if path.suffix.lower() in IMAGE_ENDINGS and path.stem in ROLES[:2]:
-            there.setdefault(path.parent, {})[path.stem] = path
-    for place, images in there.items():
-        if len(images) == 2:
-            yield place.relative_to(folder).as_posix(), images["infocus"], images["defocus"]
+        images = path.suffix.lower() in IMAGE_ENDINGS and path.stem in ROLES
+        if images or path.name == STACK_FILE:
+            name = path.parent.relative_to(folder).as_posix()
+            there.setdefault(name, {})[path.stem if images else STACK_FILE] = path
+    return {
+        name: (folder / name,) if STACK_FILE in found else tuple(found[role] for role in ROLES)
+        for name, found in there.items()
+        if STACK_FILE in found or found.keys() >= set(ROLES)
+    }
 
 
 def _load(method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int) -> Method:
@@ -314,6 +387,10 @@ def _scale_of(result: Result) -> DepthScale | None:
         return find_manifest(result.dataset.name).depth.scale
     except DfdbenchError:
         return None
+
+
+def _no_depth(image: Image) -> NDArray[np.float32]:
+    return np.full(image.shape[:2], np.nan, np.float32)
 
 
 def _size(image: Image) -> str:

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.depth_scale import DepthScale
-from dfdbench.datasets.manifest import ALL_PAIRS, Pair
+from dfdbench.datasets.manifest import ALL_PAIRS, Depth, Pair
 from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.methods.calling import check_depth
-from dfdbench.results.record import Unit
+from dfdbench.metrics.protocol import Unit
 from dfdbench.system.array_files import UNREADABLE_IMAGE, load_array
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 #: The formats that are read, by how a file's name ends.
 SUFFIXES = (".npy", ".npz", ".png", ".tif", ".tiff")
@@ -34,7 +33,7 @@ _TOLD = 20
 
 @dataclass(frozen=True)
 class PredictionFiles:
-    """The depth maps of a split's pairs, all of them there and sound.
+    """The depth maps of a split's captures, all of them there and sound.
 
     Parameters
     ----------
@@ -42,8 +41,8 @@ class PredictionFiles:
         The file of each pair.
     unit : {"levels", "metres"}
         What they hold.
-    scale : DepthScale or None
-        How metres become levels; needed for metres only.
+    about : Depth
+        What the data set's depth means.
     others : int
         How many files of the folder are of other pairs of the data set.
     beyond : float
@@ -54,23 +53,23 @@ class PredictionFiles:
 
     files: Mapping[Pair, Path]
     unit: Unit
-    scale: DepthScale | None
+    about: Depth
     others: int = 0
     beyond: float = 0.0
     highest: float = 255.0
 
     def read(self, pair: Pair, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Return a pair's depth map in levels, shape (y, x).
+        """Return a pair's depth map in the data set's unit, shape (y, x).
 
         Raises
         ------
         ResultError
             Where the file has changed since it was checked.
         """
-        levels, _, wrong = _levels(self.files[pair], shape, self.unit, self.scale)
-        if levels is None:
+        depth, _, wrong = _depth(self.files[pair], shape, self.unit, self.about)
+        if depth is None:
             raise ResultError("the file has changed", where=str(self.files[pair]), got=wrong)
-        return levels
+        return depth
 
 
 def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> PredictionFiles:
@@ -97,7 +96,7 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
         With all that is wrong: pairs without a file or with two, files of no pair, and files that
         cannot be read, have another shape than the pair's images, or hold what is no depth.
     """
-    scale = store.manifest.depth.scale
+    about = store.manifest.depth
     problems = _unfit(folder, store, split, unit)
     if problems:
         raise ResultError.of(problems)
@@ -107,10 +106,10 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
     wrong: list[Problem] = []
     for pair in (pair for pair in wanted if pair in files):
         shape = store.shape_of(pair.scene)
-        levels, outside, text = _levels(files[pair], shape, unit, scale)
+        depth, outside, text = _depth(files[pair], shape, unit, about)
         pixels, beyond = pixels + shape[0] * shape[1], beyond + outside
-        if levels is not None:
-            highest = max(highest, float(levels.max()))
+        if depth is not None:
+            highest = max(highest, float(depth.max()))
         else:
             wrong.append(Problem(text, where=str(files[pair]), expected=_expected(shape, unit)))
     problems += wrong[:_TOLD]
@@ -120,7 +119,7 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
         raise ResultError.of(problems)
     chosen = {pair: files[pair] for pair in wanted}
     others = len(files) - len(chosen)
-    return PredictionFiles(chosen, unit, scale, others, beyond / pixels, highest)
+    return PredictionFiles(chosen, unit, about, others, beyond / pixels, highest)
 
 
 def _unfit(folder: Path, store: Dataset, split: str, unit: Unit) -> list[Problem]:
@@ -192,24 +191,29 @@ def _expected(shape: tuple[int, int], unit: Unit) -> str:
     return f"{shape[0]} x {shape[1]} {unit}; 16-bit images: {_RULE[unit]}"
 
 
-def _levels(
-    path: Path, shape: tuple[int, int], unit: Unit, scale: DepthScale | None
+def _depth(
+    path: Path, shape: tuple[int, int], unit: Unit, about: Depth
 ) -> tuple[NDArray[np.float32] | None, int, str]:
-    """Return a file's levels, how many pixels lie beyond the scale, and what is wrong with it."""
+    """Return a file's depth in the set's unit, how many pixels lie beyond its ends, what is wrong.
+
+    Metres of a set in metres have no ends.
+    """
     try:
         values = _read(path, unit)
     except UNREADABLE_IMAGE as error:
         # What is no array NumPy takes for a pickle, and says how it would run it.
         reason = "no array of numbers" if "pickle" in str(error) else reason_of(error)
         return None, 0, f"cannot be read: {reason}"
-    if scale is None or unit == "levels" or values.shape != shape or values.dtype.kind not in "uif":
-        levels, wrong = check_depth(values, shape)
-        return levels, 0, wrong.replace("returned", "holds", 1)
-    if not (np.isfinite(values) & (values > 0)).all():
+    if unit == "metres" and values.shape == shape and values.dtype.kind in "uif":
         bad = int(np.size(values) - np.count_nonzero(np.isfinite(values) & (values > 0)))
-        return None, 0, f"holds no distance in {bad} of {values.size} pixels"
-    beyond = int(np.count_nonzero((values < scale.near) | (values > scale.far)))
-    return scale.to_exact_levels(values).astype(np.float32), beyond, ""
+        if bad:
+            return None, 0, f"holds no distance in {bad} of {values.size} pixels"
+    depth, wrong = check_depth(values, shape, unit)
+    beyond, scale = 0, about.scale
+    if depth is not None and unit == "metres" and about.kind == "levels" and scale is not None:
+        beyond = int(np.count_nonzero((values < scale.near) | (values > scale.far)))
+    found = None if depth is None else about.of_unit(depth, unit)
+    return found, beyond, wrong.replace("returned", "holds", 1)
 
 
 def _read(path: Path, unit: Unit) -> NDArray[Any]:

@@ -12,13 +12,13 @@ from dfdbench.errors import InputError
 from dfdbench.evaluation.pair import blank_record, record_of
 from dfdbench.evaluation.plan import protocols_on, require_what_was_built
 from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictions
-from dfdbench.evaluation.result import compose
-from dfdbench.evaluation.run import Run
+from dfdbench.evaluation.run import RunDone, compose
 from dfdbench.methods.method import Prediction
-from dfdbench.results.folder import keep_prediction, keep_store_place, open_run_folder
-from dfdbench.results.record import SCORED, MethodRecord, PairResult, Unit
+from dfdbench.metrics.protocol import Unit
+from dfdbench.results.record import SCORED, MethodRecord, PairResult
 from dfdbench.results.record_file import RESULT, save_result
-from dfdbench.system.work_folder import writing_folder
+from dfdbench.results.run_folder import keep_prediction, keep_store_place, open_run_folder
+from dfdbench.system.files import writing_folder
 
 
 def score_predictions(
@@ -29,7 +29,7 @@ def score_predictions(
     name: str,
     unit: Unit = "levels",
     on_pair: Callable[[int, int], None] | None = None,
-) -> Run:
+) -> RunDone:
     """Score a folder of depth maps, and write what a run writes.
 
     Parameters
@@ -51,7 +51,7 @@ def score_predictions(
 
     Returns
     -------
-    Run
+    RunDone
         Its result says ``scored``, has no source hash and no seconds.
 
     Raises
@@ -86,7 +86,7 @@ def score_predictions(
         ]
         result = compose(store, split, method, pairs, warnings=_warnings(found))
         save_result(result, folder / RESULT)
-    return Run(result, folder, 0, set_aside)
+    return RunDone(result, folder, 0, set_aside)
 
 
 def _method_record(name: str, unit: Unit) -> MethodRecord:
@@ -114,9 +114,9 @@ def _warnings(found: PredictionFiles) -> list[str]:
     warnings = []
     if found.others:
         warnings.append(f"{found.others} files are of other pairs of the set, and were not scored")
-    if found.highest <= 1:
+    if found.highest <= 1 and found.about.kind == "levels":
         warnings.append("no depth map rises above level 1; levels go from 0 to 255")
-    if found.beyond and found.scale is not None:
-        ends = f"{found.scale.near:g} to {found.scale.far:g} m"
+    if found.beyond and found.about.scale is not None:
+        ends = f"{found.about.scale.near:g} to {found.about.scale.far:g} m"
         warnings.append(f"{found.beyond:.1%} of all pixels lie beyond {ends} and count as the end")
     return warnings

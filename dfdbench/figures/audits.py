@@ -35,9 +35,9 @@ from dfdbench.figures.style import (
     single_axes,
     without_ticks,
 )
-from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
-from dfdbench.tables.wording import counted
+from dfdbench.results.run_folder import read_prediction
+from dfdbench.tables.table import counted
 
 _OF_VERDICT = {Verdict.missing: PINK, Verdict.scarce: ORANGE, Verdict.covered: GREEN}
 _UNKNOWN = SKY

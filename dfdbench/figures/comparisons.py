@@ -14,11 +14,12 @@ from dfdbench.blur.tracks import CLEAN
 from dfdbench.datasets.captures import Capture
 from dfdbench.figures.style import (
     COLOURS,
-    ERROR_LIMIT,
+    DEPTH_LABELS,
     MARKERS,
     SKY,
     brightened,
     brightening,
+    depth_scales,
     legend_below,
     marks,
     plain_text,
@@ -146,21 +147,19 @@ def _draw_maps(
     figure: Figure, axes: NDArray[Any], images: Capture, predictions: Sequence[NDArray[Any]]
 ) -> None:
     known = images.depth.astype(np.float64)
-    levels: dict[str, Any] = {"cmap": "viridis", "interpolation": "nearest"}
-    levels |= {"vmin": np.nanmin(known), "vmax": np.nanmax(known)}
-    errors: dict[str, Any] = {"cmap": "PuOr", "interpolation": "nearest"}
-    errors |= {"vmin": -ERROR_LIMIT, "vmax": ERROR_LIMIT}
-    times = brightening(images.infocus)
-    axes[0].imshow(brightened(images.infocus, times))
+    scale, errors = depth_scales(images.about, known)
+    unit, sharp = images.about.kind, images.shown[0]
+    times = brightening(sharp)
+    axes[0].imshow(brightened(sharp, times))
     if times > 1:
         axes[0].set_xlabel(f"shown {times} times brighter", fontsize=8)
     for axis, depth in zip(axes[1:4], (known, *predictions), strict=True):
-        shown = axis.imshow(depth, **levels)
+        shown = axis.imshow(depth, interpolation="nearest", **scale)
     for axis, depth in zip(axes[4:], predictions, strict=True):
-        error = axis.imshow(depth - known, **errors)
+        error = axis.imshow(depth - known, interpolation="nearest", **errors)
     without_ticks(axes, "0.75")
-    figure.colorbar(shown, ax=axes[3], label="depth level", fraction=0.05)
-    figure.colorbar(error, ax=axes[5], label="levels", fraction=0.05, extend="both")
+    figure.colorbar(shown, ax=axes[3], label=DEPTH_LABELS[unit], fraction=0.05)
+    figure.colorbar(error, ax=axes[5], label=unit, fraction=0.05, extend="both")
 
 
 def _scene_figure(
@@ -217,7 +216,7 @@ def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -
     ----------
     scores : mapping of str to DataFrame
         By method: a row a track, a column a severity, 0 for clean images; see
-        `dfdbench.results.track_tables.track_means`.
+        `dfdbench.results.frame.track_means`.
     metric : str
         Its name.
     title : str

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.datasets.manifest import Depth
 
 # Okabe and Ito's colours, which the colour-blind can tell apart; markers differ as well.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
@@ -74,19 +75,35 @@ def without_ticks(axes: Iterable[Axes], background: str) -> None:
         axis.set_facecolor(background)
 
 
-def depth_span(levels: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the least and largest level to draw; at least twenty apart, NaN left out.
+def depth_span(depth: NDArray[np.float64], whole: float = LAST_LEVEL) -> tuple[float, float]:
+    """Return the least and largest depth to draw, NaN left out.
 
-    A flat board would otherwise be drawn as its noise.
+    They are at least 20 levels, or as much of the data set's `whole` range, apart: a flat board
+    would otherwise be drawn as its noise.
 
     Examples
     --------
     >>> depth_span(np.array([100.0, np.nan, 102.0])), depth_span(np.array([10.0, 240.0]))
     ((91.0, 111.0), (10.0, 240.0))
     """
-    low, high = float(np.nanmin(levels)), float(np.nanmax(levels))
-    more = max(_LEAST_SPAN - (high - low), 0.0) / 2
+    low, high = float(np.nanmin(depth)), float(np.nanmax(depth))
+    more = max(_LEAST_SPAN * whole / LAST_LEVEL - (high - low), 0.0) / 2
     return low - more, high + more
+
+
+def depth_scales(about: Depth, known: NDArray[np.float64]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return how a depth map and its error are drawn: near is bright, errors up to a fifth."""
+    low, high = depth_span(known, about.span)
+    near_bright = about.ends[0] > about.ends[1]
+    limit = ERROR_LIMIT * about.span / LAST_LEVEL
+    return (
+        {"cmap": "viridis" if near_bright else "viridis_r", "vmin": low, "vmax": high},
+        {"cmap": "PuOr" if near_bright else "PuOr_r", "vmin": -limit, "vmax": limit},
+    )
+
+
+#: What the scales beside depth and error say, by the kind of depth.
+DEPTH_LABELS = {"levels": "depth level", "metres": "metres"}
 
 
 def brightening(infocus: NDArray[np.uint8]) -> int:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import writable
 from dfdbench.methods.importing import describe, where_raised
-from dfdbench.methods.method import Image, Predict, Prediction
+from dfdbench.methods.method import Predict, Prediction
 from dfdbench.methods.process_state import process_kept
 from dfdbench.methods.torch_method import without_gradient
+from dfdbench.metrics.protocol import Unit
 from dfdbench.metrics.scores import LARGEST_NUMBER
 
 # Each becomes a row of every table of a run.
@@ -28,15 +29,18 @@ _ROUNDING = 1e-3
 UNIT_LEVELS = "all levels between 0 and 1; levels go from 0 (far) to 255 (near)"
 
 
-def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
-    """Call a method on one pair and check what it returns; nothing it does raises.
+def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
+    """Call a method on one capture and check what it returns; nothing it does raises.
 
     Parameters
     ----------
     predict : callable
-        The method.
-    infocus, defocus : ndarray of uint8, shape (y, x, 3)
-        RGB; the method gets copies.
+        The method, or its ``from_stack``.
+    *images : ndarray of uint8, shape (y, x, 3), or DataArray
+        What it is called with: an in-focus and a defocus image, or a stack of dimensions (image, y,
+        x, channel). The method gets copies.
+    unit : {"levels", "metres"}
+        What it answers in.
 
     Notes
     -----
@@ -53,7 +57,7 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
     >>> call(lambda infocus, defocus: infocus, image, image).error
     'returned shape (2, 2, 3); expected (2, 2), one depth level a pixel'
     """
-    copies = infocus.copy(), defocus.copy()
+    copies = [image.copy() for image in images]
     printed = _Printed()
     depth, error = None, ""
     numbers: dict[str, float] = {}
@@ -63,14 +67,16 @@ def call(predict: Predict, infocus: Image, defocus: Image) -> Prediction:
             begin = time.perf_counter()
             returned = predict(*copies)
             seconds = time.perf_counter() - begin
-            numbers = _finite_numbers(getattr(predict, "numbers", None))
+            numbers = _finite_numbers(
+                getattr(getattr(predict, "__self__", predict), "numbers", None)
+            )
     except KeyboardInterrupt:
         raise
     except BaseException as raised:
         error = f"raised {describe(raised)}{where_raised(raised)}"
         seconds = time.perf_counter() - begin
     else:
-        depth, error = _checked(returned, infocus.shape[:2])
+        depth, error = _checked(returned, images[0].shape[-3:-1], unit)
         if len(numbers) > _MOST_NUMBERS:
             error = f"keeps {len(numbers):,} values in `numbers`; expected {_MOST_NUMBERS} at most"
             depth, numbers = None, {}
@@ -84,15 +90,19 @@ class _Printed(io.StringIO):
         pass
 
 
-def _checked(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float32] | None, str]:
+def _checked(
+    returned: Any, shape: tuple[int, ...], unit: Unit
+) -> tuple[NDArray[np.float32] | None, str]:
     try:
-        return check_depth(returned, shape)
+        return check_depth(returned, shape, unit)
     except (Exception, SystemExit) as error:
         return None, f"returned a {type(returned).__name__} that breaks: {describe(error)}"
 
 
-def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float32] | None, str]:
-    """Return a method's answer as float32 levels, or None and what is wrong with it.
+def check_depth(
+    returned: Any, shape: tuple[int, ...], unit: Unit = "levels"
+) -> tuple[NDArray[np.float32] | None, str]:
+    """Return a method's answer as float32, or None and what is wrong with it.
 
     Parameters
     ----------
@@ -100,11 +110,13 @@ def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float
         What the method returned.
     shape : tuple of int
         Of the images, (y, x).
+    unit : {"levels", "metres"}
+        What it is in.
 
     Returns
     -------
     depth : ndarray of float32, shape (y, x), or None
-        Levels 0 to 255.
+        Levels 0 to 255, or metres above 0.
     wrong : str
         Empty where there is a depth map.
 
@@ -135,6 +147,10 @@ def check_depth(returned: Any, shape: tuple[int, ...]) -> tuple[NDArray[np.float
         bad = int(array.size - np.isfinite(array).sum())
         return None, f"returned NaN or infinity in {bad} of {array.size} pixels"
     low, high = array.min(), array.max()
+    if unit == "metres":
+        if low <= 0:
+            return None, f"returned distances from {low:g} to {high:g} m; expected all above 0"
+        return array.astype(np.float32), ""
     if low < -_ROUNDING or high > LAST_LEVEL + _ROUNDING:
         return None, f"returned levels from {low:g} to {high:g}; expected 0 to {LAST_LEVEL}"
     return np.clip(array.astype(np.float32), 0, LAST_LEVEL), ""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.formation import focus_levels, form_stack
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import DfdbenchError
@@ -17,6 +18,7 @@ from dfdbench.methods.fit import Learned, restore, teach
 from dfdbench.methods.method import Method, Prediction
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.torch_method import TorchMethod
+from dfdbench.metrics.protocol import Unit
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.system.parallel import Processes
 
@@ -26,7 +28,8 @@ _ORDINARY = "an ordinary pair, 240 × 320"
 if TYPE_CHECKING:
     import xarray
 
-_FACTS = ("focus_distance", "focus_depth", "f_number")
+#: A method of stacks is tried on so many focus planes.
+_PLANES = 4
 _FIT = "fit, on two made pairs"
 _AGAIN = "the same pair again"
 _ELSEWHERE = "the same pair in another process"
@@ -34,31 +37,63 @@ _SEEDED = "an answer may depend only on the pair and the run's seed"
 
 
 class MadePair(NamedTuple):
-    """A training pair that is made: see `dfdbench.methods.fit.TrainingPair`."""
+    """A training pair that is made, or a stack: see `dfdbench.methods.fit.TrainingPair`.
+
+    With `planes` it is a stack of the in-focus image and so many others, which are focused at
+    levels that are evenly spaced in 1 / distance from 5 m to 0.5 m.
+    """
 
     infocus: Image
     defocus: Image
     levels: Image
     valid: NDArray[np.bool_]
+    planes: int = 0
+    unit: Unit = "levels"
+
+    @property
+    def is_pair(self) -> bool:
+        """Whether it has no other images."""
+        return not self.planes
 
     @property
     def depth(self) -> NDArray[np.float32]:
-        """The levels, NaN where not valid."""
-        return np.where(self.valid, self.levels, np.nan).astype(np.float32)
+        """The depth in its unit, NaN where not valid."""
+        depth = self.levels if self.unit == "levels" else _metres(self.levels)
+        return np.where(self.valid, depth, np.nan).astype(np.float32)
+
+    def two_of(self, images: Sequence[int] | None) -> MadePair:
+        """Return itself: two images are what a pair has."""
+        return self
 
     @property
     def stack(self) -> xarray.DataArray:
-        """Both images, with nothing known of them but their roles."""
+        """All images, with what is known of them."""
         import xarray  # half a second, for methods that ask
 
+        images, levels = [self.infocus, self.defocus], np.full(2, np.nan)
+        if self.planes:
+            others = form_stack(self.infocus, self.levels, RECIPES["published"], self.planes)
+            images = [self.infocus, *others]
+            levels = np.array([np.nan, *focus_levels(self.planes)])
+        distances, metres = _metres(levels), self.unit == "metres"
+        known = {
+            "focus_distance": distances if self.planes else levels,
+            "focus_depth": distances if metres else levels,
+            "f_number": np.full(len(images), np.nan),
+        }
         return xarray.DataArray(
-            np.stack([self.infocus, self.defocus]),
+            np.stack(images),
             dims=("image", "y", "x", "channel"),
-            coords={"role": ("image", ["infocus", "defocus"])}
-            | {name: ("image", [np.nan] * 2) for name in _FACTS},
-            attrs={"unit": "levels", "near": 255.0, "far": 0.0}
+            coords={"role": ("image", ["infocus", *["defocus"] * (len(images) - 1)])}
+            | {name: ("image", values) for name, values in known.items()},
+            attrs={"unit": self.unit}
+            | dict(zip(("near", "far"), (0.5, 5.0) if metres else (255.0, 0.0), strict=True))
             | dict.fromkeys(("focal_length", "pixel_pitch"), np.nan),
         )
+
+
+def _metres(levels: NDArray[Any]) -> NDArray[np.float64]:
+    return np.asarray(1 / (0.2 + levels * (2 - 0.2) / 255))
 
 
 @dataclass(frozen=True)
@@ -81,7 +116,8 @@ def check_method(
     (the answers must be equal); whether the method writes into the images it is handed; and
     whether its depth is brighter for nearer, which shows on a slope whose near side is less
     blurred; whether its levels go from 0 to 255, and not from 0 to 1. A method with a fit is fitted
-    to two made pairs first; if that fails, nothing else is tried.
+    to two made pairs first; if that fails, nothing else is tried. A method of stacks gets stacks
+    of four focus planes beside the in-focus image.
 
     Parameters
     ----------
@@ -93,7 +129,7 @@ def check_method(
         Loads the method anew in another process, so it has to be picklable. Without it the method
         is not tried there.
     """
-    pairs = _awkward_pairs(seed)
+    pairs = _awkward_pairs(seed, method)
     trials = []
     learned: Learned | None = None
     if method.fit is not None:
@@ -104,7 +140,7 @@ def check_method(
     if isinstance(method.predict, TorchMethod):
         trials.append(Check("a torch module: run with eval() and no_grad()", 0, "", ""))
     if method.warm_up:
-        call(method.warm_up, *pairs[_ORDINARY])
+        call(method.warm_up, *method.called_on(pairs[_ORDINARY])[1])
     answers = {}
     for name, images in pairs.items():
         answers[name] = prediction = _answer(method, seed, images)
@@ -115,24 +151,30 @@ def check_method(
         trials.append(_try_again(method, seed, first))
         # What keeps its fit in itself cannot be sent there; the fit's own line says so.
         if load and not trials[-1].error and (method.fit is None or learned is not None):
-            trials.append(_try_elsewhere(_Order(load, seed, learned), first))
-        likeness = correlation(_slope(*first.depth.shape), first.depth)
+            trials.append(_try_elsewhere(_Order(load, seed, learned), pairs[_ORDINARY], first))
+        likeness = correlation(pairs[_ORDINARY].depth, first.depth)
+        levels = pairs[_ORDINARY].unit == "levels"
         turned = "depth seems to grow with distance: every set wants brighter for nearer"
+        if not levels:
+            turned = "distances seem to fall where the scene is farther"
         odd = turned if likeness < AGAINST else ""
-        trials.append(Check("brighter for nearer", first.seconds, "", odd))
-        odd = UNIT_LEVELS if in_unit_range(first.depth) else ""
-        trials.append(Check("levels from 0 to 255", first.seconds, "", odd))
-    trials.append(_try_writing(method, *pairs[_ORDINARY]))
+        name = "brighter for nearer" if levels else "farther is more"
+        trials.append(Check(name, first.seconds, "", odd))
+        if levels:
+            odd = UNIT_LEVELS if in_unit_range(first.depth) else ""
+            trials.append(Check("levels from 0 to 255", first.seconds, "", odd))
+    trials.append(_try_writing(method, pairs[_ORDINARY]))
     return tuple(trials)
 
 
-def _answer(method: Method, seed: int, images: tuple[Image, Image]) -> Prediction:
+def _answer(method: Method, seed: int, pair: MadePair) -> Prediction:
+    predict, images = method.called_on(pair)
     with seeded(seed):
-        return call(method.predict, *images)
+        return call(predict, *images, unit=pair.unit)
 
 
 def _try_again(method: Method, seed: int, first: Prediction) -> Check:
-    images = _awkward_pairs(seed)[_ORDINARY]
+    images = _awkward_pairs(seed, method)[_ORDINARY]
     # Twice: a method that remembers its last pair answers as it did at first only then.
     for _ in range(2):
         again = _answer(method, seed, images)
@@ -147,16 +189,16 @@ class _Order:
     seed: int
     learned: Learned | None
 
-    def __call__(self, images: tuple[Image, Image]) -> Prediction:
+    def __call__(self, images: MadePair) -> Prediction:
         method = self.load()
         if self.learned is not None:
             restore(method, self.learned)
         return _answer(method, self.seed, images)
 
 
-def _try_elsewhere(order: _Order, first: Prediction) -> Check:
+def _try_elsewhere(order: _Order, pair: MadePair, first: Prediction) -> Check:
     try:
-        (there,) = Processes(1).map(order, [_awkward_pairs(order.seed)[_ORDINARY]])
+        (there,) = Processes(1).map(order, [pair])
     except DfdbenchError as raised:
         return Check(_ELSEWHERE, 0, " ".join(str(raised).split()), "")
     differs = difference(first.depth, there.depth)
@@ -164,19 +206,23 @@ def _try_elsewhere(order: _Order, first: Prediction) -> Check:
     return Check(_ELSEWHERE, there.seconds, error, "")
 
 
-def _awkward_pairs(seed: int) -> dict[str, tuple[Image, Image]]:
+def _awkward_pairs(seed: int, method: Method) -> dict[str, MadePair]:
     random = np.random.default_rng(seed)
     recipe = RECIPES["published"]
 
-    def noise(height: int, width: int) -> tuple[Image, Image]:
+    def made(sharp: Image, blurred: Image) -> MadePair:
+        levels = _slope(*sharp.shape[:2])
+        return MadePair(sharp, blurred, levels, levels > 0, *_kind(method))
+
+    def noise(height: int, width: int) -> MadePair:
         image = random.integers(0, 256, (height, width, 3)).astype(np.uint8)
-        return image, synthesize(image, _slope(height, width), recipe)
+        return made(image, synthesize(image, _slope(height, width), recipe))
 
-    def flat(value: int) -> tuple[Image, Image]:
+    def flat(value: int) -> MadePair:
         image = np.full((120, 160, 3), value, np.uint8)
-        return image, image.copy()
+        return made(image, image.copy())
 
-    sharp = noise(120, 160)[0]
+    sharp = noise(120, 160).infocus
     return {
         _ORDINARY: noise(240, 320),
         "odd sizes, 241 × 317": noise(241, 317),
@@ -186,8 +232,12 @@ def _awkward_pairs(seed: int) -> dict[str, tuple[Image, Image]]:
         "a black pair": flat(0),
         "a flat grey pair": flat(128),
         "a saturated pair": flat(255),
-        "a pair without blur": (sharp, sharp.copy()),
+        "a pair without blur": made(sharp, sharp.copy()),
     }
+
+
+def _kind(method: Method) -> tuple[int, Unit]:
+    return (_PLANES if method.takes_stack else 0), method.answers_in("levels")
 
 
 def _try_fit(method: Method, seed: int) -> tuple[Check, Learned | None]:
@@ -199,8 +249,9 @@ def _try_fit(method: Method, seed: int) -> tuple[Check, Learned | None]:
         # Blocks of all levels, so that a fit finds each of them in both pairs.
         blocks = random.permutation(np.linspace(0, 255, 48)).reshape(6, 8).astype(np.uint8)
         depth = np.kron(blocks, np.ones((40, 40), np.uint8))
-        pairs.append(MadePair(image, synthesize(image, depth, recipe), depth, depth > 0))
-    before = [[array.copy() for array in pair] for pair in pairs]
+        blurred = synthesize(image, depth, recipe)
+        pairs.append(MadePair(image, blurred, depth, depth > 0, *_kind(method)))
+    before = [[array.copy() for array in pair[:4]] for pair in pairs]
     try:
         lesson = teach(method, pairs, seed)
     except DfdbenchError as error:
@@ -208,7 +259,7 @@ def _try_fit(method: Method, seed: int) -> tuple[Check, Learned | None]:
     same = all(
         np.array_equal(array, copy)
         for pair, copies in zip(pairs, before, strict=True)
-        for array, copy in zip(pair, copies, strict=True)
+        for array, copy in zip(pair[:4], copies, strict=True)
     )
     odd = [] if same else ["changes the pairs it is handed"]
     if lesson.learned is None:
@@ -221,18 +272,19 @@ def _slope(height: int, width: int) -> Image:
     return np.broadcast_to(levels, (height, width)).copy()
 
 
-def _try_writing(method: Method, infocus: Image, defocus: Image) -> Check:
+def _try_writing(method: Method, pair: MadePair) -> Check:
     # `call` hands out copies, so nothing is spoilt; still a method that writes is a trap.
-    mine = infocus.copy(), defocus.copy()
+    predict, images = method.called_on(pair)
+    mine = [image.copy() for image in images]
     odd = []
 
-    def predict(_: Image, __: Image) -> object:
-        returned: object = method.predict(*mine)
+    def predict_on_mine(*_: object) -> object:
+        returned: object = predict(*mine)
         if getattr(returned, "requires_grad", False):
             odd.append("returns a tensor with a gradient: torch.no_grad() would save memory")
         return returned
 
-    prediction = call(predict, infocus, defocus)
-    if not (np.array_equal(mine[0], infocus) and np.array_equal(mine[1], defocus)):
+    prediction = call(predict_on_mine, *images, unit=pair.unit)
+    if not all(np.array_equal(one, other) for one, other in zip(mine, images, strict=True)):
         odd.append("changes the images it is handed")
     return Check("leaves its input alone", prediction.seconds, prediction.error, "; ".join(odd))

@@ -10,18 +10,15 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.errors import DfdbenchError, MethodError, Problem
 from dfdbench.methods.importing import error_of
-from dfdbench.methods.method import Method
+from dfdbench.methods.method import CaptureImages, Method
 from dfdbench.methods.process_state import process_kept, seeded
-
-if TYPE_CHECKING:
-    import xarray
 
 #: What a fit may return: numbers and arrays of numbers by name.
 Learned = dict[str, bool | int | float | NDArray[Any]]
@@ -29,20 +26,8 @@ Learned = dict[str, bool | int | float | NDArray[Any]]
 _EXPECTED = "a mapping of names to numbers or NumPy arrays of numbers, or None"
 
 
-class TrainingPair(Protocol):
+class TrainingPair(CaptureImages, Protocol):
     """What a fit sees of a capture."""
-
-    @property
-    def infocus(self) -> NDArray[np.uint8]:
-        """The in-focus image, RGB, shape (y, x, 3)."""
-
-    @property
-    def defocus(self) -> NDArray[np.uint8]:
-        """The defocus image, RGB, shape (y, x, 3)."""
-
-    @property
-    def stack(self) -> xarray.DataArray:
-        """All images, dimensions (image, y, x, channel), with what is known of them."""
 
     @property
     def depth(self) -> NDArray[np.float32]:

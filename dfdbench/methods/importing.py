@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from dfdbench.errors import MethodError, unknown_name
-from dfdbench.system.extras import absent, extra_of
+from dfdbench.system.packages import absent, extra_of
 
 _NOTHING = object()
 

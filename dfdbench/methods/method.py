@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,33 @@ from dfdbench.errors import MethodError, steering_nothing, writable
 from dfdbench.methods.importing import attribute_of, unreadable
 from dfdbench.methods.parameters import files_sha256
 from dfdbench.methods.sources import Hashes, Sources
+from dfdbench.metrics.protocol import Unit
+
+if TYPE_CHECKING:
+    import xarray
 
 Image = NDArray[np.uint8]
-Predict = Callable[[Image, Image], Any]
+Predict = Callable[..., Any]
+
+
+class CaptureImages(Protocol):
+    """The images of a capture, as a method is called with them."""
+
+    @property
+    def is_pair(self) -> bool:
+        """Whether they are an in-focus and a defocus image."""
+
+    @property
+    def infocus(self) -> Image:
+        """The in-focus image, RGB, shape (y, x, 3)."""
+
+    @property
+    def defocus(self) -> Image:
+        """The defocus image, RGB, shape (y, x, 3)."""
+
+    @property
+    def stack(self) -> xarray.DataArray:
+        """All images, dimensions (image, y, x, channel), with what is known of them."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +56,16 @@ class Method:
     entry : str
         ``module:attribute`` or ``file.py:attribute``.
     predict : callable
-        ``predict(infocus, defocus) -> depth``.
+        ``predict(infocus, defocus) -> depth`` or ``predict(stack) -> depth``, told apart by the
+        name of the first parameter. What has ``from_stack(stack)`` besides does both.
     parameters : dict
         What the user set, fit for JSON.
     uses : tuple of str
         Which facts of the data set it was handed, of those offered to `load_method`.
     source_sha256 : str or None
         Of the file it is defined in.
+    images : tuple of int, optional
+        The two images of a stack that it gets as a pair.
     sources : Sources
         The modules and files that its answers come from.
     """
@@ -48,11 +76,63 @@ class Method:
     parameters: dict[str, Any] = field(default_factory=dict)
     uses: tuple[str, ...] = ()
     source_sha256: str | None = None
+    images: tuple[int, int] | None = None
     sources: Sources = field(default_factory=Sources, compare=False, repr=False)
 
-    def __call__(self, infocus: Image, defocus: Image) -> Any:
-        """Return the depth of a pair of RGB images, uint8 of shape (y, x, 3)."""
-        return self.predict(infocus, defocus)
+    def __call__(self, *images: Any) -> Any:
+        """Return the depth of an in-focus and a defocus image, or of a stack.
+
+        Parameters
+        ----------
+        *images : ndarray of uint8, shape (y, x, 3), or DataArray
+            Two RGB images; or a stack, dimensions (image, y, x, channel), as `Capture.stack`.
+        """
+        of_stack = len(images) == 1 and not self.takes_stack and self.attribute("from_stack")
+        return (of_stack or self.predict)(*images)
+
+    @functools.cached_property
+    def takes_stack(self) -> bool:
+        """Whether it is called with a stack alone: its first parameter is called so."""
+        try:
+            return next(iter(inspect.signature(self.predict).parameters), "") == "stack"
+        except Exception:  # a signature of its own may raise anything
+            return False
+
+    def two_images(self, usual: Sequence[int] | None) -> Sequence[int] | None:
+        """Return which two images of a capture it gets as a pair; None for all of them.
+
+        Parameters
+        ----------
+        usual : sequence of int, optional
+            Those that the data set names for methods that know no stack.
+        """
+        if self.images or self.takes_stack or self.attribute("from_stack"):
+            return self.images
+        return usual
+
+    def called_on(self, capture: CaptureImages) -> tuple[Predict, tuple[Any, ...]]:
+        """Return what to call for a capture, and with what."""
+        if self.takes_stack:
+            return self.predict, (capture.stack,)
+        of_stack = self.attribute("from_stack")
+        if of_stack and not capture.is_pair:
+            return of_stack, (capture.stack,)
+        return self.predict, (capture.infocus, capture.defocus)
+
+    def answers_in(self, unit: Unit) -> Unit:
+        """Return what its depth is in on a data set in this unit: levels unless it says so.
+
+        Raises
+        ------
+        MethodError
+            If what it says is no unit.
+        """
+        units: dict[str, Unit] = {"levels": "levels", "metres": "metres", "stack": unit}
+        said = self._said("unit") or "levels"
+        if said not in units:
+            expected = "levels, metres, or stack: as the data set"
+            raise MethodError("no unit", where=f"{self.name}: unit", expected=expected, got=said)
+        return units[said]
 
     @property
     def used(self) -> Hashes:
@@ -142,6 +222,7 @@ class Method:
         MethodError
             Where reading one of them raises.
         """
+        self.answers_in("levels")
         for name in ("warm_up", "fit", "trained_on", "paper", "weights_sha256", "warnings"):
             getattr(self, name)
 

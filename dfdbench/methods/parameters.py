@@ -25,7 +25,7 @@ from dfdbench.errors import (
     writable,
 )
 from dfdbench.system.files import read_text
-from dfdbench.system.toml_text import parse_toml
+from dfdbench.system.text import parse_toml
 
 # Of a folder that a parameter names. All of it is hashed, before every run.
 _MOST_FILES = 10_000

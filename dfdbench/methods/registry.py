@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from dfdbench.errors import MethodError, unknown_name
 from dfdbench.methods.importing import attribute_of, error_of, import_entry, near_entry
-from dfdbench.system.plugins import offered_as
+from dfdbench.system.packages import offered_as
 
 if TYPE_CHECKING:
     from dfdbench.methods.method import Method, Predict
@@ -105,8 +105,6 @@ _BUILT_IN = {
     "shape-from-focus": "dfdbench.methods.shape_from_focus:ShapeFromFocus",
     "u-net": "dfdbench.methods.learned:UNetMethod",
 }
-
-
 _WORDS = {
     "constant": "the mean depth of the training scenes, whatever the images show",
     "dfd-net": "a network for depth from defocus (Emerson 2019); weights: --param weights=NAME",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from dfdbench.errors import InputError
 from dfdbench.metrics.scores import checked
 
+#: The thresholds of `boundary_f1`: from, to, how many.
+EDGES = (1.05, 1.25, 10)
 Floats = NDArray[np.float64]
 
 
@@ -84,6 +88,60 @@ def share_within(
     """
     true, test = _distances(truth, estimate, mask)
     return float(np.mean(np.maximum(test / true, true / test) < factor)) if true.size else math.nan
+
+
+def boundary_f1(truth: ArrayLike, estimate: ArrayLike, *, mask: ArrayLike | None = None) -> float:
+    """Return how well depth edges are found, 0 to 1; larger is better.
+
+    Parameters and errors are those of `abs_rel`.
+
+    Returns
+    -------
+    float
+        NaN where the truth has no edge.
+
+    Notes
+    -----
+    Neighbours p and q are an edge at threshold t if ``d_p / d_q > t``; precision and recall count
+    over the four directions, both depths known; F1 is averaged over ten thresholds from 1.05 to
+    1.25, weighted by them. Scale-invariant boundary F1 of Bochkovskii et al., Depth Pro, 2024.
+
+    Examples
+    --------
+    >>> step = np.array([[1.0, 1.0, 2.0, 2.0]])
+    >>> boundary_f1(step, 3 * step), boundary_f1(step, np.ones((1, 4)))
+    (1.0, 0.0)
+    """
+    true, test, counts = checked(truth, estimate, mask)
+    _distances(true, test, counts)
+    found = [
+        (_log_steps(true, axis), _log_steps(test, axis), _log_steps(counts, axis, np.logical_and))
+        for axis in (0, 1)
+    ]
+    ours, theirs = (
+        np.concatenate([part[k][part[2]] for part in found] + [-part[k][part[2]] for part in found])
+        for k in (0, 1)
+    )
+    scores, weights = [], np.linspace(*EDGES)
+    for least in np.log(weights):
+        edges, answered = ours > least, theirs > least
+        hits = 2 * np.count_nonzero(edges & answered)
+        all_of_both = np.count_nonzero(edges) + np.count_nonzero(answered)
+        scores.append(hits / all_of_both if edges.any() else math.nan)
+    told = np.isfinite(scores)
+    return (
+        float(np.average(np.array(scores)[told], weights=weights[told])) if told.any() else math.nan
+    )
+
+
+def _log_steps(
+    values: NDArray[Any], axis: int, join: Callable[[Any, Any], Any] | None = None
+) -> NDArray[Any]:
+    first, second = np.swapaxes(values, 0, axis)[:-1], np.swapaxes(values, 0, axis)[1:]
+    if join is not None:
+        return np.asarray(join(first, second))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.log(second) - np.log(first))
 
 
 def aligned(

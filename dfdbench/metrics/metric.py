@@ -11,7 +11,7 @@ from functools import partial
 from math import fsum
 from types import MappingProxyType
 
-from dfdbench.metrics.metres import abs_rel, rmse_metres, share_within
+from dfdbench.metrics.metres import abs_rel, boundary_f1, rmse_metres, share_within
 from dfdbench.metrics.scores import nmae, nrmse, ssim
 
 
@@ -88,9 +88,10 @@ _IN_METRES = {
     for metric in (
         Metric("abs_rel", False, abs_rel, 0, _FAR, shown="AbsRel"),
         Metric("rmse_m", False, rmse_metres, 0, _FAR, shown="RMSE (m)"),
-        Metric("delta_1", True, share_within, 0, 1, shown="δ < 1.25"),
-        Metric("delta_2", True, partial(share_within, factor=1.25**2), 0, 1, shown="δ < 1.25²"),
-        Metric("delta_3", True, partial(share_within, factor=1.25**3), 0, 1, shown="δ < 1.25³"),
+        Metric("delta_105", True, partial(share_within, factor=1.05), 0, 1, shown="δ < 1.05"),
+        Metric("delta_115", True, partial(share_within, factor=1.15), 0, 1, shown="δ < 1.15"),
+        Metric("delta_125", True, share_within, 0, 1, shown="δ < 1.25"),
+        Metric("boundary_f1", True, boundary_f1, 0, 1, shown="boundary F1"),
     )
 }
 #: Every metric of depth levels by name, in the order in which they are shown.
@@ -106,8 +107,8 @@ def find_metric(name: str) -> Metric:
 
     Examples
     --------
-    >>> find_metric("nmae").heading, find_metric("delta_2").heading
-    ('NMAE ↓', 'δ < 1.25² ↑')
+    >>> find_metric("nmae").heading, find_metric("delta_125").heading
+    ('NMAE ↓', 'δ < 1.25 ↑')
     """
     return METRICS[name] if name in METRICS else IN_METRES[name]
 

@@ -17,6 +17,7 @@ from dfdbench.metrics.metres import aligned
 from dfdbench.metrics.metric import IN_METRES, METRICS, RANKED_BY, TIES_BY, Metric
 
 Crop = Literal["whole", "network-of-16"]
+Unit = Literal["levels", "metres"]
 # The published networks halve their images four times, so their program cuts images to this.
 _NETWORK_MULTIPLE = 16
 
@@ -48,7 +49,11 @@ def window_of(crop: Crop, shape: tuple[int, ...], side: int) -> tuple[slice, ...
 
 
 class Scale(typing.Protocol):
-    """How depth levels become metres; `far` is the farthest distance there is."""
+    """How depth levels become metres; `near` and `far` are the nearest and farthest distance."""
+
+    @property
+    def near(self) -> float:
+        """In metres."""
 
     @property
     def far(self) -> float:
@@ -58,57 +63,28 @@ class Scale(typing.Protocol):
         """Return the distance of each level."""
 
 
-def score_distances(
-    metrics: Iterable[str],
-    align: bool,
-    truth: NDArray[np.uint8],
-    estimate: NDArray[np.float32],
-    mask: NDArray[np.bool_] | None,
-    scale: Scale | None,
-) -> dict[str, float]:
-    """Return the scores of depth levels that are taken as distances.
-
-    Parameters
-    ----------
-    metrics : iterable of str
-        Which of `dfdbench.metrics.metric.IN_METRES`.
-    align : bool
-        Whether scale and shift in inverse depth are fitted first, see
-        `dfdbench.metrics.metres.aligned`.
-    truth, estimate : ndarray, shape (y, x)
-        Depth levels.
-    mask : ndarray of bool, shape (y, x), or None
-        True where a pixel counts.
-    scale : Scale or None
-        How levels become metres.
-
-    Raises
-    ------
-    InputError
-        If there is no scale.
-    """
-    if scale is None:
-        raise InputError("nothing says how levels become metres", where="scale")
-    true, found = scale.to_metres(truth), scale.to_metres(estimate)
-    if align:
-        found = aligned(true, found, scale.far, mask)
-    return {name: IN_METRES[name].function(true, found, mask=mask) for name in metrics}
-
-
-def protocols_of(in_metres: bool) -> dict[str, Protocol]:
+def protocols_of(in_metres: bool, unit: Unit = "levels") -> dict[str, Protocol]:
     """Return the protocols that a run scores under, by label.
 
     Parameters
     ----------
     in_metres : bool
         Whether the data set says how levels become metres.
+    unit : {"levels", "metres"}
+        What its depth is in. The thesis's protocols are of levels.
 
     Examples
     --------
     >>> list(protocols_of(False)), list(protocols_of(True))[3:]
     (['thesis', 'thesis-networks-2', 'valid'], ['metric', 'aligned'])
+    >>> list(protocols_of(True, "metres"))
+    ['valid', 'metric', 'aligned']
     """
-    return {label: p for label, p in RELEASED.items() if in_metres or not p.metrics}
+    return {
+        label: protocol
+        for label, protocol in RELEASED.items()
+        if (in_metres or not protocol.metrics) and (unit == "levels" or protocol.pixels == "known")
+    }
 
 
 def metrics_of(label: str) -> Mapping[str, Metric]:
@@ -117,7 +93,7 @@ def metrics_of(label: str) -> Mapping[str, Metric]:
     Examples
     --------
     >>> list(metrics_of("valid")), list(metrics_of("aligned"))[:2]
-    (['nrmse', 'nmae', 'ssim'], ['abs_rel', 'delta_1'])
+    (['nrmse', 'nmae', 'ssim'], ['abs_rel', 'delta_105'])
     """
     names = RELEASED[label].metrics if label in RELEASED else ()
     return {name: IN_METRES[name] for name in names} if names else METRICS
@@ -222,8 +198,8 @@ _ALL = (
         "known",
         "none",
         "whole",
-        "Eigen et al. 2014, in metres, known pixels only",
-        ("abs_rel", "rmse_m", "delta_1", "delta_2", "delta_3"),
+        "Eigen et al. 2014 and Bochkovskii et al. 2024, in metres, known pixels only",
+        ("abs_rel", "rmse_m", "delta_105", "delta_115", "delta_125", "boundary_f1"),
     ),
     Protocol(
         "aligned",
@@ -233,7 +209,7 @@ _ALL = (
         "whole",
         "Ranftl et al. 2020: least-squares scale and shift in inverse depth, at most the farthest "
         "distance; then Eigen et al. 2014, known pixels only",
-        ("abs_rel", "delta_1", "delta_2", "delta_3"),
+        ("abs_rel", "delta_105", "delta_115", "delta_125", "boundary_f1"),
         "scale and shift in inverse depth",
     ),
 )
@@ -300,11 +276,12 @@ def require_scored(label: str, scored: Iterable[str], whose: str) -> None:
 
 def score(
     protocol: Protocol,
-    depth: NDArray[np.uint8],
+    depth: NDArray[np.uint8] | NDArray[np.float32],
     valid: NDArray[np.bool_],
     prediction: NDArray[np.float32],
     network_crop: int,
     scale: Scale | None = None,
+    unit: Unit = "levels",
 ) -> dict[str, float]:
     """Score one prediction under one protocol.
 
@@ -312,17 +289,20 @@ def score(
     ----------
     protocol : Protocol
         See `PROTOCOLS`.
-    depth : ndarray of uint8, shape (y, x)
-        Ground truth in depth levels.
+    depth : ndarray of uint8 or float32, shape (y, x)
+        Ground truth, in the unit.
     valid : ndarray of bool, shape (y, x)
         True where the ground truth is known.
     prediction : ndarray of float32, shape (y, x)
-        Estimated depth levels, 0 to 255.
+        Estimated depth, in the unit.
     network_crop : int
         Side of the centre square, in pixels, for protocols that crop; along an axis on which
         the image is smaller all of it is taken.
     scale : Scale, optional
-        How levels become metres; for protocols in metres.
+        How levels become metres; for protocols in metres, and for depth in metres.
+    unit : {"levels", "metres"}
+        Of truth and prediction. In metres, NRMSE and NMAE are divided by far - near, the range of
+        the set, as levels are by 255.
 
     Returns
     -------
@@ -347,15 +327,24 @@ def score(
     if not truth.size:
         return dict.fromkeys(protocol.metrics or METRICS, math.nan)
     mask = valid[window] if protocol.pixels == "known" else None
-    if protocol.metrics:
-        return score_distances(protocol.metrics, bool(protocol.alignment), truth, test, mask, scale)
-    divisor = 255.0 if protocol.divisor == "255" else None
-    return {
-        name: metric.function(
-            truth,
-            test,
-            data_range=divisor if metric.data_range is None else metric.data_range,
-            mask=mask,
+    if (protocol.metrics or unit == "metres") and scale is None:
+        raise InputError("nothing says how levels become metres", where="scale")
+    if scale is not None and unit == "metres":
+        truth = np.where(valid[window], truth, scale.far)
+    if scale is not None and protocol.metrics:
+        true, found = (
+            (truth, test) if unit == "metres" else (scale.to_metres(truth), scale.to_metres(test))
         )
+        if protocol.alignment:
+            found = aligned(true, found, scale.far, mask)
+        return {name: IN_METRES[name].function(true, found, mask=mask) for name in protocol.metrics}
+    whole = 255.0 if scale is None or unit == "levels" else scale.far - scale.near
+    divisor = whole if protocol.divisor == "255" else None
+    ranges = {
+        name: divisor if own is None else (own if unit == "levels" else whole)
+        for name, own in ((name, metric.data_range) for name, metric in METRICS.items())
+    }
+    return {
+        name: metric.function(truth, test, data_range=ranges[name], mask=mask)
         for name, metric in METRICS.items()
     }

@@ -9,11 +9,9 @@ from dfdbench.board.ranking import Entry, ScoreBoard, Standing, boards
 from dfdbench.errors import unknown_name
 from dfdbench.metrics.protocol import metrics_of, require_scored, title_of
 from dfdbench.results.saved_run import SavedRun
-from dfdbench.results.told import told
-from dfdbench.results.wording import SECONDS_NOTE, score_text, seconds_text
-from dfdbench.system.version import PACKAGE_VERSION
-from dfdbench.tables.table import Marked, Table
-from dfdbench.tables.wording import counted
+from dfdbench.results.wording import SECONDS_NOTE, given_to, score_text, seconds_text
+from dfdbench.system.packages import PACKAGE_VERSION
+from dfdbench.tables.table import Marked, Table, counted
 
 SECONDS = "seconds"
 # Of a fingerprint's 64 digits: enough to distinguish data, and they fit into a caption.
@@ -28,7 +26,7 @@ def paper_tables(
     Parameters
     ----------
     runs : sequence of SavedRun
-        At least one; `dfdbench.results.run_names.told_apart` tells those of one method apart.
+        At least one; `dfdbench.results.saved_run.told_apart` tells those of one method apart.
     protocol : str
         The protocol.
     columns : sequence of str
@@ -62,7 +60,7 @@ def _table(board: ScoreBoard, names: Sequence[str]) -> Table:
     metrics = metrics_of(board.protocol)
     cells = {name: _cells(board, name) for name in names}
     rows = tuple(
-        (standing.entry.label, told(standing.entry.result), *(cells[name][n] for name in names))
+        (standing.entry.label, given_to(standing.entry.result), *(cells[name][n] for name in names))
         for n, standing in enumerate(board.standings)
     )
     headings = ("seconds per pair" if name == SECONDS else metrics[name].heading for name in names)
@@ -73,7 +71,7 @@ def _table(board: ScoreBoard, names: Sequence[str]) -> Table:
         f"({counted(pairs, 'pair')} of {counted(board.scenes, 'scene')}), "
         f"protocol {title_of(board.protocol)}, data {dataset.fingerprint[:_DIGITS]}, "
         f"dfdbench {PACKAGE_VERSION}",
-        ("method", "told", *headings),
+        ("method", "given", *headings),
         rows,
         "ll" + "r" * len(names),
         tuple(_notes(board, names)),
@@ -139,7 +137,7 @@ def _record(board: ScoreBoard, standing: Standing, names: Sequence[str]) -> Mapp
         "fingerprint": dataset.fingerprint,
         "rank": standing.rank,
         "method": entry.label,
-        "told": told(entry.result),
+        "given": given_to(entry.result),
         **scores,
         "pairs": f"{dataset.evaluated}/{dataset.expected}",
     }

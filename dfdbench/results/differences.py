@@ -1,15 +1,17 @@
-"""Paired differences between two runs: pair by pair, with an interval over scenes."""
+"""The differences between two runs, pair by pair, and the tables that show them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from dfdbench.errors import Problem, ResultError
-from dfdbench.metrics.intervals import SCENES_TO_TELL, scene_interval
+from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name, scene_interval
 from dfdbench.metrics.metric import find_metric, mean_of
-from dfdbench.metrics.protocol import label_of, require_scored
+from dfdbench.metrics.protocol import label_of, metrics_of, ranked_by, require_scored
 from dfdbench.results.record import PairResult, Result
+from dfdbench.results.wording import method_label, score_text
+from dfdbench.tables.table import Table
 
 #: The verdict on a difference over fewer scenes than `SCENES_TO_TELL`.
 TOO_FEW = "too few scenes to tell"
@@ -145,3 +147,172 @@ def paired_difference(
     low, high = scene_interval(values, scenes, seed) or (None, None)
     ties = len(values) - better - worse
     return PairedDifference(mean, low, high, better, worse, ties, len(set(scenes)))
+
+
+_ALL = "all"
+
+
+def change_tables(
+    first: Result,
+    second: Result,
+    protocol: str,
+    most: int = 10,
+    names: tuple[str, str] | None = None,
+) -> list[Table]:
+    """Return what changes from the first run to the second.
+
+    Parameters
+    ----------
+    first, second : Result
+        On the same data, split and protocol.
+    protocol : str
+        Under which protocol.
+    most : int
+        How many pairs are listed of those that changed most.
+    names : tuple of str, optional
+        What the two are called; their methods' labels by default.
+
+    Returns
+    -------
+    list of Table
+        The differences and, where there are any, the pairs that changed.
+
+    Raises
+    ------
+    ResultError
+        Where the runs are not comparable, or no pair was evaluated by both.
+    """
+    check_comparable(first, second, protocol)
+    if not any(changes(first, second, protocol, metric) for metric in metrics_of(protocol)):
+        raise ResultError(
+            "no pair was scored in both runs", fix="complete them: `dfdbench run` goes on"
+        )
+    tables = [difference_table(first, second, protocol, names)]
+    if most_changed(first, second, protocol, most):
+        tables.append(pair_table(first, second, protocol, most))
+    return tables
+
+
+def difference_table(
+    first: Result, second: Result, protocol: str, names: tuple[str, str] | None = None
+) -> Table:
+    """Return the mean paired difference of each metric, and wins and losses by lighting."""
+    dataset = first.dataset
+    rows, records = [], []
+    rules = set()
+    for name, metric in metrics_of(protocol).items():
+        for where, group in _parted(changes(first, second, protocol, name), first):
+            scenes_of = [change.first.scene for change in group]
+            difference = paired_difference([c.difference for c in group], scenes_of, name)
+            if difference is None:
+                continue
+            counts = (difference.wins, difference.losses, difference.ties)
+            head = metric.heading if where == _ALL else ""
+            rows.append((head, where, str(difference), *map(str, counts)))
+            records.append({"metric": name, "pairs": where, **_as_record(difference)})
+        rules.add(len(rows) - 1)
+    compared = changes(first, second, protocol, ranked_by(protocol)[0])
+    scenes = len({change.first.scene for change in compared})
+    interval = f"B less A, {interval_name(scenes)}"
+    a, b = names or (method_label(first.method), method_label(second.method))
+    return Table(
+        f"A: {a}, B: {b}; {dataset.label}, split {dataset.split}, {protocol}",
+        ("metric", "pairs", interval, "B better", "B worse", "same"),
+        tuple(rows),
+        "lllrrr",
+        tuple(_notes(first, second, protocol, scenes)),
+        frozenset(rules),
+        tuple(records),
+    )
+
+
+def _parted(found: tuple[PairChange, ...], run: Result) -> list[tuple[str, tuple[PairChange, ...]]]:
+    groups = [(_ALL, found)]
+    for axis in (run.dataset.blocks, run.dataset.rows):
+        for value in sorted({c.first.coordinates[axis] for c in found}) if axis else []:
+            of_value = tuple(c for c in found if c.first.coordinates[axis or ""] == value)
+            groups.append((f"{axis} {value}", of_value))
+    return groups
+
+
+def _as_record(difference: PairedDifference) -> dict[str, object]:
+    return {
+        "difference": difference.mean,
+        "low": difference.low,
+        "high": difference.high,
+        "wins": difference.wins,
+        "losses": difference.losses,
+        "ties": difference.ties,
+        "verdict": difference.verdict,
+    }
+
+
+def _notes(first: Result, second: Result, protocol: str, scenes: int) -> Iterator[str]:
+    if scenes >= SCENES_TO_TELL:
+        yield "95 %: bootstrap over scenes of the pairs' differences. Real: leaves out 0."
+    elif scenes > 1:
+        yield (
+            f"{scenes} scenes: fewer than six are too few for a 95 % interval, and too few to "
+            "tell a difference from chance."
+        )
+    both = len(changes(first, second, protocol, ranked_by(protocol)[0]))
+    if both < first.dataset.expected:
+        yield f"{both} of {first.dataset.expected} pairs were scored in both runs"
+    if _same_depth_maps(first, second):
+        yield "The depth maps are the same in both runs, to the last digit."
+
+
+def pair_table(first: Result, second: Result, protocol: str, most: int) -> Table:
+    """Return the pairs whose NRMSE, in metres AbsRel, changed most, largest change first."""
+    metric = ranked_by(protocol)[0]
+    found = [
+        (change, change.first.score(protocol, metric), change.second.score(protocol, metric))
+        for change in most_changed(first, second, protocol, most)
+    ]
+    rows = tuple(
+        (change.first.id, score_text(a), score_text(b), f"{change.difference:+.4f}")
+        for change, a, b in found
+    )
+    records = tuple(
+        {"pair": change.first.id, "a": a, "b": b, "difference": change.difference}
+        for change, a, b in found
+    )
+    title = f"pairs that changed most in {find_metric(metric).title}"
+    return Table(title, ("pair", "A", "B", "B less A"), rows, "lrrr", records=records)
+
+
+def most_changed(first: Result, second: Result, protocol: str, most: int) -> tuple[PairChange, ...]:
+    """Return the pairs that changed most in what ranks them, largest change first."""
+    found = [c for c in changes(first, second, protocol, ranked_by(protocol)[0]) if c.difference]
+    return tuple(sorted(found, key=lambda c: (-abs(c.difference), c.first.id))[:most])
+
+
+def changes_to_show(
+    first: Result, second: Result, protocol: str, count: int
+) -> tuple[PairChange, ...]:
+    """Return pairs that changed much in what ranks them, of as many scenes and views as there are.
+
+    The pairs that changed most are often one scene's view under other lights, the same picture
+    over and over: a pair counts behind those of scenes, then views, that were chosen less often.
+    """
+    axis = first.dataset.axes[0]
+    left = list(most_changed(first, second, protocol, len(first.pairs)))
+    chosen: list[PairChange] = []
+
+    def seen(change: PairChange) -> tuple[int, int]:
+        same_scene = [c for c in chosen if c.first.scene == change.first.scene]
+        value = change.first.coordinates[axis]
+        return len(same_scene), sum(c.first.coordinates[axis] == value for c in same_scene)
+
+    while left and len(chosen) < count:
+        chosen.append(left.pop(left.index(min(left, key=seen))))
+    return tuple(sorted(chosen, key=lambda c: (-abs(c.difference), c.first.id)))
+
+
+def _same_depth_maps(first: Result, second: Result) -> bool:
+    others = {pair.id: pair.prediction_sha256 for pair in second.pairs if pair.status == "ok"}
+    return all(
+        pair.prediction_sha256 is not None and pair.prediction_sha256 == others[pair.id]
+        for pair in first.pairs
+        if pair.status == "ok" and pair.id in others
+    )

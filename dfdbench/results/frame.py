@@ -1,4 +1,4 @@
-"""Scores as pandas tables: one long table for any number of runs, or one row per pair."""
+"""Every score of runs as a pandas table, and tables of a run over tracks."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from dfdbench.blur.tracks import CLEAN, find_degradation
+from dfdbench.blur.tracks import CLEAN, TRACKS, find_degradation
 from dfdbench.datasets.tracked import part_name
 from dfdbench.metrics.metric import mean_of
-from dfdbench.metrics.protocol import metrics_of, require_scored
-from dfdbench.results.first_table import shown_protocol
-from dfdbench.results.record import Result
-from dfdbench.results.wording import method_label, parameters_of
+from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored, title_of
+from dfdbench.results.record import Result, shown_protocol
+from dfdbench.results.wording import given_to, method_label, parameters_of, score_text
+from dfdbench.tables.table import Table
 
 COLUMNS = (
     "run",
@@ -93,7 +93,7 @@ def scores_of(results: Sequence[Result]) -> pd.DataFrame:
     return frame.astype({"value": float, "seconds": float})
 
 
-def mean_scores(scores: pd.DataFrame, *by: str) -> pd.Series:
+def group_means(scores: pd.DataFrame, *by: str) -> pd.Series:
     """Return the mean value of each group; NaN if one of its pairs was not evaluated.
 
     Pairs for which a metric is undefined are left out. The mean does not depend on their order.
@@ -154,3 +154,83 @@ def frame_of(result: Result, protocol: str | None = None) -> pd.DataFrame:
     ]
     frame = pd.DataFrame(rows).set_index("pair")
     return frame.astype(dict.fromkeys((*metrics, "seconds"), float))
+
+
+def track_means(scores: pd.DataFrame, protocol: str, metric: str) -> pd.DataFrame:
+    """Return a method's means: a row a track, a column a severity, 0 for clean images.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        Of one method on one split, from `dfdbench.results.frame.scores_of`.
+    protocol, metric : str
+        Which scores; NaN if a run is incomplete or lacking.
+    """
+    own = scores[(scores["protocol"] == protocol) & (scores["metric"] == metric)]
+    means = group_means(own, "track", "severity")
+    names = means.index.get_level_values("track")
+    tracks = [name for name in dict.fromkeys(names) if name != CLEAN]
+    most = max((len(TRACKS[name].severities) for name in tracks), default=0)
+    table = means.unstack("severity").reindex(index=tracks, columns=range(most + 1))
+    table[0] = means.get((CLEAN, 0), np.nan)
+    return table
+
+
+def severities_table(results: Sequence[Result], protocol: str) -> Table:
+    """Return a row a track: the score on clean images, at each severity, and their mean.
+
+    The mean is over severities, clean left out; without all of them there is none.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        Runs of one method on one split, on clean images and on tracks.
+    protocol : str
+        Under which protocol.
+    """
+    metrics, first_by = metrics_of(protocol), ranked_by(protocol)[0]
+    scores = scores_of(results)
+    by_metric = {}
+    for name in metrics:
+        means = track_means(scores, protocol, name)
+        by_metric[name] = means.assign(mean=means.drop(columns=0).mean(axis=1, skipna=False))
+    shown = by_metric[first_by]
+    rows = tuple((str(track), *map(_shown, values)) for track, values in shown.iterrows())
+    records = tuple(
+        {
+            "track": track,
+            **{
+                f"{name} {CLEAN if column == 0 else column}": None if np.isnan(value) else value
+                for name, means in by_metric.items()
+                for column, value in means.loc[track].items()
+            },
+        }
+        for track in shown.index
+    )
+    dataset, method = results[0].dataset, results[0].method
+    return Table(
+        f"{method_label(method)} on the tracks of {dataset.name.partition('@')[0]}, "
+        f"split {dataset.split}, protocol {title_of(protocol)}: {metrics[first_by].heading}",
+        ("track", CLEAN, *map(str, shown.columns[1:-1]), "mean of severities"),
+        rows,
+        "l" + "r" * len(shown.columns),
+        tuple(_notes(results)),
+        records=records,
+    )
+
+
+def _shown(value: float) -> str:
+    return score_text(None if np.isnan(value) else value)
+
+
+def _notes(results: Sequence[Result]) -> list[str]:
+    notes = [f"{CLEAN}: {given_to(run)}" for run in results if run.dataset.degradation == CLEAN]
+    tracked = {given_to(run) for run in results if run.dataset.degradation != CLEAN}
+    notes.append(f"on tracks: {'; '.join(sorted(tracked))}")
+    for run in results:
+        if not run.complete:
+            data = run.dataset
+            notes.append(
+                f"{data.degradation}: {data.evaluated} of {data.expected} pairs, no average"
+            )
+    return notes

@@ -12,14 +12,14 @@ from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.metrics.protocol import label_of
 from dfdbench.results.record import SCORED, PairResult, Result, average
 from dfdbench.system.files import read_text, write_whole
-from dfdbench.system.json_text import parse_json
-from dfdbench.system.record import problems_of
+from dfdbench.system.strict import problems_of
+from dfdbench.system.text import parse_json
 
 RESULT_SCHEMA_VERSION = 1
 #: What a result is called in the folder of its run.
 RESULT = "result.json"
 # Each holds all pixels of the one before.
-_WIDER = ("delta_1", "delta_2", "delta_3")
+_WIDER = ("delta_105", "delta_115", "delta_125")
 #: How far a recorded average may be from the one recomputed from the pairs.
 _TOLERANCE = 1e-9
 

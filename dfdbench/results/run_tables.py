@@ -1,17 +1,26 @@
-"""Tables out of results: scores by lighting, best and worst pairs, run times."""
+"""Tables of a run, and the same as CSV and JSON: scores, extremes, times, scenes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from dfdbench.datasets.manifest import Scene, Split
 from dfdbench.metrics.intervals import SCENES_TO_TELL
 from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.summary import RunSummary, ScoreGroup
-from dfdbench.results.wording import score_text
-from dfdbench.tables.table import Table
-from dfdbench.tables.wording import counted
+from dfdbench.results.summary import (
+    RunSummary,
+    ScoreGroup,
+    Statistic,
+    scene_labels,
+    summarise_scenes,
+)
+from dfdbench.results.wording import NOTHING, score_text
+from dfdbench.tables.render import as_csv
+from dfdbench.tables.table import Table, counted
 
 EXTREMES = 5
 
@@ -177,3 +186,235 @@ def _rules(groups: Sequence[ScoreGroup]) -> frozenset[int]:
     blocks = [number for number, group in enumerate(groups) if group.row is None]
     several = any(group.row is not None for group in groups)
     return frozenset(blocks if several else blocks[-2:-1])
+
+
+def all_tables(
+    summary: RunSummary, scenes: Sequence[Scene], splits: Sequence[Split]
+) -> list[Table]:
+    """Return all of a run's tables: its own, those of its splits and of its scenes; none is empty.
+
+    Of a limited run there may be no whole split to tell the spread of, and no scene of a part.
+
+    Parameters
+    ----------
+    summary : RunSummary
+        The run under a protocol.
+    scenes : sequence of Scene
+        Of the manifest.
+    splits : sequence of Split
+        Of the manifest.
+    """
+    tables = [*run_tables(summary), spread_table(summary, splits), *scene_tables(summary, scenes)]
+    return [table for table in tables if table.rows]
+
+
+def scene_tables(summary: RunSummary, scenes: Sequence[Scene]) -> list[Table]:
+    """Return a run's scores by geometry and by texture, as the thesis's Figs 7.2, 7.8 and 7.17.
+
+    Parameters
+    ----------
+    summary : RunSummary
+        The run under a protocol.
+    scenes : sequence of Scene
+        Of the manifest; where they name neither, there is no table.
+    """
+    return [_table(summary, what, label_of) for what, label_of in scene_labels(scenes).items()]
+
+
+def spread_table(summary: RunSummary, splits: Sequence[Split] = ()) -> Table:
+    """Return minimum, mean, maximum and deviation over the pairs, as the thesis's Tables 7.3, 7.6.
+
+    Of the whole run, and of every split and partition that is a part of it: Table 7.3 is of
+    partition ``pruned`` in a run with ``--split all``, Table 7.6 of split ``test-pruned``.
+
+    Parameters
+    ----------
+    summary : RunSummary
+        The run under a protocol.
+    splits : sequence of Split
+        Of the manifest.
+    """
+    result, protocol = summary.result, summary.protocol
+    metrics = metrics_of(protocol)
+    rows, rules, lacking = [], [], []
+    for part, scenes in _parts(result, splits).items():
+        (group,) = summarise_scenes(result, protocol, dict.fromkeys(scenes, part)).values()
+        if group.evaluated < group.expected:
+            lacking.append(part)
+            continue
+        for name, statistic in (
+            ("minimum", "minimum"),
+            ("mean", "mean"),
+            ("maximum", "maximum"),
+            ("std deviation", "std"),
+        ):
+            first = (part, str(group.expected)) if name == "minimum" else ("", "")
+            found = (getattr(group.metrics[metric], statistic) for metric in metrics)
+            rows.append((*first, name, *map(score_text, found)))
+        rules.append(len(rows) - 1)
+    dataset = result.dataset
+    title = (
+        f"{result.method.title} on {dataset.label}, spread over pairs, "
+        f"protocol {title_of(protocol)}"
+    )
+    columns = ("of", "pairs", "", *(metric.heading for metric in metrics.values()))
+    notes = (f"not every pair was evaluated of {', '.join(lacking)}",) if lacking else ()
+    return Table(
+        title, columns, tuple(rows), "lrl" + "r" * len(metrics), notes, frozenset(rules[:-1])
+    )
+
+
+def _parts(result: Result, splits: Sequence[Split]) -> dict[str, tuple[str, ...]]:
+    whole = tuple(dict.fromkeys(pair.scene for pair in result.pairs))
+    members: dict[str, tuple[str, ...]] = {}
+    for split in splits:
+        members[f"split {split.name}"] = tuple(split.scenes)
+        partition = f"partition {split.partition}"
+        members[partition] = (*members.get(partition, ()), *split.scenes)
+    parts = {name: scenes for name, scenes in members.items() if set(scenes) < set(whole)}
+    return {f"split {result.dataset.split}": whole, **parts}
+
+
+def _table(summary: RunSummary, what: str, label_of: Mapping[str, str]) -> Table:
+    result, protocol = summary.result, summary.protocol
+    metrics = metrics_of(protocol)
+    members: dict[str, list[str]] = {}
+    for pair in result.pairs:
+        names = members.setdefault(label_of.get(pair.scene, NOTHING), [])
+        if pair.scene not in names:
+            names.append(pair.scene)
+    rows, idle = [], []
+    for label, group in summarise_scenes(result, protocol, label_of).items():
+        if not group.evaluated and not group.failed:
+            idle.append(label)
+            continue
+        cells = [label, _listed(members[label])]
+        for metric in metrics:
+            statistic = group.metrics[metric]
+            cells += [score_text(statistic.mean), score_text(statistic.std)]
+        rows.append((*cells, f"{group.evaluated}/{group.expected}"))
+    notes = (f"nothing was run of {what} {', '.join(idle)}",) if idle else ()
+    heads = [head for metric in metrics.values() for head in (metric.heading, "std")]
+    dataset = result.dataset
+    title = (
+        f"{result.method.title} on {dataset.label}, split {dataset.split}, by {what}, "
+        f"protocol {title_of(protocol)}"
+    )
+    columns = (what, "scenes", *heads, "pairs")
+    return Table(title, columns, tuple(rows), "ll" + "r" * (len(columns) - 2), notes)
+
+
+def _listed(names: list[str]) -> str:
+    return " ".join(names) if len(names) <= 4 else f"{names[0]} … {names[-1]} ({len(names)})"
+
+
+Labels = Mapping[str, Mapping[str, str]]
+_OF_RUN = ("method", "dataset", "split", "protocol")
+_OF_STATISTIC = ("mean", "std", "min", "max", "low", "high", "interval", "defined")
+
+
+def run_as_csv(summary: RunSummary, labels: Labels | None = None) -> str:
+    """Return a run's scores as comma-separated values, a line a group and metric.
+
+    Parameters
+    ----------
+    summary : RunSummary
+        The run under a protocol.
+    labels : mapping of str to mapping, optional
+        What else parts the scenes, with each scene's label of it: a column and its groups.
+    """
+    labels = labels or {}
+    dataset = summary.result.dataset
+    places = [*_axes(summary), *labels]
+    groups = _placed(summary) + [
+        placed for what, label_of in labels.items() for placed in _by_label(summary, what, label_of)
+    ]
+    run = (summary.result.method.title, dataset.name, dataset.split, summary.protocol)
+    rows = []
+    for place, group in groups:
+        found = (place.get(name) for name in places)
+        where = ["all" if value is None else value for value in found]
+        for metric, value in [*group.metrics.items(), ("seconds", group.seconds)]:
+            rows.append((*run, *where, metric, *_cells(value), group.evaluated, group.expected))
+    columns = (*_OF_RUN, *places, "metric", *_OF_STATISTIC, "evaluated", "expected")
+    return as_csv(columns, rows)
+
+
+def run_as_json(summary: RunSummary, labels: Labels | None = None) -> str:
+    """Return a run's tables as JSON, numbers in full; `labels` as for `run_as_csv`."""
+    result, protocol, order = summary.result, summary.protocol, summary.ranked
+    dataset = result.dataset
+
+    def line(pair: PairResult) -> dict[str, Any]:
+        scores = {name: pair.score(protocol, name) for name in metrics_of(protocol)}
+        return {"pair": pair.id, **scores}
+
+    content = {
+        "method": result.method.title,
+        "dataset": dataset.name,
+        "fingerprint": dataset.fingerprint,
+        "split": dataset.split,
+        "protocol": protocol,
+        "complete": result.complete,
+        "evaluated": dataset.evaluated,
+        "expected": dataset.expected,
+        "groups": [_group_as_dict(place, group) for place, group in _placed(summary)],
+        **{
+            f"by_{what}": [
+                _group_as_dict(place, group) for place, group in _by_label(summary, what, label_of)
+            ]
+            for what, label_of in (labels or {}).items()
+        },
+        "top": [line(pair) for pair in order[:EXTREMES]],
+        "bottom": [line(pair) for pair in order[EXTREMES:][-EXTREMES:]],
+        "failed": {pair.id: pair.error for pair in result.pairs if pair.status == "failed"},
+    }
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _axes(summary: RunSummary) -> list[str]:
+    dataset = summary.result.dataset
+    return [axis for axis in (dataset.blocks, dataset.rows) if axis]
+
+
+def _placed(summary: RunSummary) -> list[tuple[dict[str, object], ScoreGroup]]:
+    axes = _axes(summary)
+    return [
+        (dict(zip(axes, (group.block, group.row), strict=False)), group) for group in summary.groups
+    ]
+
+
+def _by_label(
+    summary: RunSummary, what: str, label_of: Mapping[str, str]
+) -> list[tuple[dict[str, object], ScoreGroup]]:
+    groups = summarise_scenes(summary.result, summary.protocol, label_of)
+    return [({what: label}, group) for label, group in groups.items()]
+
+
+def _cells(value: Statistic) -> tuple[object, ...]:
+    spread = (value.mean, value.std, value.minimum, value.maximum)
+    return (*spread, value.low, value.high, value.interval_is, value.defined)
+
+
+def _numbers(value: Statistic) -> dict[str, Any]:
+    return {
+        "mean": value.mean,
+        "std": value.std,
+        "min": value.minimum,
+        "max": value.maximum,
+        "interval": None if value.low is None else [value.low, value.high],
+        "interval_is": value.interval_is,
+        "defined": value.defined,
+    }
+
+
+def _group_as_dict(place: Mapping[str, object], group: ScoreGroup) -> dict[str, Any]:
+    return {
+        **{name: "all" if value is None else value for name, value in place.items()},
+        "expected": group.expected,
+        "evaluated": group.evaluated,
+        "failed": group.failed,
+        "undefined": group.undefined,
+        **{metric: _numbers(value) for metric, value in group.metrics.items()},
+        "seconds": _numbers(group.seconds),
+    }

@@ -1,9 +1,10 @@
-"""A run as it lies on disk: its result, and its depth maps where they can be shown."""
+"""A run on disk: its result, its depth maps if they can be shown, and what it is called."""
 
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,22 +15,21 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.metrics.protocol import metrics_of
-from dfdbench.results.first_table import shown_protocol
-from dfdbench.results.folder import (
+from dfdbench.results.record import PairResult, Result, shown_protocol
+from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.run_folder import (
     PREDICTIONS,
+    PREVIOUS,
     is_begun,
     read_prediction,
     read_store_place,
     require_pairs_of,
 )
-from dfdbench.results.record import PairResult, Result
-from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.results.run_tables import run_score_table
 from dfdbench.results.summary import ranked, summarise
 from dfdbench.results.wording import labelled, method_label, score_text
 from dfdbench.system.thumbnails import depth_map, gallery
-from dfdbench.tables.table import as_html
-from dfdbench.tables.wording import counted, listed
+from dfdbench.tables.table import as_html, counted, listed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +55,7 @@ class SavedRun:
         Why there are no images; empty where there are.
     place : str
         What its label says besides, where it stands beside another run of the same method: see
-        `dfdbench.results.run_names.told_apart`.
+        `dfdbench.results.saved_run.told_apart`.
     """
 
     path: Path
@@ -134,7 +134,7 @@ class SavedRun:
         return as_html(run_score_table(summarise(self.result, protocol))) + worst
 
 
-def open_run(path: Path | str, dataset: str | None = None) -> SavedRun:
+def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
     """Open a run by its result file or its folder.
 
     Parameters
@@ -215,3 +215,75 @@ def _no_run(folder: Path) -> Problem:
         if below
         else "`dfdbench run` makes one",
     )
+
+
+def told_apart(runs: Iterable[SavedRun]) -> list[SavedRun]:
+    """Return the runs, each with the folder's name in its label where labels would be the same.
+
+    Where the folders are called the same too, as much of the path is said as tells them apart.
+    Runs on other data or another split never stand in one table and need no telling.
+
+    Parameters
+    ----------
+    runs : iterable of SavedRun
+        Each of another file.
+    """
+    runs = list(runs)
+    alike: dict[tuple[str, str, str], list[int]] = {}
+    for number, run in enumerate(runs):
+        data = run.result.dataset
+        alike.setdefault((data.fingerprint, data.split, run.label), []).append(number)
+    for numbers in alike.values():
+        if len(numbers) > 1:
+            places = _shortest([_place(runs[number].path) for number in numbers])
+            for number, place in zip(numbers, places, strict=True):
+                runs[number] = replace(runs[number], place=place)
+    return runs
+
+
+def without_previous(paths: Sequence[Path]) -> tuple[list[Path], list[tuple[Path, Path]]]:
+    """Part off the runs that were set aside for a newer one that is given too.
+
+    A pattern such as ``results/demo-1-test/*`` names both, and means the newer.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Result files or runs' folders.
+
+    Returns
+    -------
+    list of Path
+        Those that are left, in their order.
+    list of (Path, Path)
+        Each one left out, and the newer one of it.
+    """
+    given = {_folder(path): path for path in paths}
+    kept, left_out = [], []
+    for path in paths:
+        folder = _folder(path)
+        newer = given.get(folder.with_name(folder.name.removesuffix(PREVIOUS)))
+        if folder.name.endswith(PREVIOUS) and newer is not None:
+            left_out.append((path, newer))
+        else:
+            kept.append(path)
+    return kept, left_out
+
+
+def _folder(path: Path) -> Path:
+    return (path.parent if path.name == RESULT else path).absolute()
+
+
+def _place(file: Path) -> Path:
+    file = file.absolute()
+    return file.parent if file.name == RESULT else file.with_suffix("")
+
+
+def _shortest(places: Sequence[Path]) -> list[str]:
+    """Return the ends of paths, as long as need be for no two to be the same."""
+    longest = max(len(place.parts) for place in places)
+    for count in range(1, longest + 1):
+        ends = ["/".join(place.parts[-count:]) for place in places]
+        if len({*ends}) == len(ends):
+            break
+    return ends

@@ -1,14 +1,15 @@
-"""How a run reads in a cell: method, parameters, scores, seconds, machine."""
+"""How a run reads in a cell: method, what it was given, parameters, scores, seconds, machine."""
 
 from __future__ import annotations
 
 import json
 
+from dfdbench.blur.tracks import CLEAN
 from dfdbench.results.record import MethodRecord, Result
 
 NOTHING = "–"
 #: What is said of depth maps made elsewhere where a run would tell.
-NOT_TOLD = "not known"
+NOT_KNOWN = "not known"
 SECONDS_NOTE = (
     "Seconds: the median over pairs. Compare them only on one machine; a dash means that pairs ran "
     "several at once or on several machines."
@@ -49,7 +50,7 @@ def labelled(label: str, place: str) -> str:
     return f"{label} ({place})" if place else label
 
 
-def training_of(method: MethodRecord) -> str:
+def training_text(method: MethodRecord) -> str:
     """Return what a method was trained on and what it was fitted on, in a few words.
 
     Examples
@@ -57,11 +58,11 @@ def training_of(method: MethodRecord) -> str:
     >>> record = MethodRecord(
     ...     name="local", entry="m:Local", source_sha256=None, parameters={}, uses=[],
     ...     trained_on=None, paper=None, fitted_on="demo-1, split train")
-    >>> training_of(record)
+    >>> training_text(record)
     'fitted on demo-1, split train'
     """
     if method.scored:
-        return NOT_TOLD
+        return NOT_KNOWN
     fitted = f"fitted on {method.fitted_on}" if method.fitted_on else None
     return "; ".join(text for text in (method.trained_on, fitted) if text) or "nothing"
 
@@ -86,7 +87,7 @@ def machine_of(result: Result) -> str:
     were made on none that is known.
     """
     if result.method.scored:
-        return NOT_TOLD
+        return NOT_KNOWN
     environment = result.environment
     cpu = environment.cpu.replace("(R)", "").replace("(TM)", "")
     machine = f"{' '.join(cpu.split())}, {environment.cpu_count} cores"
@@ -145,3 +146,57 @@ def interval_text(interval: tuple[float, float] | None) -> str:
     ('0.1000 to 0.2500', '–')
     """
     return NOTHING if interval is None else " to ".join(map(score_text, interval))
+
+
+GIVEN_NOTE = (
+    "Given, beside the images: the recipe that made the blur, another recipe, a fit to training "
+    "pairs, weights and the data they were trained on, the training scenes' mean depth, or nothing."
+)
+
+
+def _is_lens(recipe: object) -> bool:
+    return recipe == "rig" or (isinstance(recipe, dict) and "focal_length" in recipe)
+
+
+def given_to(result: Result) -> str:
+    """Return what a run's method was given beside the images, in a few words.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+
+    Notes
+    -----
+    It goes by what the method's constructor asked for and by what the method says of itself: a
+    function with the blur hard-coded is given nothing as far as this can know.
+    """
+    method, dataset = result.method, result.dataset
+    if method.scored:
+        return NOT_KNOWN
+    parts = []
+    if _is_lens(method.parameters.get("recipe")):
+        parts.append("the lens")
+    elif method.parameters.get("recipe") is not None:
+        same = method.parameters["recipe"] == dataset.recipe["name"]
+        parts.append("the blur" if same else "another blur")
+    elif method.fitted_on:
+        parts.append("blur fitted")
+    elif "recipe" in method.uses:
+        parts.append("the blur")
+    if "training_mean" in method.uses:
+        parts.append("mean depth")
+    elif method.trained_on:
+        parts.append(f"trained on {method.trained_on.partition(',')[0]}")
+    return ", ".join(parts) or "nothing"
+
+
+def knew_blur(result: Result) -> bool:
+    """Return whether a method was given a blur on a track.
+
+    It is what the record says: that the method's constructor was offered one, or that whoever ran
+    it gave one, which may be the true one as well. Such a result has no rank.
+    """
+    method = result.method
+    given = method.parameters.get("recipe") is not None
+    return result.dataset.degradation != CLEAN and (given or "recipe" in method.uses)

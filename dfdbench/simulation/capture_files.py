@@ -16,9 +16,8 @@ from dfdbench.datasets.manifest import Recording
 from dfdbench.errors import InputError, Problem
 from dfdbench.optics.lens_table import LensTable, read_lens_table
 from dfdbench.rig.geometry import CaptureRig, Pose
-from dfdbench.rig.lidar import average_scans
-from dfdbench.rig.lidar_files import read_beams, write_ranges
-from dfdbench.rig.registration_file import NAME, write_registration
+from dfdbench.rig.lidar import average_scans, read_beams, write_ranges
+from dfdbench.rig.registration import NAME, write_registration
 from dfdbench.rig.sighting import board_rays
 from dfdbench.simulation.board_scene import MOUNTED, SimulatedScene, defocus
 from dfdbench.simulation.photographs import near_normal_numbers

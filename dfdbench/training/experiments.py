@@ -18,12 +18,10 @@ from dfdbench.methods.networks.weights import Card, load_weights, weights_sha256
 from dfdbench.metrics.metric import METRICS
 from dfdbench.results.wording import score_text
 from dfdbench.tables.table import Table
-from dfdbench.training.checkpoint import WEIGHTS
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration, settled
 from dfdbench.training.schedule import EndedBy
-from dfdbench.training.scoring import PROTOCOL
-from dfdbench.training.task import Task, require_trainable, task_of
-from dfdbench.training.trainer import train
+from dfdbench.training.task import PROTOCOL, Task, require_trainable, task_of
+from dfdbench.training.trainer import WEIGHTS, train
 
 #: What an experiment changes where it changes no choice of the configuration.
 FOLD = "fold"
@@ -241,7 +239,7 @@ def experiment_table(
     cards : sequence of (str, Card)
         Value and card of each training that has ended.
     protocol : str
-        The label of one of `dfdbench.training.scoring.LOGGED`.
+        The label of one of `dfdbench.training.task.LOGGED`.
     """
     by_value: dict[str, list[Card]] = {}
     for value, card in cards:

@@ -28,7 +28,7 @@
   const sets = [...new Set(boards.map((board) => board.set))];
   const [setLabel, chosenSet] = chooser("data set", sets);
   const [protocolLabel, chosenProtocol] = chooser("protocol", []);
-  const [toldLabel, chosenTold] = chooser("told", []);
+  const [givenLabel, chosenGiven] = chooser("given", []);
   const words = element("input", { type: "search", placeholder: "graph-cuts", "aria-label": "method" });
   const wordsLabel = element("label", {}, "method", words);
   const count = element("p", { class: "board-count", role: "status" });
@@ -46,7 +46,7 @@
   const columns = () => [
     { title: "", of: (row) => row.rank, text: (row) => row.rank ?? "–", right: true },
     { title: "method", of: (row) => row.method, text: (row) => row.method, link: true },
-    { title: "told", of: (row) => row.told, text: (row) => row.told },
+    { title: "given", of: (row) => row.given, text: (row) => row.given },
     ...board().metrics.map((metric, at) => ({
       title: metric.title,
       of: (row) => row.scores[at],
@@ -71,7 +71,7 @@
     const kept = board().rows.filter(
       (row) =>
         row.method.toLowerCase().includes(asked) &&
-        (chosenTold.value === "all" || row.told === chosenTold.value),
+        (chosenGiven.value === "all" || row.given === chosenGiven.value),
     );
     // What has no value stands last, whichever way it is sorted.
     return kept.sort((one, other) => {
@@ -178,7 +178,7 @@
     machines.textContent = `Seconds: the median over pairs. Compare them only on one machine. Here: ${used.join("; ")}.`;
   };
   const changeProtocol = () => {
-    refill(chosenTold, ["all", ...new Set(board().rows.map((row) => row.told))]);
+    refill(chosenGiven, ["all", ...new Set(board().rows.map((row) => row.given))]);
     sorted = { column: 0, falls: false };
     draw();
   };
@@ -189,10 +189,10 @@
 
   chosenSet.addEventListener("change", changeSet);
   chosenProtocol.addEventListener("change", changeProtocol);
-  chosenTold.addEventListener("change", draw);
+  chosenGiven.addEventListener("change", draw);
   words.addEventListener("input", draw);
   place.replaceChildren(
-    element("div", { class: "board-choice" }, setLabel, protocolLabel, toldLabel, wordsLabel),
+    element("div", { class: "board-choice" }, setLabel, protocolLabel, givenLabel, wordsLabel),
     count,
     holder,
     element("h2", { id: "accuracy-against-seconds" }, "Accuracy against seconds"),

@@ -16,8 +16,7 @@ from dfdbench.board.tables import link_to, plain, tracks_of
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import SCORED, Result
-from dfdbench.results.told import told
-from dfdbench.results.wording import machine_of
+from dfdbench.results.wording import given_to, machine_of
 
 PAGE = """---
 hide: [navigation, toc]
@@ -26,8 +25,8 @@ hide: [navigation, toc]
 # Leaderboard
 
 Choose a data set and a protocol; press a heading to sort; type to filter. A method's name opens its
-result file, with the scores of every pair. Compare like with like: what *told* means, and the other
-columns, [the questions](../questions.md#what-does-told-mean) say, and
+result file, with the scores of every pair. Compare like with like: what *given* and the
+other columns mean, [the questions](../questions.md#what-does-given-mean) say;
 [how to read it](../leaderboard.md#how-to-read-it) says more. [All tables](tables.md), with
 intervals, lightings, scenes and machines, are on a page of their own, beside what the thesis
 prints. [Add a row](../submit.md).
@@ -76,7 +75,7 @@ def _facts(entry: Entry, folder: Path) -> dict[str, Any]:
     runs = entry.ranked_runs
     return {
         "method": entry.label,
-        "told": "; ".join(_each(told, runs)),
+        "given": "; ".join(_each(given_to, runs)),
         "seconds": entry.seconds,
         "machines": _each(machine_of, runs),
         "version": "; ".join(_each(lambda run: run.environment.versions.get("dfdbench", ""), runs)),

@@ -14,7 +14,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.run import Run, run_method
+from dfdbench.evaluation.run import RunDone, run_method
 
 SCALE = DepthScale(law="inverse", near=0.5, far=5.0)
 
@@ -27,12 +27,14 @@ def with_metres(store: Dataset) -> Dataset:
 
 
 @pytest.fixture
-def run(tiny_store: Dataset, tmp_path: Path) -> Run:
+def run(tiny_store: Dataset, tmp_path: Path) -> RunDone:
     method = load_for(tiny_store, "constant", {"training_mean": 60.0})
     return run_method(tiny_store, method, "test", tmp_path / "run")
 
 
-def test_errors_are_those_of_all_known_pixels_by_their_depth(tiny_store: Dataset, run: Run) -> None:
+def test_errors_are_those_of_all_known_pixels_by_their_depth(
+    tiny_store: Dataset, run: RunDone
+) -> None:
     store = with_metres(Dataset(tiny_store.path))
     found = depth_errors(store, run.result, run.folder, "mine")
     depths = [store.read_levels(pair) for pair in store.pairs("test")]
@@ -51,7 +53,7 @@ def test_errors_are_those_of_all_known_pixels_by_their_depth(tiny_store: Dataset
 
 
 def test_the_table_has_a_row_a_band_that_occurs_and_metres_where_they_are_told(
-    tiny_store: Dataset, run: Run
+    tiny_store: Dataset, run: RunDone
 ) -> None:
     store = with_metres(Dataset(tiny_store.path))
     found = [depth_errors(store, run.result, run.folder, name) for name in ("a", "b")]
@@ -68,7 +70,7 @@ def test_the_table_has_a_row_a_band_that_occurs_and_metres_where_they_are_told(
 
 
 def test_runs_of_different_pairs_are_not_set_side_by_side(
-    tiny_store: Dataset, run: Run, tmp_path: Path
+    tiny_store: Dataset, run: RunDone, tmp_path: Path
 ) -> None:
     method = load_for(tiny_store, "constant", {"training_mean": 60.0})
     other = run_method(tiny_store, method, "train", tmp_path / "other")

@@ -67,18 +67,20 @@ def test_what_was_written_is_up_to_date_until_something_changes(tmp_path: Path) 
 def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(tmp_path: Path) -> None:
     add(tmp_path, "mine", 0.1)
     text = leaderboard(tmp_path).write().read_text("utf-8")
-    for words in ("lens told", "in metres", "## Tracks", "not run"):
+    for words in ("the lens", "in metres", "## Tracks", "not run"):
         assert words not in text
     submit(make_demo_result(lambda pair: 0.1, "lens", {"recipe": "rig"}), tmp_path)
     result = make_demo_result(lambda pair: 0.1, "far")
-    metres = dict.fromkeys(("abs_rel", "rmse_m", "delta_1", "delta_2", "delta_3"), 0.25)
+    metres = dict.fromkeys(
+        ("abs_rel", "rmse_m", "delta_105", "delta_115", "delta_125", "boundary_f1"), 0.25
+    )
     pairs = [pair.model_copy(update={"scores": {"metric": metres}}) for pair in result.pairs]
     protocols = [RELEASED["metric"].as_dict()]
     submit(result.model_copy(update={"pairs": pairs, "protocols": protocols}), tmp_path)
     submit(list(make_tracks("tracked").values()), tmp_path)
     submit(scored("elsewhere", 0.01), tmp_path)
     text = leaderboard(tmp_path).write().read_text("utf-8")
-    assert "| lens told | the lens, from" in text
+    assert "| the lens | the lens, from" in text
     assert "ties by NMAE; in metres, by AbsRel." in text
     assert "## Tracks: nobody tells the blur" in text
     ranked, below = text.split("## Scored, not run")

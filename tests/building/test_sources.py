@@ -102,7 +102,7 @@ def test_packages_offer_sources(
         assert group == ENTRY_POINT_GROUP == "dfdbench.sources"
         return [offered, broken]
 
-    monkeypatch.setattr("dfdbench.system.plugins.entry_points", entry_points)
+    monkeypatch.setattr("dfdbench.system.packages.entry_points", entry_points)
     manifest = tiny_manifest.model_copy(update={"reader": "noise"})
     source = open_source(manifest, tmp_path)
     assert isinstance(source, Noise)

@@ -1,8 +1,12 @@
+from __future__ import annotations
+
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from dfdbench.building.build import build_store
@@ -11,6 +15,7 @@ from dfdbench.datasets.manifest_file import parse_manifest
 from tests.cli.command import Command
 from tests.cli.conftest import BELOW
 from tests.conftest import TINY_TOML
+from tests.made_folder import make_folder
 from tests.site import Site, served
 
 
@@ -212,3 +217,72 @@ def test_a_cluster_builds_and_runs(
 def test_export_says_what_its_folder_is_called(dfdbench: Command) -> None:
     told = dfdbench("export", "demo", "--out", "x")
     assert (told.status, "Fix: --png x" in told.err) == (2, True), told.err
+
+
+@pytest.mark.slow
+def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "mine")
+    written = dfdbench("new-dataset", str(folder))
+    assert written.status == 0
+    assert "found:\n  4 scenes" in written.out
+    assert "say yourself:" in written.out
+    assert "file of that name is there" in dfdbench("new-dataset", str(folder)).err
+    built = dfdbench("build", "mine-1.toml", "--source", str(folder))
+    assert built.status == 0
+    assert "built mine-1: 4 pairs of 4 scenes" in built.out
+    assert "what lays one image on the other" in dfdbench("info", store_of(built.out)).out
+    ran = dfdbench("run", "--method", "mymodule:predict", "--dataset", "mine-1.toml")
+    assert ran.status == 0
+    assert "protocol valid" in ran.out
+    assert "train (own): 3 pairs" in dfdbench("info", "mine-1.toml").out
+    assert dfdbench("export", "mine-1.toml", "--png", "png").status == 0
+    assert Path("png/desk/capture1_defocus.png").is_file()
+    defocus = cv2.imread("png/desk/capture1_defocus.png")
+    assert defocus is not None
+    for name in dfdbench("info", "mine-1.toml", "--pairs", "test").out.split():
+        Path("elsewhere", name).parent.mkdir(parents=True, exist_ok=True)
+        np.save(f"elsewhere/{name}.npy", np.full(defocus.shape[:2], 100, np.uint8))
+    scored = dfdbench("score", "--predictions", "elsewhere", "--dataset", "mine-1.toml")
+    assert scored.status == 0
+    assert "protocol valid" in scored.out
+    assert dfdbench("audit", "coverage", "mine-1.toml").status in (0, 1)
+    results = "results/mine-1-test/mymodule-predict"
+    report = dfdbench("report", results, "--out", "page", "--format", "markdown")
+    assert report.status == 0
+    assert "valid" in Path("page/report.md").read_text("utf-8")
+
+
+def store_of(told: str) -> str:
+    return next(line.split()[1] for line in told.splitlines() if line.startswith("store"))
+
+
+def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "mine")
+    assert dfdbench("new-dataset", str(folder)).status == 0
+    (folder / "desk/blurred.png").unlink()
+    metres = cv2.imread(str(folder / "door/depth.png"), cv2.IMREAD_UNCHANGED)
+    assert metres is not None
+    cv2.imwrite(str(folder / "door/depth.png"), metres // 1000)
+    image = cv2.imread(str(folder / "lamp/sharp.png"))
+    assert image is not None
+    cv2.imwrite(str(folder / "lamp/sharp.png"), cv2.GaussianBlur(image, (0, 0), 4))
+    built = dfdbench("build", "mine-1.toml", "--source", str(folder))
+    assert built.status == 2
+    assert "built mine-1: 2 pairs of 2 scenes" in built.out
+    assert "1. a file is missing" in built.err
+    assert "2. depth in another unit" in built.err
+    assert "depth_unit = 1 (metres)" in built.err
+    assert "lamp/sharp.png: the defocus image is the sharper one" in built.err
+    assert "missing: 2 of 4 pairs" in built.err
+    assert "no pair at all    desk, door" in built.err
+    again = dfdbench("build", "mine-1.toml", "--source", str(folder), "--allow-missing")
+    assert again.status == 0
+
+
+def test_an_unbuilt_set_says_how_to_build_it(dfdbench: Command, tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "mine")
+    assert dfdbench("new-dataset", str(folder)).status == 0
+    outcome = dfdbench("run", "--method", "constant", "--dataset", "mine-1.toml")
+    assert outcome.status == 2
+    assert "dfdbench build mine-1.toml --source DIR" in outcome.err
+    assert "name the folder: --source DIR" in dfdbench("build", "mine-1.toml").err

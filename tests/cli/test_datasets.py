@@ -1,8 +1,14 @@
+from __future__ import annotations
+
+import json
 from pathlib import Path
 
 import pytest
 
+import dfdbench as package
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.store_place import own_stores
+from dfdbench.system.packages import EXTRAS
 from tests.cli.command import Command
 from tests.site import Site
 
@@ -70,3 +76,88 @@ def test_the_cache_is_listed_and_cleared(dfdbench: Command, site: Site) -> None:
     assert dfdbench("build", "tiny-1.toml", "--offline").status == 0
     assert "removed 2 entries" in dfdbench("cache", "clear", "--yes").out
     assert "nothing to remove" in dfdbench("cache", "clear", "--yes").out
+
+
+def test_info_on_a_track_tells_what_differs_and_no_recipe(
+    dfdbench: Command, tiny_toml: str, tiny_folder: Path, tmp_path: Path
+) -> None:
+    name, place = f"{tiny_toml}@shift-2", str(tmp_path / "tiny-1@shift-2.zarr")
+    shown = dfdbench("info", name).out
+    assert "shift-2, version 1: the defocus image moved" in shown
+    assert "recipe     not given" in shown
+    built = dfdbench("build", name, "--source", str(tiny_folder), "--store", place)
+    assert built.status == 0, built.err
+    stored = dfdbench("info", place).out
+    assert "shift-2, version 1: the defocus image moved" in stored
+    assert "published" not in stored
+
+
+def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -> None:
+    shown = dfdbench("info", "middlebury").out
+    for part in ("404 pairs", "54 pairs", "Art, Books, Reindeer", "K09", "left out", "Scharstein"):
+        assert part in shown
+    lines = dfdbench("info", "middlebury", "--pairs", "test").out.splitlines()
+    assert len(lines) == 54
+    assert lines[0] == "Art/view1/illumination1/exposure0"
+
+
+def test_info_prints_croissant_of_a_name_and_of_a_store(
+    dfdbench: Command, tiny_toml: str, tiny_folder: Path, tmp_path: Path
+) -> None:
+    told = json.loads(dfdbench("info", "demo", "--croissant").out)
+    assert (told["name"], told["version"]) == ("demo-1", "1.0.0")
+    store = str(tmp_path / "tiny.zarr")
+    dfdbench("build", tiny_toml, "--source", str(tiny_folder), "--store", store)
+    assert json.loads(dfdbench("info", store, "--croissant").out)["name"] == "tiny-1"
+
+
+def test_info_shows_whatever_another_packages_source_found_out(
+    tiny_store: Dataset, dfdbench: Command
+) -> None:
+    about = Path(str(tiny_store.path)) / "One/zarr.json"
+    content = json.loads(about.read_text())
+    content["attributes"]["found"] = {
+        "view1": {"down": 0.5, "right": -1.25},
+        "view5": {"down": 0.5},
+        "lens": ["f/2.8", 10**400],
+        "note": "\u202e" + 300 * "a",
+    }
+    about.write_text(json.dumps(content))
+    shown = dfdbench("info", str(tiny_store.path)).out
+    assert "what lays one image on the other" in shown
+    assert "-1.25" in shown
+    assert "what the source found out" in shown
+    assert '["f/2.8", 1000' in shown
+    assert "\u202e" not in shown
+    assert "…" in shown
+
+
+def test_it_tells_versions_extras_and_what_lies_in_the_cache(
+    dfdbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    (tmp_path / "stores" / "mine-1.zarr").mkdir(parents=True)
+    (tmp_path / "stores/mine-1.zarr/chunk").write_bytes(bytes(2_500_000))
+    found = dfdbench("doctor", "--format", "json", "--cache", str(tmp_path))
+    assert found.status == 0, found.err
+    told = {row["what"]: row["found"] for row in json.loads(found.out)[0]["rows"]}
+    assert told["dfdbench"].startswith(package.__version__)
+    assert told["built"] == "mine-1"
+    assert told["cache"].startswith(f"{tmp_path}: 2.5 MB, ")
+    assert "torch" in told["extra nets"]
+    assert told["trains on cpu in"].split(":")[0] in ("float32", "bf16")
+    assert told["NUMBA_NUM_THREADS"] == "1"
+    assert Path(told["compiled code"]).is_dir()
+
+
+def test_a_cache_that_is_not_there_yet_is_none_the_worse(dfdbench: Command, tmp_path: Path) -> None:
+    found = dfdbench("doctor", "--cache", str(tmp_path / "a" / "b"))
+    assert (found.status, "nothing" in found.out) == (0, True)
+    assert not (tmp_path / "a").exists()
+
+
+def test_an_extra_that_is_absent_says_how_to_have_it(
+    dfdbench: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(EXTRAS, "none", ("there_is_no_such_module",))
+    assert "absent: pip install 'dfdbench[none]'" in dfdbench("doctor").out

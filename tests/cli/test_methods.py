@@ -1,81 +1,71 @@
-import json
-import re
+from __future__ import annotations
+
 from pathlib import Path
 
-from dfdbench.datasets.dataset import Dataset
-from dfdbench.results.record_file import load_result
+import cv2
+import numpy as np
+import pytest
+
 from tests.cli.command import Command
+from tests.conftest import write_png
 
 
-def test_running_without_the_set_offers_the_two_commands_that_help(dfdbench: Command) -> None:
-    told = dfdbench("run", "--method", "mymodule:predict").err
-    assert "dfdbench build middlebury" in told
-    assert "`dfdbench build demo`, then `--dataset demo`" in told
+def photographs(folder: Path) -> tuple[str, str]:
+    noise = np.random.default_rng(0).uniform(0, 255, (64, 80, 3))
+    sharp = np.asarray(cv2.GaussianBlur(noise, (0, 0), 1.5), np.uint8)
+    write_png(folder / "infocus.png", sharp)
+    write_png(folder / "defocus.png", np.asarray(cv2.GaussianBlur(sharp, (0, 0), 1), np.uint8))
+    return str(folder / "infocus.png"), str(folder / "defocus.png")
 
 
-def test_the_whole_way(
-    dfdbench: Command, tiny_toml: str, tiny_folder: Path, tmp_path: Path
-) -> None:
-    store = str(tmp_path / "tiny.zarr")
-    built = dfdbench("build", tiny_toml, "--source", str(tiny_folder), "--store", store)
-    assert (built.status, "11 pairs" in built.out) == (0, True)
-    ran = dfdbench("run", "--method", "mymodule:predict", "--dataset", store)
-    assert ran.status == 0
-    assert "NRMSE ↓" in ran.out
-    assert "predicting" not in ran.out.replace("printed", "")
-    folder = Path("results/tiny-test/mymodule-predict")
-    assert load_result(folder / "result.json").complete
-    assert (folder / "figures/worst.png").exists()
-    for form in ("markdown", "json", "csv"):
-        shown = dfdbench(
-            "run",
-            "--method",
-            "mymodule:predict",
-            "--dataset",
-            store,
-            "--format",
-            form,
-            "--protocol",
-            "valid",
-            "--no-figures",
-        )
-        assert shown.status == 0
-        assert "figures " not in shown.err
-        assert "7 pairs taken over" in shown.err
-        if form == "json":
-            assert json.loads(shown.out)["protocol"] == "valid"
-    plain = dfdbench(
-        "run", "--method", "constant", "--dataset", store, "--limit", "1", "--no-figures"
+def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_path: Path) -> None:
+    images = photographs(tmp_path)
+    told = dfdbench(
+        *("predict", *images, "--method", "mymodule:predict", "--out", "depth.png"),
+        *("--figure", "picture.png"),
     )
-    assert plain.status == 0
-    assert sorted(path.name for path in Path("results/tiny-test/constant").iterdir()) == [
-        "pairs.jsonl",
-        "predictions.zarr",
-        "result.json",
-        "run.json",
-        "store.txt",
-    ]
-    failed = dfdbench("run", "--method", "mymodule:nan", "--dataset", store)
-    assert failed.status == 1
-    assert "NaN" in failed.out
-    assert "7 pairs failed" in failed.err
-    scores = r"NRMSE 0\.\d{4}  NMAE 0\.\d{4}  SSIM 0\.\d{4}"
-    last = rf"overall      {scores}  \(protocol valid, split test, 7 pairs\)"
-    assert re.fullmatch(last, ran.err.splitlines()[-1])
-    assert "overall      no score: 1 of 7 pairs were evaluated" in plain.err
-    one = ("--dataset", store, "--limit", "1", "--out", "one")
-    assert (
-        "\n1 pair failed; the same command tries it again\n"
-        in dfdbench("run", "--method", "mymodule:nan", *one).err
-    )
+    assert told.status == 0, told.err
+    assert "depth.png: depth levels from 0 (far) to 255 (near)" in told.out
+    depth = np.asarray(cv2.imread("depth.png", cv2.IMREAD_UNCHANGED))
+    assert (depth.shape, str(depth.dtype), int(depth[0, 0])) == ((64, 80), "uint16", 90 * 256)
+    assert np.asarray(cv2.imread("picture.png")).ndim == 3
 
 
-def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
-    dfdbench: Command, demo_store: Dataset, tmp_path: Path
-) -> None:
-    store = str(demo_store.path)
-    asked = ("run", "--method", "mymodule:predict", "--dataset", store, "--protocol", "metric")
-    told = dfdbench(*asked, "--out", "run")
-    assert told.status == 2
-    assert "not scored in metres" in told.err
-    assert not (tmp_path / "work/run").exists()
+def test_a_folder_of_pairs_gives_a_folder_of_maps(dfdbench: Command, tmp_path: Path) -> None:
+    (tmp_path / "in/scene").mkdir(parents=True)
+    photographs(tmp_path / "in/scene")
+    told = dfdbench("predict", str(tmp_path / "in"), "--method", "mymodule:predict", "--out", "out")
+    assert (told.status, np.load("out/scene.npy").max()) == (0, 90), told.err
+
+
+def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_path: Path) -> None:
+    images = photographs(tmp_path)
+    (tmp_path / "empty").mkdir()
+    for words, says in (
+        ((images[0], "--method", "local"), "two photographs are needed"),
+        ((str(tmp_path / "empty"), "--method", "local"), "no pair and no stack in this folder"),
+        ((*images, "--fitted", "run", "--lens", "lens.toml"), "both a fit and a lens"),
+        ((images[0], "nothing.png", "--method", "mymodule:predict"), "nothing.png"),
+        ((*images, "--method", "graph-cuts"), "--fitted RUN"),
+    ):
+        told = dfdbench("predict", *words, "--out", "depth.npy")
+        assert told.status == 2, told.out
+        assert says in told.err
+        assert not Path("depth.npy").exists()
+
+
+def test_check_method_passes_and_fails(dfdbench: Command) -> None:
+    told = ("--param", "window=3", "--param", "recipe=published")
+    good = dfdbench("check-method", "local", *told)
+    assert (good.status, "fit for a run" in good.out) == (0, True)
+    bad = dfdbench("check-method", "mymodule:nan")
+    assert (bad.status, "NaN" in bad.out) == (1, True)
+    # It prints, on each of the nine pairs.
+    assert "fit for a run, 9 warnings" in dfdbench("check-method", "mymodule:predict").out
+
+
+@pytest.mark.slow
+def test_check_method_calibrates_a_method_that_is_not_told_the_blur(dfdbench: Command) -> None:
+    good = dfdbench("check-method", "local", "--param", "window=3")
+    assert (good.status, "fit for a run" in good.out) == (0, True)
+    assert "fit, on two made pairs" in good.out

@@ -1,6 +1,12 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
 import pytest
 
-from dfdbench.cli.options import pool_of, pool_of_processes, value_of, values_of
+from dfdbench.cli.options import parse_length, pool_of, pool_of_processes, value_of, values_of
 from dfdbench.errors import InputError
 from dfdbench.system.parallel import Cluster, Processes, Threads
 
@@ -62,3 +68,50 @@ def test_where_work_is_done() -> None:
     for pool in (pool_of, pool_of_processes):
         with pytest.raises(InputError, match="a cluster has its own number of workers"):
             pool(2, "tcp://node1:8786")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("lead", ["leaderboard"]),
+        ("run --dataset middle", ["middlebury", "middlebury-default"]),
+        ("tracks --method graph-cuts-", ["graph-cuts-rounded"]),
+        ("build nothing-begins-so", []),
+    ],
+)
+def test_the_shell_is_offered_what_begins_so(typed: str, offered: list[str]) -> None:
+    words = f"dfdbench {typed}"
+    asked = {
+        "_DFDBENCH_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split()) - 1),
+    }
+    program = "import sys; sys.argv = ['dfdbench']; from dfdbench.cli import app; app()"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | asked,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.split() == offered, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "metres"),
+    [("9.6mm", 9.6e-3), ("0.5m", 0.5), ("4.8um", 4.8e-6), ("4.8µm", 4.8e-6), (" 3 cm ", 0.03)],
+)
+def test_a_length_is_read_in_metres(text: str, metres: float) -> None:
+    assert parse_length(text, "--pixel") == pytest.approx(metres, rel=1e-15)
+
+
+@pytest.mark.parametrize("text", ["9.6", "mm", "-1m", "0m", "1 inch", "nanm", "1e999m", ""])
+def test_what_is_no_length_is_refused_by_name(text: str) -> None:
+    with pytest.raises(InputError, match="--pixel"):
+        parse_length(text, "--pixel")
+
+
+def test_a_bare_number_takes_the_unit_that_is_offered() -> None:
+    assert parse_length("1.5", "--range", unit="m") == 1.5
+    assert parse_length("150cm", "--range", unit="m") == 1.5

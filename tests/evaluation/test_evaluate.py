@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from dfdbench.api import run as evaluate
 from dfdbench.cli import app
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError, StoreError, UnknownNameError
-from dfdbench.evaluation.evaluate import evaluate
 from dfdbench.results.frame import frame_of
 from dfdbench.results.record_file import load_result
-from dfdbench.results.saved_run import open_run
+from dfdbench.results.saved_run import open_saved_run
 
 
 def grey(infocus: Any, defocus: Any, gain: float = 1.0) -> Any:
@@ -101,18 +101,16 @@ def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
     done: list[tuple[int, int]] = []
     run = evaluate(grey, tiny_store, limit=2, on_pair=lambda *counts: done.append(counts))
     assert done == [(1, 2), (2, 2)]
-    found = run.images(run.result.pairs[0])
-    assert found is not None
-    images, prediction = found
+    images, prediction = run.images(run.result.pairs[0].id)
     np.testing.assert_allclose(prediction, grey(images.infocus, images.defocus), rtol=1e-6)
-    folder = run.path.parent
-    del run, found, images, prediction
+    folder = run.folder
+    del run, images, prediction
     gc.collect()
     assert not folder.exists()
     kept = evaluate(grey, tiny_store, limit=2, out=tmp_path / "kept")
     del kept
     gc.collect()
-    again = open_run(str(tmp_path / "kept"))
+    again = open_saved_run(str(tmp_path / "kept"))
     found = again.images(again.result.pairs[0].id)
     assert found is not None
     assert found[0].pair.id == again.result.pairs[0].id

@@ -16,7 +16,7 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.graph_cuts import GraphCuts
-from dfdbench.results.told import told
+from dfdbench.results.wording import given_to
 
 SCALE = DepthScale(law="inverse", near=0.5, far=4.0)
 FACTS: dict[str, Any] = {
@@ -149,7 +149,7 @@ def test_a_run_says_that_a_lens_was_told(tiny_store: Dataset, tmp_path: Path) ->
         options = RunOptions(limit=1)
         result = run_method(tiny_store, loaded, "Two", tmp_path / str(number), options).result
         assert result.method.parameters == {"recipe": recipe}
-        assert told(result) == "lens told"
+        assert given_to(result) == "the lens"
 
 
 def test_methods_that_take_no_recipe_say_so(tiny_store: Dataset) -> None:

@@ -15,7 +15,7 @@ from dfdbench.evaluation.loading import load_for, training_mean
 from dfdbench.evaluation.plan import RunOptions, plan_run
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.baselines import Constant
-from dfdbench.results.told import knew_blur
+from dfdbench.results.wording import knew_blur
 from dfdbench.system.parallel import Processes
 from tests.conftest import TINY_TOML
 

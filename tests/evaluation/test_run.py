@@ -1,3 +1,6 @@
+from __future__ import annotations
+
+import json
 import os
 import sys
 from pathlib import Path
@@ -15,11 +18,11 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import ResultError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
-from dfdbench.evaluation.run import Run, run_method
+from dfdbench.evaluation.run import RunDone, run_method
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.results.environment import describe_environment
-from dfdbench.results.folder import PREDICTIONS, read_prediction, read_store_place
 from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.run_folder import PREDICTIONS, read_prediction, read_store_place
 from dfdbench.system.parallel import Cluster, Pool, Processes
 from tests.conftest import ON_SERVERS
 from tests.evaluation.made_methods import Counting, grey, method
@@ -121,7 +124,7 @@ def test_a_run_takes_nothing_over_from_another_method(
     (tmp_path / "mixed_helper.py").write_text("")
     (tmp_path / "coef.json").write_text("10")
 
-    def run(limit: int | None) -> Run:
+    def run(limit: int | None) -> RunDone:
         # As another process would.
         monkeypatch.delitem(sys.modules, "mixed_helper", raising=False)
         loaded = load_for(tiny_store, f"{tmp_path / 'mixed.py'}:predict", {})
@@ -370,3 +373,38 @@ def test_what_a_method_does_to_the_process_ends_with_its_call(
     assert load_result(tmp_path / "out" / RESULT) == result
     after = np.random.get_state(legacy=False)
     assert np.array_equal(after["state"]["key"], state["state"]["key"])
+
+
+def test_a_result_says_nothing_of_where_files_lay(tiny_store: Dataset, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("def predict(infocus, defocus):\n    return infocus[..., 0]\n")
+    loaded = load_for(tiny_store, f"{file}:predict", {})
+    run_method(tiny_store, loaded, "test", tmp_path / "out")
+    content = json.loads((tmp_path / "out" / RESULT).read_text())
+    assert content["method"]["entry"] == "mine.py:predict"
+    assert str(tmp_path) not in json.dumps(content["method"]["entry"])
+
+
+def test_depth_that_goes_the_wrong_way_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
+    depths = {
+        images.infocus.tobytes(): images.levels.astype(np.float32)
+        for images in map(tiny_store.read, tiny_store.pairs("test"))
+    }
+
+    def right(infocus: Any, defocus: Any) -> Any:
+        return depths[infocus.tobytes()]
+
+    def turned(infocus: Any, defocus: Any) -> Any:
+        return 255 - right(infocus, defocus)
+
+    assert not run_method(tiny_store, method(right), "test", tmp_path / "right").result.warnings
+    (told,) = run_method(tiny_store, method(turned), "test", tmp_path / "turned").result.warnings
+    assert told == (
+        "depth falls where the truth rises on 7 of 7 pairs: tiny-1 wants brighter for nearer"
+    )
+
+    def small(infocus: Any, defocus: Any) -> Any:
+        return right(infocus, defocus) / 255
+
+    (told,) = run_method(tiny_store, method(small), "test", tmp_path / "small").result.warnings
+    assert told.startswith("all levels between 0 and 1; levels go from 0 (far) to 255 (near)")

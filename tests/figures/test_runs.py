@@ -1,10 +1,12 @@
+from __future__ import annotations
+
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Scene
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
@@ -15,6 +17,7 @@ from dfdbench.figures.runs import (
     panel_figure,
     pixel_time_figure,
     score_figure,
+    show,
 )
 from dfdbench.results.summary import summarise
 from tests.made_results import make_result
@@ -136,3 +139,29 @@ def test_scenes_that_nothing_parts_have_no_figure() -> None:
     pairs = [p.model_copy(update={"status": "failed"}) for p in make_result(VALUES).pairs]
     failed = make_result(VALUES).model_copy(update={"pairs": pairs})
     assert group_figures({"mine": failed}, "thesis", SCENES) == {}
+
+
+def test_a_pair_is_drawn_and_with_a_prediction_its_error_too(tiny_store: Dataset) -> None:
+    pair = open_dataset(str(tiny_store.path)).captures("test")[0]
+    titles = [axis.get_title() for axis in show(pair).axes]
+    assert titles[:3] == ["in-focus", "defocus", "ground truth"]
+    figure = show(pair, pair.depth.astype(np.float32) + 3)
+    error = figure.axes[4].images[0].get_array()
+    assert error is not None
+    assert figure.axes[4].get_title() == "prediction − truth"
+    np.testing.assert_array_equal(np.asarray(error)[pair.valid], 3)
+    assert np.ma.getmaskarray(error)[~pair.valid].all()
+
+
+def test_what_is_no_pair_is_told(tiny_store: Dataset) -> None:
+    for wrong, kind in (
+        (None, "NoneType"),
+        (open_dataset(str(tiny_store.path)).captures(), "Captures"),
+    ):
+        with pytest.raises(TypeError, match=f"draws one capture.* got {kind}"):
+            show(wrong)  # type: ignore[arg-type]
+
+
+def test_a_notebook_shows_the_picture(tiny_store: Dataset) -> None:
+    figure = show(open_dataset(str(tiny_store.path)).captures("test")[0])
+    assert figure._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]

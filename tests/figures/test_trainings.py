@@ -18,9 +18,9 @@ from dfdbench.figures.trainings import (
     widths_figure,
 )
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
-from dfdbench.training.checkpoint import Log
-from dfdbench.training.search.course import Iteration
-from dfdbench.training.selections import Selections
+from dfdbench.training.crops import Selections
+from dfdbench.training.search.run import Iteration
+from dfdbench.training.trainer import Log
 from tests.methods.made_weights import card
 
 

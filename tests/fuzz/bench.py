@@ -14,8 +14,8 @@ import numpy as np
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.rig.lidar_files import write_ranges
-from dfdbench.rig.registration_file import write_registration
+from dfdbench.rig.lidar import write_ranges
+from dfdbench.rig.registration import write_registration
 from tests.board.made_boards import add
 from tests.board.made_tracks import make_tracks
 from tests.conftest import TINY_TOML, make_tiny_set

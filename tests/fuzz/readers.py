@@ -18,8 +18,8 @@ from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.evaluation.prediction_files import find_predictions
 from dfdbench.methods.parameters import read_parameters
 from dfdbench.optics.lens_table import rank_pairs, read_lens_table
-from dfdbench.rig.lidar_files import read_beams, read_ranges
-from dfdbench.rig.registration_file import read_registration
+from dfdbench.rig.lidar import read_beams, read_ranges
+from dfdbench.rig.registration import read_registration
 from tests.conftest import TINY_TOML
 
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from dfdbench.methods.check import check_method
 from dfdbench.methods.method import Method
@@ -151,3 +152,23 @@ def test_what_is_wrong_with_a_fit_is_found_out() -> None:
     found = problems(Fitted(learned={"level": "near"}))
     assert list(found) == ["fit, on two made pairs"]
     assert "cannot be kept" in found["fit, on two made pairs"]
+
+
+def test_a_method_of_stacks_is_tried_on_stacks_in_its_unit() -> None:
+    class Sharpest:
+        unit = "metres"
+
+        def __call__(self, stack: Any) -> Any:
+            assert stack["role"].values.tolist() == ["infocus", *["defocus"] * 4]
+            assert stack.attrs["unit"] == "metres"
+            sharp = np.abs(np.diff(stack.values[1:].astype(float), axis=2, append=0)).sum(-1)
+            wide = ndimage.uniform_filter(sharp, (0, 9, 9))
+            return stack["focus_distance"].values[1:][wide.argmax(0)]
+
+    assert problems(Sharpest()) == {}
+
+    class Turned(Sharpest):
+        def __call__(self, stack: Any) -> Any:
+            return 5.5 - super().__call__(stack)
+
+    assert "distances seem to fall" in problems(Turned())["farther is more"]

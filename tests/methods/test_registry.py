@@ -69,7 +69,7 @@ def test_packages_register_through_entry_points(
         EntryPoint("mine", "mine:predict", "dfdbench.methods"),
         EntryPoint("local", "mine:predict", "dfdbench.methods"),
     ]
-    monkeypatch.setattr("dfdbench.system.plugins.entry_points", lambda group: EntryPoints(offered))
+    monkeypatch.setattr("dfdbench.system.packages.entry_points", lambda group: EntryPoints(offered))
     assert registered_methods()["mine"] == "mine:predict"
     assert registered_methods()["local"].startswith("dfdbench.")
     assert load("mine")(IMAGE, IMAGE)[0, 0] == 7

@@ -22,14 +22,18 @@ from dfdbench.metrics import metric
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric
 from dfdbench.metrics.protocol import PROTOCOLS, metrics_of
 from dfdbench.metrics.scores import nmae
-from dfdbench.report.html import write_html
-from dfdbench.results.difference_tables import change_tables
+from dfdbench.report.page import write_html
+from dfdbench.results.differences import change_tables
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT, load_result, save_result
-from dfdbench.results.run_data import run_as_csv, run_as_json
-from dfdbench.results.run_tables import run_tables
-from dfdbench.results.saved_run import open_run
-from dfdbench.results.scene_tables import scene_tables, spread_table
+from dfdbench.results.run_tables import (
+    run_as_csv,
+    run_as_json,
+    run_tables,
+    scene_tables,
+    spread_table,
+)
+from dfdbench.results.saved_run import open_saved_run
 from dfdbench.results.summary import scene_labels, summarise
 from tests.evaluation.made_predictions import in_metres
 
@@ -83,7 +87,7 @@ def test_a_metric_more_is_in_every_table_figure_and_page(
     assert content["groups"][-1]["mae_levels"]["mean"] > 1
     assert content["top"][0]["mae_levels"] == summary.ranked[0].score("valid", "mae_levels")
 
-    run = open_run(folder, str(tiny_store.path))
+    run = open_saved_run(folder, str(tiny_store.path))
     drawn = score_figure(result, "valid")
     worst = panel_figure(tiny_store, result, folder, summary.ranked[:1], "valid", "worst")
     figures = [
@@ -102,8 +106,8 @@ def test_a_metric_more_is_in_every_table_figure_and_page(
 def test_a_metric_more_is_in_what_experiments_show() -> None:
     pytest.importorskip("torch", reason="needs the extra nets")
     from dfdbench.figures.trainings import experiment_figure, training_figure
-    from dfdbench.training.checkpoint import Log
     from dfdbench.training.experiments import experiment_table, find_experiment
+    from dfdbench.training.trainer import Log
     from tests.methods.made_weights import card
 
     scores = {"nrmse": 0.2, "nmae": 0.1, "ssim": 0.9}
@@ -142,7 +146,7 @@ def test_in_metres_every_table_figure_and_page_shows_their_metrics(
         changed = change_tables(result, result, protocol)[0]
         assert [row[0] for row in changed.rows if row[0]] == wanted
         assert json.loads(run_as_json(summary))["top"][0].keys() >= set(metrics_of(protocol))
-        run = open_run(folder, str(tiny_store.path))
+        run = open_saved_run(folder, str(tiny_store.path))
         figures = [
             score_figure(result, protocol),
             panel_figure(store, result, folder, summary.ranked[:1], protocol, "worst"),

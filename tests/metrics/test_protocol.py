@@ -7,7 +7,7 @@ import pytest
 
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.errors import InputError, UnknownNameError
-from dfdbench.metrics.metres import abs_rel, aligned, rmse_metres, share_within
+from dfdbench.metrics.metres import abs_rel, aligned, boundary_f1, rmse_metres, share_within
 from dfdbench.metrics.metric import METRICS
 from dfdbench.metrics.protocol import (
     PROTOCOLS,
@@ -33,8 +33,8 @@ def test_the_released_definitions_never_change() -> None:
         "thesis": "d77b16d91f97ea9f8f7b9a7711d45c1a38c9148409810b8e5f040d040275887b",
         "thesis-networks-2": "d06468007dae6608dc02122ae795196d6b7b5ef367cadff58297326ec9d1ea91",
         "valid": "71b74df0acd97c903374a774a33ce6fb1a6655dd2fc3314980dbdf9b8489ef9a",
-        "metric": "30c6dfb2cabca02ee99e89b4caec52760a5a8715e2adf0a86e99edad74e4fe16",
-        "aligned": "d1d10a6201c8c83f11d73deac02fd7770494c90b73a96097723608f5d507e2b5",
+        "metric": "0012b05343cb9359b65c1ccb90bd74f7699fec81cbf19bb5e1900040f379f36d",
+        "aligned": "ec137b5392c266f88e2b4b5e30d27925bb392523f4e9daf011ee6a37674fc8cf",
     }
 
 
@@ -165,15 +165,16 @@ def test_levels_are_scored_as_distances_over_known_pixels() -> None:
     assert metric == {
         "abs_rel": abs_rel(true, found, mask=valid),
         "rmse_m": rmse_metres(true, found, mask=valid),
-        "delta_1": share_within(true, found, mask=valid, factor=1.25),
-        "delta_2": share_within(true, found, mask=valid, factor=1.5625),
-        "delta_3": share_within(true, found, mask=valid, factor=1.953125),
+        "delta_105": share_within(true, found, mask=valid, factor=1.05),
+        "delta_115": share_within(true, found, mask=valid, factor=1.15),
+        "delta_125": share_within(true, found, mask=valid, factor=1.25),
+        "boundary_f1": boundary_f1(true, found, mask=valid),
     }
     moved = aligned(true, found, 4.0, valid)
     fitted = score(RELEASED["aligned"], depth, valid, test, 16, SCALE)
-    assert list(fitted) == ["abs_rel", "delta_1", "delta_2", "delta_3"]
+    assert list(fitted) == ["abs_rel", "delta_105", "delta_115", "delta_125", "boundary_f1"]
     assert fitted["abs_rel"] == abs_rel(true, moved, mask=valid)
-    assert fitted["delta_3"] == share_within(true, moved, mask=valid, factor=1.953125)
+    assert fitted["delta_115"] == share_within(true, moved, mask=valid, factor=1.15)
     changed = np.where(valid, test, 255).astype(np.float32)
     assert score(RELEASED["metric"], depth, valid, changed, 16, SCALE) == metric
     assert score(RELEASED["aligned"], depth, valid, changed, 16, SCALE) == fitted
@@ -184,7 +185,7 @@ def test_levels_linear_in_inverse_depth_are_aligned_whatever_their_scale() -> No
     half = (depth / 2 + 100).astype(np.float32)
     scores = score(RELEASED["aligned"], depth, depth > 0, half, 16, SCALE)
     assert scores["abs_rel"] == pytest.approx(0, abs=1e-6)
-    assert scores["delta_1"] == 1
+    assert scores["delta_125"] == 1
     assert score(RELEASED["metric"], depth, depth > 0, half, 16, SCALE)["abs_rel"] > 0.1
 
 

@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -7,6 +9,7 @@ import pytest
 
 from dfdbench.errors import ResultError
 from dfdbench.metrics.protocol import RELEASED
+from dfdbench.results.record import first_protocol
 from dfdbench.results.record_file import load_result, save_result
 from tests.made_results import make_result
 
@@ -174,7 +177,8 @@ def test_pairs_that_are_not_on_the_axes_are_refused(
 
 def metric_result() -> dict[str, Any]:
     content: dict[str, Any] = json.loads(make_result(VALUES).model_dump_json())
-    scores = {"abs_rel": 0.1, "rmse_m": 0.5, "delta_1": 0.5, "delta_2": 0.75, "delta_3": 1.0}
+    scores = {"abs_rel": 0.1, "rmse_m": 0.5, "delta_105": 0.5, "delta_115": 0.75}
+    scores |= {"delta_125": 1.0, "boundary_f1": 0.3}
     content["protocols"].append(RELEASED["metric"].as_dict())
     for pair in content["pairs"]:
         pair["scores"]["metric"] = dict(scores)
@@ -186,8 +190,8 @@ def metric_result() -> dict[str, Any]:
     ("tamper", "told"),
     [
         (lambda scores: scores.pop("rmse_m"), "not scored by the same metrics"),
-        (lambda scores: scores.update(delta_1=0.8), "fewer pixels lie within a wider bound"),
-        (lambda scores: scores.update(delta_3=1.1), "delta_3"),
+        (lambda scores: scores.update(delta_105=0.8), "fewer pixels lie within a wider bound"),
+        (lambda scores: scores.update(delta_125=1.1), "delta_125"),
         (lambda scores: scores.update(abs_rel=-0.1), "abs_rel"),
         (lambda scores: scores.update(nrmse=0.1), "nrmse"),
         (lambda scores: scores.update(abs_rel=0.3), "average does not follow"),
@@ -212,3 +216,11 @@ def test_a_protocol_of_metrics_that_are_none_is_refused(tmp_path: Path, metrics:
     (tmp_path / "r.json").write_text(json.dumps(content))
     with pytest.raises(ResultError, match="wrong value in the result"):
         load_result(tmp_path / "r.json")
+
+
+def test_sets_with_printed_tables_are_headed_by_the_thesis_others_and_tracks_by_known_pixels() -> (
+    None
+):
+    assert first_protocol("middlebury") == first_protocol("realworld") == "thesis"
+    assert first_protocol("middlebury-default") == first_protocol("mine") == "valid"
+    assert first_protocol("demo@camera-2") == first_protocol("realworld-synthetic@law-1") == "valid"

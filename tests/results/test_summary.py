@@ -7,9 +7,13 @@ from dfdbench.datasets.manifest import Scene
 from dfdbench.metrics import intervals
 from dfdbench.metrics.intervals import bootstrap_interval
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.run_data import run_as_csv, run_as_json
-from dfdbench.results.run_tables import run_tables
-from dfdbench.results.scene_tables import scene_tables, spread_table
+from dfdbench.results.run_tables import (
+    run_as_csv,
+    run_as_json,
+    run_tables,
+    scene_tables,
+    spread_table,
+)
 from dfdbench.results.summary import median_seconds, ranked, scene_labels, summarise
 from tests.made_results import make_result
 

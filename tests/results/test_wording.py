@@ -1,4 +1,10 @@
-from dfdbench.results.wording import method_label
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from dfdbench.results.wording import given_to, method_label
 from tests.made_results import make_demo_result
 
 
@@ -7,3 +13,30 @@ def test_a_label_has_the_name_and_the_parameters() -> None:
         method_label(make_demo_result(lambda p: 0, parameters={"a": 1, "b": "x"}).method)
         == "mine (a=1, b=x)"
     )
+
+
+@pytest.mark.parametrize(
+    ("method", "said"),
+    [
+        ({}, "nothing"),
+        ({"uses": ["recipe"]}, "the blur"),
+        # What is handed over on a track is that there is no recipe.
+        ({"uses": ["recipe"], "fitted_on": "demo-1@law-2, split train"}, "blur fitted"),
+        ({"parameters": {"recipe": "published"}}, "the blur"),
+        ({"parameters": {"recipe": "text"}}, "another blur"),
+        ({"parameters": {"recipe": {"sigma_min": 1, "sigma_step": 1}}}, "another blur"),
+        ({"uses": ["training_mean"], "trained_on": "demo-1, split train"}, "mean depth"),
+        ({"trained_on": "demo-1, split train"}, "trained on demo-1"),
+        ({"trained_on": "middlebury-default-1, all but K03"}, "trained on middlebury-default-1"),
+        # The recipe's name alone, which networks ask for to warn, is not the recipe.
+        (
+            {"uses": ["recipe_name"], "trained_on": "my own photographs"},
+            "trained on my own photographs",
+        ),
+        ({"uses": ["recipe"], "trained_on": "demo-1, split train"}, "the blur, trained on demo-1"),
+    ],
+)
+def test_a_row_says_what_its_method_was_told(method: dict[str, Any], said: str) -> None:
+    result = make_demo_result(lambda pair: 0.1)
+    changed = result.method.model_copy(update=method)
+    assert given_to(result.model_copy(update={"method": changed})) == said

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dfdbench.errors import SourceError
 from dfdbench.rig.geometry import CaptureRig, Pose
-from dfdbench.rig.lidar_files import read_beams
+from dfdbench.rig.lidar import read_beams
 from dfdbench.rig.sighting import (
     AGREED,
     Fitted,

@@ -4,7 +4,7 @@ import pytest
 from dfdbench.optics.lens_table import read_lens_table
 from dfdbench.optics.sharpness import spectrum_sum
 from dfdbench.rig.geometry import Pose
-from dfdbench.rig.lidar_files import read_beams
+from dfdbench.rig.lidar import read_beams
 from dfdbench.simulation.board_scene import SimulatedScene, defocus
 from dfdbench.simulation.raycast import View
 

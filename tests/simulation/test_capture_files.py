@@ -5,7 +5,7 @@ import pytest
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Recording
 from dfdbench.errors import InputError
-from dfdbench.rig.registration_file import read_registration
+from dfdbench.rig.registration import read_registration
 from dfdbench.simulation.capture_files import CaptureSettings, write_captures, write_lens_test
 
 FEW = CaptureSettings(steps=(135,), exposures=(30,), frames=1, scans=2)

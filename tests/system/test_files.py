@@ -1,10 +1,22 @@
+from __future__ import annotations
+
+import errno
+import multiprocessing
 import os
 import tracemalloc
 from pathlib import Path
 
 import pytest
 
-from dfdbench.system.files import LARGEST_ARRAY, read_text, read_whole, write_whole
+from dfdbench.errors import ResultError, StoreError
+from dfdbench.system.files import (
+    LARGEST_ARRAY,
+    hold,
+    read_text,
+    read_whole,
+    write_whole,
+    writing_folder,
+)
 
 
 def test_a_failed_write_leaves_the_old_file(
@@ -70,3 +82,75 @@ def test_a_small_file_takes_little_memory_whatever_its_bound(tmp_path: Path) -> 
         assert tracemalloc.get_traced_memory()[1] < 2**20
     finally:
         tracemalloc.stop()
+
+
+TAKEN = StoreError("taken")
+
+
+def test_only_one_holds_a_place_and_no_lock_file_stays(tmp_path: Path) -> None:
+    lock = tmp_path / ".a.lock"
+    with hold(lock, TAKEN):
+        for _ in range(2):
+            with pytest.raises(StoreError, match="taken"), hold(lock, TAKEN):
+                pass
+        assert lock.exists()
+    assert not lock.exists()
+    with pytest.raises(ValueError, match="mine"), hold(lock, TAKEN):
+        raise ValueError("mine")
+    # A killed process leaves its file.
+    lock.touch()
+    with hold(lock, TAKEN):
+        pass
+    assert not lock.exists()
+
+
+def test_a_disk_that_refuses_the_lock_is_not_reported_as_another_writer(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="name too long"), hold(tmp_path / ("a" * 300), TAKEN):
+        pass
+
+
+def take_turns(folder: str, turns: int) -> None:
+    """Hold the place again and again; fails where another is there at the same time."""
+    inside = Path(folder, "inside")
+    done = 0
+    while done < turns:
+        try:
+            with hold(Path(folder, ".a.lock"), TAKEN):
+                os.close(os.open(inside, os.O_CREAT | os.O_EXCL))
+                inside.unlink()
+                done += 1
+        except StoreError:
+            os.sched_yield()
+
+
+def test_processes_that_come_and_go_are_never_in_one_place_together(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("spawn")
+    processes = [context.Process(target=take_turns, args=(str(tmp_path), 300)) for _ in range(3)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    assert not any(process.exitcode for process in processes)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_writer_is_told_and_the_first_goes_on(tmp_path: Path) -> None:
+    folder = tmp_path / "deep" / "run"
+    with writing_folder(folder, "search"):
+        with (
+            pytest.raises(ResultError, match="another search is writing this folder"),
+            writing_folder(folder, "search"),
+        ):
+            pass
+        folder.mkdir()
+    with writing_folder(folder, "search"):
+        pass
+    assert [path.name for path in folder.parent.iterdir()] == ["run"]
+
+
+def test_what_the_disk_does_not_take_is_told_with_what_to_do(tmp_path: Path) -> None:
+    with (
+        pytest.raises(ResultError, match=r"cannot write the run(.|\n)*goes on where it stopped"),
+        writing_folder(tmp_path / "run", "run"),
+    ):
+        raise OSError(errno.ENOSPC, "No space left on device")

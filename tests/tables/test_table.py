@@ -1,7 +1,10 @@
+from __future__ import annotations
+
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dfdbench.tables.table import Table, as_html, least_width
+from dfdbench.tables.table import Table, as_html, least_width, listed
 
 WORDS = st.text("abc ", max_size=12)
 
@@ -30,3 +33,11 @@ def test_cells_stand_under_their_headings_on_their_side_with_notes_below() -> No
     assert text.count("<tr>") == 3
     assert '<td style="text-align:right">2</td>' in text
     assert text.index("</table>") < text.index("a note")
+
+
+@pytest.mark.parametrize(
+    ("count", "most", "text"),
+    [(0, 2, ""), (2, 2, "0, 1"), (3, 2, "0, 1 and 1 more"), (3, None, "0, 1, 2")],
+)
+def test_a_list_is_whole_or_says_how_much_is_left(count: int, most: int | None, text: str) -> None:
+    assert listed(range(count), most) == text

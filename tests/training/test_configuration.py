@@ -5,8 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.blur.tracks import TRACKS

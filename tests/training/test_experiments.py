@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, UnknownNameError

@@ -3,8 +3,6 @@ from __future__ import annotations
 import copy
 
 import pytest
-
-pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.datasets.dataset import Dataset

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import linregress, norm
 
-pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.schedule import (
     DlibSchedule,

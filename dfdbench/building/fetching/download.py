@@ -20,8 +20,8 @@ from requests.adapters import HTTPAdapter
 from urllib3.util import Retry
 
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
-from dfdbench.system.json_text import parse_json
-from dfdbench.tables.wording import counted
+from dfdbench.system.text import parse_json
+from dfdbench.tables.table import counted
 
 #: Files fetched at once: the sites are universities' own, not content networks.
 CONNECTIONS = 4

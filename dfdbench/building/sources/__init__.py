@@ -15,7 +15,7 @@ from dfdbench.building.sources.simulated_rig import SimulatedRig
 from dfdbench.datasets.captured_checks import FOLDER
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import SourceError
-from dfdbench.system.plugins import offered_as
+from dfdbench.system.packages import offered_as
 
 __all__ = [
     "ENTRY_POINT_GROUP",

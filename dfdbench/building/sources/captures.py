@@ -15,10 +15,9 @@ from dfdbench.building.sources.image_files import Image, average_frames, image_p
 from dfdbench.datasets.manifest import Recording
 from dfdbench.errors import Problem, SourceError
 from dfdbench.rig.geometry import CaptureRig
-from dfdbench.rig.lidar import Beams, average_scans, depth_image, warp
-from dfdbench.rig.lidar_files import read_beams, read_ranges
-from dfdbench.rig.registration_file import NAME as REGISTRATION
-from dfdbench.rig.registration_file import read_registration
+from dfdbench.rig.lidar import Beams, average_scans, depth_image, read_beams, read_ranges, warp
+from dfdbench.rig.registration import NAME as REGISTRATION
+from dfdbench.rig.registration import read_registration
 
 Depth = tuple[NDArray[np.uint8], NDArray[np.bool_]]
 Read = TypeVar("Read")

@@ -16,7 +16,7 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.simulation.photographs import GAMMA, near_normal_numbers, photograph
 from dfdbench.simulation.raycast import Surface, View, look
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 Floats = NDArray[np.float64]
 

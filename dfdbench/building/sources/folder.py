@@ -17,7 +17,7 @@ from dfdbench.datasets.captured_files import ANY_ENDING, ROLES, CapturedFiles, f
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.files import LARGEST_ARRAY, read_whole
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 # Entries of a folder that a message names.
 _NAMED = 8

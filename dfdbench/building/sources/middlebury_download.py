@@ -29,8 +29,8 @@ from dfdbench.building.sources.image_files import decode_file, decode_image, dec
 from dfdbench.building.sources.middlebury import depth_name, image_name
 from dfdbench.datasets.manifest import Manifest, Scene
 from dfdbench.errors import Problem, SourceError, reason_of, room_or
-from dfdbench.system.work_folder import hold
-from dfdbench.tables.wording import listed
+from dfdbench.system.files import hold
+from dfdbench.tables.table import listed
 
 _NAMES_SHOWN = 10
 

@@ -20,14 +20,13 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.lens_table import read_lens_table
 from dfdbench.rig.geometry import CaptureRig, Pose
-from dfdbench.rig.lidar import average_scans, depth_image, warp
-from dfdbench.rig.lidar_files import read_beams
+from dfdbench.rig.lidar import average_scans, depth_image, read_beams, warp
 from dfdbench.rig.registration import register, sight
 from dfdbench.rig.sighting import Rays, Sighting
 from dfdbench.simulation.board_scene import SCENES, SimulatedScene, defocus
 from dfdbench.simulation.photographs import photograph
 from dfdbench.simulation.raycast import View
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 Floats = NDArray[np.float64]
 

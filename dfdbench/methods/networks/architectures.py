@@ -29,7 +29,7 @@ from dfdbench.methods.networks.layers import (
     start_as_published,
     two_convolutions,
 )
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 
 @torch.no_grad()

@@ -8,7 +8,7 @@ from typing import Any
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.layers import ACTIVATIONS, EQUAL, Kernel
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 #: The thesis's numbers of the convolutions, input to output, which head the columns below.
 LAYERS = (52, 48, 45, 42, 40, 37, 34, 32, 29, 27, 24, 20, 17, 15, 12, 8, 5, 1)

@@ -15,20 +15,21 @@ from dfdbench.errors import InputError, Problem, StoreError, unknown_name
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.system.location import is_local
-from dfdbench.system.version import PACKAGE_VERSION
+from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.training.configuration import TrainingConfiguration, settled
-from dfdbench.training.search.evaluation import Job, Work, training_seed
+from dfdbench.training.search.log import Job, Work, training_seed
 from dfdbench.training.search.particle import (
     PATCHES,
     VARIANTS,
     Bounds,
+    Box,
+    Numbers,
     Particle,
     Variant,
     box_of,
     particle_at,
     position_of,
 )
-from dfdbench.training.search.swarm import Box, Numbers
 from dfdbench.training.task import Task, require_trainable, task_of
 
 #: Of the search's record.

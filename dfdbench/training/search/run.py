@@ -1,21 +1,31 @@
-"""A search carried out: trainings at once, a log of each, and the same end after any kill."""
+"""Run a search: move the swarm, train, log; tables of how it went."""
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from dfdbench.methods.networks.choices import FILTERS, LAYERS, SITES, SIZED
+from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
-from dfdbench.system.work_folder import writing_folder
-from dfdbench.training.search.course import Iteration, iteration_of
-from dfdbench.training.search.evaluation import Job, Outcome, evaluate
-from dfdbench.training.search.log import Row, SearchFolder
+from dfdbench.tables.table import Table
+from dfdbench.training.configuration import TrainingConfiguration
+from dfdbench.training.search.log import PARTS, Job, LogRow, Outcome, SearchFolder, evaluate_job
+from dfdbench.training.search.particle import (
+    Numbers,
+    Particle,
+    Swarm,
+    particle_at,
+    search,
+    whole_numbers,
+)
 from dfdbench.training.search.plan import SearchPlan
-from dfdbench.training.search.swarm import Numbers, Swarm, search
 
 
 @dataclass(frozen=True)
@@ -28,9 +38,9 @@ class SearchOutcome:
         After the last iteration that is whole; None if not even the start is.
     course : tuple of Iteration
         The start, and each iteration that is whole.
-    best : Row or None
+    best : LogRow or None
         The best position of `swarm`, and its training; None if all failed.
-    failures : tuple of Row
+    failures : tuple of LogRow
         Trainings that failed or diverged.
     trainings : int
         Done so far.
@@ -40,8 +50,8 @@ class SearchOutcome:
 
     swarm: Swarm | None
     course: tuple[Iteration, ...]
-    best: Row | None
-    failures: tuple[Row, ...]
+    best: LogRow | None
+    failures: tuple[LogRow, ...]
     trainings: int
     finished: bool
 
@@ -136,7 +146,7 @@ class _Judge:
         self._values: Numbers = np.empty(0)
         self.swarm: Swarm | None = None
         self.course: list[Iteration] = []
-        self.failures: list[Row] = []
+        self.failures: list[LogRow] = []
         self._tell()
 
     def __call__(self, swarm: Swarm) -> Numbers:
@@ -152,14 +162,14 @@ class _Judge:
         def note(job: Job, outcome: Outcome | None) -> None:
             if outcome is not None:
                 place = (job.iteration, job.particle)
-                self._log.note(Row(place, swarm.positions[job.particle], outcome))
+                self._log.note(LogRow(place, swarm.positions[job.particle], outcome))
                 self._tell()
 
         if self._pool is None:
             for job in jobs:
-                note(job, evaluate(job))
+                note(job, evaluate_job(job))
         elif jobs:
-            self._pool.map(evaluate, jobs, on_outcome=note)
+            self._pool.map(evaluate_job, jobs, on_outcome=note)
         rows = [self._log[place] for place in places]
         known = [row for row in rows if row is not None]
         if len(known) < len(rows):
@@ -183,3 +193,139 @@ class _Judge:
     def _tell(self) -> None:
         if self._on_done:
             self._on_done(len(self._log), self._total)
+
+
+#: Shares of equal components at which the thesis's author calls a swarm converged.
+MARKS = (0.90, 0.95, 0.99)
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """What a whole iteration came to.
+
+    Parameters
+    ----------
+    number : int
+        0 at the start.
+    best : float
+        The least value so far.
+    least, mean : float
+        Of this iteration's trainings that did not fail; NaN where all did.
+    failed : int
+        How many did.
+    alike : float
+        The share of all particles' components that are equal to the best position's.
+    """
+
+    number: int
+    best: float
+    least: float
+    mean: float
+    failed: int
+    alike: float
+
+
+def iteration_of(swarm: Swarm, values: Numbers) -> Iteration:
+    """Return what an iteration came to.
+
+    Parameters
+    ----------
+    swarm : Swarm
+        Judged.
+    values : ndarray of float64, shape (particles,)
+        Of its positions.
+    """
+    there = values[np.isfinite(values)]
+    least, mean = (float(there.min()), float(there.mean())) if len(there) else (np.nan, np.nan)
+    alike = whole_numbers(swarm.positions) == whole_numbers(swarm.best)
+    failed = len(values) - len(there)
+    return Iteration(swarm.iteration, swarm.best_value, least, mean, failed, float(alike.mean()))
+
+
+def course_table(
+    plan: SearchPlan, course: Sequence[Iteration], failures: Sequence[LogRow]
+) -> Table:
+    """Return a row an iteration: best and mean objective, failures, convergence."""
+    rows = tuple(
+        (
+            "start" if item.number == 0 else str(item.number),
+            f"{item.best:.4f}",
+            f"{item.least:.4f}",
+            f"{item.mean:.4f}",
+            str(item.failed),
+            f"{100 * item.alike:.1f} %",
+        )
+        for item in course
+    )
+    notes = [f"selected on {plan.selected_on}", f"gamma {plan.choices.gamma:g}"]
+    for row in failures:
+        iteration, particle = row.place
+        notes.append(f"iteration {iteration}, particle {particle}: {row.outcome.failed}")
+    return Table(
+        f"particle swarm, {plan.choices.particles} particles, variant {plan.choices.variant}",
+        ("iteration", "best so far", "least", "mean", "failed", "as the best"),
+        rows,
+        "lrrrrr",
+        tuple(notes),
+        records=tuple(item.__dict__ for item in course),
+    )
+
+
+def network_table(plan: SearchPlan, best: LogRow) -> Table:
+    """Return the network found, layer by layer, the baseline's widths beside it."""
+    particle = particle_at(best.position)
+    sizes = dict(zip(SIZED, particle.kernels, strict=True))
+    rows = [
+        (
+            str(layer),
+            str(width),
+            str(usual),
+            "{} x {}".format(*sizes.get(layer, (2, 2))),
+            *_site_of(layer, particle),
+        )
+        for layer, width, usual in zip(LAYERS, particle.filters, FILTERS["original"], strict=True)
+    ]
+    iteration, number = best.place
+    configuration = plan.configuration_of(particle)
+    outcome = best.outcome
+    notes = [f"found in iteration {iteration}, particle {number}: objective {outcome.value:.4f}"]
+    for name, scores in (("training pairs", outcome.train), ("pairs selected on", outcome.other)):
+        notes.append(f"{name}: " + ", ".join(f"{p.upper()} {scores[p]:.4f}" for p in PARTS))
+    notes.append(f"patches of {particle.crop}, {configuration.crops_per_step} a step")
+    divided = f", all widths but the last divided by {plan.base.narrow}"
+    notes.append(f"{outcome.parameters:,} parameters" + (divided if plan.base.narrow > 1 else ""))
+    return Table(
+        "the best network",
+        ("layer", "filters", "baseline", "rows x columns", "normalized", "activation"),
+        tuple(rows),
+        "lrrrll",
+        tuple(notes),
+    )
+
+
+def _site_of(layer: int, particle: Particle) -> tuple[str, str]:
+    # What follows the convolution of this layer; before layer 1 they stand alone, after layer 5.
+    sites = dict(zip((52, 48, 40, 32, 24, 20, 12, 8, 5), range(len(SITES)), strict=True))
+    if layer not in sites:
+        return "", ""
+    place = sites[layer]
+    return "yes" if particle.normalized[place] else "no", particle.activations[place]
+
+
+def best_as_toml(plan: SearchPlan, best: LogRow) -> str:
+    """Return the best network as a configuration that ``dfdbench train dfd-net`` takes."""
+    fields = TrainingConfiguration.model_fields
+    found = plan.configuration_of(particle_at(best.position))
+    named = ("filters", "kernels", "activations", "normalized", "crop", "crops_per_step")
+    content: dict[str, Any] = {
+        name: value
+        for name, value in found.model_dump(mode="json").items()
+        if name in named or (value is not None and getattr(found, name) != fields[name].default)
+    }
+    lines = [
+        f"# Found by a particle swarm on {plan.store.manifest.stem}, objective "
+        f"{best.outcome.value:.6g},",
+        f"# selected on {plan.selected_on}.",
+        *(f"{name} = {json.dumps(value)}" for name, value in content.items()),
+    ]
+    return "\n".join(lines) + "\n"

@@ -8,7 +8,7 @@ import pytest
 
 from dfdbench.building.sources.captures import PublishedScene, RawScene, find_captured_scene
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.rig.registration_file import NAME as REGISTRATION
+from dfdbench.rig.registration import NAME as REGISTRATION
 from tests.conftest import write_png
 from tests.made_captures import raw_scene
 

@@ -14,8 +14,8 @@ from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
-from dfdbench.rig.lidar_files import write_ranges
-from dfdbench.rig.registration_file import NAME as REGISTRATION
+from dfdbench.rig.lidar import write_ranges
+from dfdbench.rig.registration import NAME as REGISTRATION
 from dfdbench.simulation.capture_files import CaptureSettings, write_captures
 from dfdbench.system.parallel import Threads
 from tests.conftest import write_png

@@ -5,13 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("torch", reason="needs the extra nets")
-
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.search.evaluation import training_seed
+from dfdbench.training.search.log import training_seed
 from dfdbench.training.search.particle import PATCHES, Bounds, particle_at, position_of
 from dfdbench.training.search.plan import Choices, plan_search
 from tests.training.search.made_searches import BOUNDS, small_plan

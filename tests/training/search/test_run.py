@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import random
@@ -8,20 +9,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch", reason="needs the extra nets")
 import torch
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, ResultError
+from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.weights import load_weights
+from dfdbench.system.files import hold
 from dfdbench.system.parallel import Cluster, Processes
-from dfdbench.system.work_folder import hold
+from dfdbench.training.configuration import read_configuration
 from dfdbench.training.search import run as module
-from dfdbench.training.search.evaluation import Job, Outcome, evaluate
-from dfdbench.training.search.run import SearchOutcome, run_search
+from dfdbench.training.search.log import Job, LogRow, Outcome, evaluate_job
+from dfdbench.training.search.particle import begun, judged, particle_at, position_of
+from dfdbench.training.search.run import (
+    SearchOutcome,
+    best_as_toml,
+    course_table,
+    iteration_of,
+    network_table,
+    run_search,
+)
 from tests.conftest import ON_SERVERS
-from tests.training.search.made_searches import losses, small_plan
+from tests.training.search.made_searches import losses, small_plan, some_rows
 
 ITERATIONS = 2
 #: `make kills` asks for more.
@@ -144,16 +153,16 @@ def test_a_failed_training_is_told_and_searched_past(
     def sometimes(job: Job) -> Outcome | None:
         if job.particle == 0:
             return Outcome(failed="diverged: the loss became nan, step 2")
-        return evaluate(job)
+        return evaluate_job(job)
 
-    monkeypatch.setattr(module, "evaluate", sometimes)
+    monkeypatch.setattr(module, "evaluate_job", sometimes)
     outcome = searched(tiny_store, tmp_path / "s")
     assert [row.place for row in outcome.failures] == [(0, 0), (1, 0), (2, 0)]
     assert [item.failed for item in outcome.course] == [1, 1, 1]
     assert outcome.best is not None
     assert outcome.best.place[1] == 1
     assert same(searched(tiny_store, tmp_path / "s"), outcome)
-    monkeypatch.setattr(module, "evaluate", lambda job: Outcome(failed="failed: no memory"))
+    monkeypatch.setattr(module, "evaluate_job", lambda job: Outcome(failed="failed: no memory"))
     nothing = searched(tiny_store, tmp_path / "t")
     assert (nothing.best, nothing.finished) == (None, True)
 
@@ -169,9 +178,9 @@ def test_time_is_up_and_more_time_goes_on(
 
     def three(job: Job) -> Outcome | None:
         asked.append(job)
-        return evaluate(job) if len(asked) <= 3 else None
+        return evaluate_job(job) if len(asked) <= 3 else None
 
-    monkeypatch.setattr(module, "evaluate", three)
+    monkeypatch.setattr(module, "evaluate_job", three)
     some = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
     assert (some.finished, len(some.course), some.trainings) == (False, 1, 3)
     monkeypatch.undo()
@@ -191,3 +200,57 @@ def test_a_place_that_cannot_be_written_is_told(tiny_store: Dataset, tmp_path: P
     tmp_path.chmod(0o500)
     with pytest.raises(ResultError, match="cannot write the search"):
         searched(tiny_store, tmp_path / "s")
+
+
+def test_an_iteration_in_numbers(tiny_store: Dataset) -> None:
+    plan = small_plan(tiny_store)
+    swarm = begun(plan.box, 4, 0)
+    same = np.repeat(swarm.positions[1][None], 4, 0)
+    same[3, :17] += 1  # a third of one of four differs
+    values = np.array([3.0, 1.0, np.inf, 2.0])
+    swarm = judged(swarm, values)
+    object.__setattr__(swarm, "positions", same)
+    found = iteration_of(swarm, values)
+    assert (found.number, found.best, found.least, found.mean, found.failed) == (0, 1, 1, 2, 1)
+    assert found.alike == pytest.approx(1 - 1 / 12)
+    empty = iteration_of(swarm, np.full(4, np.inf))
+    assert empty.failed == 4
+    assert math.isnan(empty.mean)
+
+
+def test_tables_say_what_selected_and_what_failed(tiny_store: Dataset) -> None:
+    plan = small_plan(tiny_store, split="train", as_thesis=True, particles=3)
+    rows = some_rows(plan)
+    values = np.array([row.outcome.value for row in rows])
+    swarm = judged(begun(plan.box, 3, 0), values)
+    table = course_table(plan, [iteration_of(swarm, values)], rows[-1:])
+    assert table.rows[0][:5] == ("start", "0.5000", "0.5000", "0.5500", "1")
+    assert any("selected on the TEST scenes" in note for note in table.notes)
+    assert any(note.startswith("iteration 0, particle 2: diverged") for note in table.notes)
+
+
+def swarm_s(value: float = 0.5) -> LogRow:
+    scores = {"nrmse": 0.1, "nmae": 0.1, "ssim": 0.7}
+    position = position_of(FILTERS["pso"], first_activation="sigmoid", crop=16)
+    return LogRow((4, 2), position, Outcome(value, "", scores, scores, 1234, 2, 0.5))
+
+
+def test_the_network_found_stands_beside_the_baseline(tiny_store: Dataset) -> None:
+    table = network_table(small_plan(tiny_store), swarm_s())
+    assert table.rows[0] == ("52", "145", "128", "3 x 3", "yes", "sigmoid")
+    assert table.rows[3] == ("42", "238", "256", "2 x 2", "", "")
+    assert table.rows[16] == ("5", "135", "128", "3 x 3", "yes", "prelu")
+    assert table.notes[0] == "found in iteration 4, particle 2: objective 0.5000"
+
+
+def test_the_best_is_a_configuration_that_trains_the_same_network(
+    tiny_store: Dataset, tmp_path: Path
+) -> None:
+    plan = small_plan(tiny_store, {"noise": 2.0, "precision": "float32"}, as_thesis=True)
+    path = tmp_path / "best.toml"
+    path.write_text(best_as_toml(plan, swarm_s()))
+    assert path.read_text().splitlines()[1].startswith("# selected on the TEST scenes")
+    read = read_configuration(str(path))
+    assert read == plan.configuration_of(particle_at(swarm_s().position))
+    assert read.architecture("dfd-net")["first_activation"] == "sigmoid"
+    assert (read.noise, read.crop, read.narrow, read.steps) == (2.0, 16, 64, 2)

@@ -1,0 +1,275 @@
+"""The verbs that score a method: run, tracks, score."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from dfdbench.blur.tracks import TRACKS
+from dfdbench.cli.options import (
+    Cache,
+    DataSet,
+    FigureFormats,
+    Method,
+    Out,
+    Params,
+    Printed,
+    Protocol,
+    Replace,
+    Scheduler,
+    Seed,
+    Split,
+    Submit,
+    pool_of_processes,
+    values_of,
+)
+from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.errors import InputError
+from dfdbench.tables.table import Format, counted
+
+if TYPE_CHECKING:
+    from dfdbench.report.objects import Run
+    from dfdbench.results.record import Result
+
+
+def run(
+    method: Method,
+    dataset: DataSet = "middlebury",
+    split: Split = "test",
+    protocol: Protocol = None,
+    param: Params = None,
+    images: Annotated[
+        str | None,
+        typer.Option(metavar="I,J", help="Of stacks: the two images that make a pair, from 0."),
+    ] = None,
+    out: Out = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Run only this many pairs, from the first.")
+    ] = None,
+    format: Printed = Format.table,
+    no_predictions: Annotated[
+        bool, typer.Option("--no-predictions", help="Save no depth maps and no figures.")
+    ] = False,
+    no_figures: Annotated[
+        bool,
+        typer.Option(
+            "--no-figures", help="Draw no figures; `dfdbench report` can draw them later."
+        ),
+    ] = False,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Start over; an earlier run is kept as `.previous`.")
+    ] = False,
+    seed: Seed = 0,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=1024, help="Run so many pairs at once; times are then not comparable."
+        ),
+    ] = None,
+    scheduler: Scheduler = None,
+    cache: Cache = None,
+    figure_format: FigureFormats = None,
+    submit: Submit = False,
+    replace: Replace = False,
+) -> None:
+    """Run a method on a data set and print its tables; a stopped run is resumed."""
+    from dfdbench import api
+    from dfdbench.datasets.dataset import open_dataset
+
+    no = "--no-predictions" if no_predictions else "--no-figures" if no_figures else ""
+    if no and figure_format:
+        raise InputError(
+            f"no figures are drawn with {no}", where="--figure-format", fix="leave out one of them"
+        )
+    data = open_dataset(dataset, cache=cache)
+    param = [*(param or ()), *([f"images={images}"] if images else ())]
+    with progress(f"running {method}") as step:
+        done = api.run(
+            method,
+            data,
+            split,
+            parameters=values_of(param, "--param"),
+            protocol=protocol,
+            limit=limit,
+            seed=seed,
+            out=out or Path("results", f"{data.path.stem}-{split}", folder_name(method, param)),
+            keep_predictions=not no_predictions,
+            fresh=fresh,
+            pool=pool_of_processes(workers, scheduler),
+            for_board=submit,
+            on_pair=step,
+        )
+    _show(done, format, None if no else figure_format or (), submit, replace)
+
+
+def tracks(
+    method: Method,
+    param: Params = None,
+    dataset: DataSet = "demo",
+    split: Split = "test",
+    track: Annotated[
+        list[str] | None, typer.Option(help=f"Only this track; repeatable: {', '.join(TRACKS)}.")
+    ] = None,
+    protocol: Annotated[str, typer.Option(help="Scoring protocol of the table.")] = "valid",
+    source: Annotated[
+        Path | None, typer.Option(help="Folder of the set's files, to build what is not built.")
+    ] = None,
+    out: Out = None,
+    format: Printed = Format.table,
+    given_blur: Annotated[
+        bool,
+        typer.Option(
+            "--given-blur", help="Give the method each track's blur; such a row has no rank."
+        ),
+    ] = False,
+    seed: Seed = 0,
+    cache: Cache = None,
+    figure_format: FigureFormats = None,
+    submit: Submit = False,
+    replace: Replace = False,
+) -> None:
+    """Run a method over all tracks and severities; a stopped call is resumed."""
+    from dfdbench import api
+    from dfdbench.datasets.catalog import find_manifest
+
+    stem = find_manifest(dataset).file_stem
+    name = folder_name(method, param) + "-given-blur" * given_blur
+    done = api.run_tracks(
+        method,
+        dataset,
+        split,
+        parameters=values_of(param, "--param"),
+        tracks=track,
+        given_blur=given_blur,
+        protocol=protocol,
+        source=source,
+        seed=seed,
+        out=out or Path("results", f"{stem}-tracks-{split}", name),
+        for_board=submit,
+        cache=cache,
+        on_result=lambda label, result: _say_score(label, result, protocol),
+        shown=progress,
+    )
+    _show(done, format, figure_format or (), submit, replace)
+
+
+def score(
+    predictions: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="Folder of depth maps, npy, npz, PNG or TIFF: one file per pair, named as "
+            "`dfdbench info NAME --pairs SPLIT` lists them.",
+        ),
+    ],
+    dataset: DataSet,
+    split: Split = "test",
+    unit: Annotated[
+        Literal["levels", "metres"],
+        typer.Option(
+            help="What arrays and TIFF files of floats hold. 8-bit images hold levels; 16-bit "
+            "images levels times 256 or, with metres, millimetres."
+        ),
+    ] = "levels",
+    method: Annotated[
+        str | None, typer.Option(help="The method's name in tables; default: the folder's name.")
+    ] = None,
+    protocol: Protocol = None,
+    out: Out = None,
+    format: Printed = Format.table,
+    cache: Cache = None,
+    figure_format: FigureFormats = None,
+    submit: Submit = False,
+    replace: Replace = False,
+) -> None:
+    """Score depth maps that were made elsewhere, one file per pair; nothing is run."""
+    from dfdbench import api
+    from dfdbench.datasets.dataset import open_dataset
+
+    data = open_dataset(dataset, cache=cache)
+    name = method or os.path.basename(os.path.realpath(predictions))
+    place = Path("results", f"{data.path.stem}-{split}", f"{folder_name(name, None)}-scored")
+    with progress(f"scoring {name}", "the same command scores all of them anew") as step:
+        done = api.score(
+            predictions,
+            data,
+            split,
+            unit=unit,
+            method=name,
+            protocol=protocol,
+            out=out or place,
+            for_board=submit,
+            on_pair=step,
+        )
+    _show(done, format, figure_format or (), submit, replace)
+
+
+def folder_name(method: str, param: list[str] | None) -> str:
+    """Return what the folder of a method's run is called."""
+    place, _, attribute = method.rpartition(":")
+    parts = [Path(place).stem if place.endswith(".py") else place, attribute, *(param or [])]
+    name = "-".join(part for part in parts if part)
+    return "".join(c if c.isalnum() or c in "-_.=" else "_" for c in name)
+
+
+def _show(
+    done: Run, format: Format, also: Sequence[str] | None, submit: bool, replace: bool
+) -> None:
+    """Draw and print a run, say where its files are, put it on the board; status 1 if pairs failed.
+
+    `also` names forms of its figures beside PNG; None for no figures.
+    """
+    for note in done.notes:
+        say(note)
+    if also is not None:
+        done.draw(("png", *also))
+    if format is Format.table:
+        for table in done.tables():
+            print_table(table)
+    else:
+        print(done.as_text(format), end="")
+    if fitted := done.result.method.fitted_on:
+        say(f"fitted       on {fitted}, in {done.result.method.fit_seconds:.1f} s")
+    say(f"results      {done.folder}")
+    if done.failed:
+        again = "it" if done.failed == 1 else "them"
+        say(f"{counted(done.failed, 'pair')} failed; the same command tries {again} again")
+    if submit:
+        say(f"submission   {done.submit(replace=replace)}")
+        if not all(result.complete for result in done.results.values()):
+            say("not every pair was evaluated: the leaderboard lists this run without a rank")
+    if len(done.results) == 1:
+        say_overall(done.result, done.protocol)
+    if done.failed and not done.result.method.scored:
+        raise typer.Exit(1)
+
+
+def say_overall(result: Result, protocol: str) -> None:
+    """Say last what one wants first: a run's scores over all pairs, or that it has none."""
+    from dfdbench.metrics.metric import find_metric
+    from dfdbench.results.wording import score_text
+
+    data = result.dataset
+    under = f"protocol {protocol}, split {data.split}"
+    averages = (result.averages or {}).get(protocol)
+    if averages is None:
+        missing = sum(pair.status == "missing" for pair in result.pairs)
+        why = f"; {counted(missing, 'pair')} not in the store" if missing else ""
+        done = f"{data.evaluated} of {counted(data.expected, 'pair')}"
+        say(f"overall      no score: {done} were evaluated{why}  ({under})")
+        return
+    scores = "  ".join(f"{find_metric(n).title} {score_text(v)}" for n, v in averages.items())
+    say(f"overall      {scores}  ({under}, {counted(data.expected, 'pair')})")
+
+
+def _say_score(label: str, result: Result, protocol: str) -> None:
+    from dfdbench.metrics.protocol import metrics_of, ranked_by
+    from dfdbench.results.wording import score_text
+
+    metric = ranked_by(protocol)[0]
+    score = (result.averages or {}).get(protocol, {}).get(metric)
+    say(f"{label:<12} {metrics_of(protocol)[metric].title} {score_text(score)}")

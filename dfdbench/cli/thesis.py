@@ -1,0 +1,483 @@
+"""The verbs that repeat the thesis's experiments: experiment, search, reduce."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dfdbench.building.build import build_store
+from dfdbench.building.voltage_pairs import voltage_pair_sets
+from dfdbench.cli.options import (
+    Cache,
+    DataSet,
+    Out,
+    Printed,
+    Scheduler,
+    Seed,
+    pool_of,
+    pool_of_processes,
+    value_of,
+    values_of,
+)
+from dfdbench.cli.screen import print_table, print_tables, progress, save_figure, say, writing
+from dfdbench.cli.training import (
+    Changes,
+    Configuration,
+    Device,
+    MaxTime,
+    Network,
+    Threads,
+    Weights,
+    seconds_of,
+    stepping,
+    use_threads,
+)
+from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.dataset import Dataset, open_dataset
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.errors import InputError
+from dfdbench.results.output_place import output_place
+from dfdbench.system.files import write_whole
+from dfdbench.system.packages import needed
+from dfdbench.tables.render import render
+from dfdbench.tables.table import Format, Table, counted
+
+if TYPE_CHECKING:
+    from dfdbench.methods.networks.weights import Card
+    from dfdbench.system.parallel import Pool
+    from dfdbench.training.experiments import Experiment, Trial
+    from dfdbench.training.search.plan import SearchPlan
+    from dfdbench.training.search.run import SearchOutcome
+
+
+_REDUCTION = "reduction"
+_PUBLISHED = "published"
+
+
+def experiment(
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="repeatability, cross-validation, patch-size, noise, sampling-size, expansion, "
+            "reduction, sharpest-step or voltage-pairs."
+        ),
+    ],
+    method: Annotated[Network, typer.Option(help="The network to train.")] = Network.dfd_net,
+    dataset: Annotated[
+        str | None,
+        typer.Option(
+            help="A data set's name or a store's path; default: middlebury, for voltage steps "
+            "realworld."
+        ),
+    ] = None,
+    source: Annotated[
+        Path | None, typer.Option(help="Folder of the captures, where the voltage steps vary.")
+    ] = None,
+    rows: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="For the experiment reduction: a folder of networks that `dfdbench thesis reduce` "
+            "wrote, instead of those of the thesis's Table D.2.",
+        ),
+    ] = None,
+    config: Configuration = _PUBLISHED,
+    changes: Changes = None,
+    weights: Weights = None,
+    values: Annotated[
+        str | None, typer.Option(metavar="A,B,...", help="Values to try instead of the thesis's.")
+    ] = None,
+    repeats: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="How often to train with each value; default: as often as the thesis."
+        ),
+    ] = None,
+    max_time: MaxTime = None,
+    out: Out = None,
+    format: Printed = Format.table,
+    device: Device = "auto",
+    threads: Threads = None,
+    cache: Cache = None,
+) -> None:
+    """Train for each value and seed of an experiment of the thesis; a stopped one is resumed."""
+    limit = seconds_of(max_time)
+    with needed():
+        from dfdbench.figures.trainings import experiment_figure
+        from dfdbench.methods.networks.weights import find_weights
+        from dfdbench.training.experiments import find_experiment, trials
+    use_threads(threads)
+    asked, chosen = find_experiment(name), _listed(values)
+    configs = _rows_of(name, rows, chosen, config)
+    store, stem = _data_of(asked, name, dataset, chosen, source, cache)
+    default = Path("training") / f"{stem}-experiments" / f"{name}-{method.value}"
+    folder = output_place(out or default, source, rows)
+    start = find_weights(method.value, weights) if weights else None
+    planned = trials(
+        asked,
+        method.value,
+        store,
+        configs or config,
+        values_of(changes, "--set"),
+        folder,
+        chosen,
+        repeats,
+        start,
+    )
+    tables, cards = _train_all(asked, planned, limit, device, folder)
+    if name == _REDUCTION:
+        tables = _compared(asked, planned, cards, device)
+        keep_tables(folder, tables)
+    save_figure(experiment_figure(asked.title, cards, asked.baseline), folder / "scores.png")
+    print_tables(tables, format)
+    say(f"table        {folder / 'scores.md'}, scores.csv")
+
+
+def _train_all(
+    asked: Experiment, planned: Sequence[Trial], limit: float | None, device: str, folder: Path
+) -> tuple[list[Table], list[tuple[str, Card]]]:
+    """Return tables and cards of all trainings; what there is so far lies in the folder."""
+    from dfdbench.training.experiments import experiment_table, run_trial
+    from dfdbench.training.task import LOGGED
+
+    cards: list[tuple[str, Card]] = []
+    tables: list[Table] = []
+    for number, trial in enumerate(planned, 1):
+        label = f"{number} of {len(planned)}: {trial.folder.name}"
+        with progress(label) as bar:
+            card = run_trial(trial, limit, device, stepping(bar))
+        cards.append((trial.value, card))
+        tables = [experiment_table(asked, cards, protocol) for protocol in LOGGED]
+        keep_tables(folder, tables)
+    return tables, cards
+
+
+def _compared(
+    asked: Experiment, trained: Sequence[Trial], cards: Sequence[tuple[str, Card]], device: str
+) -> list[Table]:
+    from dfdbench.training.reduction.reduce import comparison_table, seconds_an_image
+    from dfdbench.training.task import LOGGED
+    from dfdbench.training.trainer import WEIGHTS
+
+    files = {trial.value: trial.folder / WEIGHTS for trial in trained}
+    seconds = seconds_an_image(files, trained[0].task.store, device)
+    return [comparison_table(asked.title, cards, seconds, protocol) for protocol in LOGGED]
+
+
+def _rows_of(
+    name: str, rows: Path | None, chosen: list[Any] | None, config: str
+) -> dict[str, str] | None:
+    from dfdbench.training.reduction.reduce import configurations_in
+
+    if rows is None:
+        return None
+    if name != _REDUCTION:
+        raise InputError(f"{name} has no rows", where="--rows", fix="leave it out")
+    if config != _PUBLISHED:
+        raise InputError(
+            "each row brings its own configuration",
+            where="--config",
+            got=config,
+            fix="leave it out; dfdbench thesis reduce takes it",
+        )
+    return configurations_in(rows, chosen)
+
+
+def _data_of(
+    asked: Experiment,
+    name: str,
+    dataset: str | None,
+    chosen: list[Any] | None,
+    source: Path | None,
+    cache: Path | None,
+) -> tuple[Dataset | dict[str, Dataset], str]:
+    from dfdbench.training.experiments import PAIR
+
+    if asked.varies == PAIR:
+        manifest = find_manifest(dataset or "realworld")
+        return _built_pairs(manifest, chosen or asked.values, source, cache), manifest.stem
+    if source:
+        raise InputError(f"{name} reads a built data set", where="--source", expected="--dataset")
+    store = open_dataset(dataset or "middlebury", cache=cache)
+    return store, store.path.stem
+
+
+def _built_pairs(
+    manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None
+) -> dict[str, Dataset]:
+    sets = voltage_pair_sets(manifest, pairs, source, cache)
+    for pair, files in sets.to_build.items():
+        with progress(f"building {manifest.stem}, steps {pair}") as step:
+            report = build_store(manifest, files, sets.places[pair], None, pool_of(None), step)
+        pairs_built = counted(report.pairs, "pair")
+        say(f"built        {report.path}: {pairs_built}, {len(report.missing)} missing")
+    return {pair: Dataset(place) for pair, place in sets.places.items()}
+
+
+def keep_tables(folder: Path, tables: Sequence[Table]) -> None:
+    """Write tables as Markdown and CSV."""
+    for format, suffix in ((Format.markdown, "md"), (Format.csv, "csv")):
+        write_whole(folder / f"scores.{suffix}", render(tables, format))
+
+
+def _listed(text: str | None) -> list[Any] | None:
+    if text is None:
+        return None
+    values = [part.strip() for part in text.split(",")]
+    if not all(values):
+        raise InputError(
+            "not a list of values", where="--values", expected="as 0,1,2", got=repr(text)
+        )
+    return [value_of(value, "--values") for value in values]
+
+
+class Rounding(StrEnum):
+    """To which multiples of 8 widths are rounded."""
+
+    H = "H"
+    L = "L"
+
+
+class Tuning(StrEnum):
+    """What moves a neuron of a map after the first 100 epochs."""
+
+    own = "own"
+    neighbours = "neighbours"
+
+
+def reduce(
+    weights: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE", help="Weights of a DfD-Net: a file, or the name of shipped ones."
+        ),
+    ],
+    dataset: DataSet = "middlebury",
+    split: Annotated[
+        str, typer.Option(help="Sample the first pair of each scene of this split.")
+    ] = "test",
+    level: Annotated[
+        int | None,
+        typer.Option(help="Iterative rows F of level 1, 2 or 3, in place of the ensemble rows B."),
+    ] = None,
+    rounds: Annotated[
+        Rounding | None, typer.Option(help="Also round to multiples of 8, up (H) or down (L).")
+    ] = None,
+    config: Configuration = "published",
+    changes: Changes = None,
+    seed: Seed = 0,
+    tuning: Annotated[
+        Tuning,
+        typer.Option(help="After 100 epochs a neuron follows its own inputs, or its neighbours'."),
+    ] = Tuning.own,
+    out: Out = None,
+    format: Printed = Format.table,
+    device: Device = "auto",
+    threads: Threads = None,
+    cache: Cache = None,
+) -> None:
+    """Count the different outputs of each layer; write configurations of narrower networks."""
+    with needed():
+        from dfdbench.methods.networks.inference import find_device
+        from dfdbench.methods.networks.weights import find_weights
+        from dfdbench.training.configuration import read_configuration
+        from dfdbench.training.reduction.reduce import reduce_weights
+    use_threads(threads)
+    place = find_weights("dfd-net", weights)
+    store = open_dataset(dataset, cache=cache)
+    configuration = read_configuration(config, values_of(changes, "--set"))
+    name = Path(weights).stem + (f"-level{level}" if level else "")
+    default = Path("training") / f"{store.path.stem}-reduction" / name
+    folder = output_place(default if out is None else out, place)
+    with progress("training maps", "nothing was written") as bar:
+        found = reduce_weights(
+            place,
+            store,
+            configuration,
+            split,
+            level,
+            rounds.value if rounds else None,
+            seed,
+            tuning.value,
+            find_device(device),
+            bar,
+        )
+    with writing(folder):
+        found.write(folder)
+    print_tables(found.tables, format)
+    say(f"tables       {folder / 'counts.md'}, rows.md, and both as CSV")
+    say(f"networks     {', '.join(found.files)} in {folder}")
+    say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")
+
+
+app = typer.Typer(
+    help="Search for a network's architecture, as chapter 6 of the thesis does.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
+_BEST, _TABLE = "best.toml", "search.md"
+
+
+@app.callback()
+def _search() -> None:
+    pass
+
+
+@app.command("architecture")
+def architecture(
+    dataset: DataSet = "middlebury",
+    split: Annotated[str, typer.Option(help="The split to train on.")] = "train",
+    as_thesis: Annotated[
+        bool,
+        typer.Option(
+            "--as-thesis", help="Select on the test split, as the thesis did; the result says so."
+        ),
+    ] = False,
+    hold_out: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Training scenes held out to select on.", show_default="a fifth of them"
+        ),
+    ] = None,
+    gamma: Annotated[
+        float, typer.Option(min=0, max=1, help="Weight of the training pairs in Eq. 6.1.")
+    ] = 0.3,
+    variant: Annotated[
+        str, typer.Option(help="thesis, or author for what the author's programs do otherwise.")
+    ] = "thesis",
+    bounds: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=LOW:HIGH",
+            help="Narrower bounds than width=8:512, kernel=1:9, crop=12:64; repeatable.",
+        ),
+    ] = None,
+    particles: Annotated[int, typer.Option(min=1, max=10_000, help="Networks in the swarm.")] = 20,
+    iterations: Annotated[int, typer.Option(min=0, help="Moves after the start.")] = 50,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Steps of each training at most; as --set steps=N.")
+    ] = None,
+    score_pairs: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Pairs of each set that are scored, spread over it; default: all."
+        ),
+    ] = None,
+    max_time: Annotated[
+        str | None,
+        typer.Option(metavar="30m", help="Stop this call after this time, as 90s, 30m, 1h30m."),
+    ] = None,
+    config: Configuration = "published",
+    changes: Changes = None,
+    seed: Seed = 0,
+    out: Out = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, max=1024, help="Trainings at once; default: one, in this process."),
+    ] = None,
+    scheduler: Scheduler = None,
+    device: Device = "auto",
+    threads: Threads = None,
+    cache: Cache = None,
+) -> None:
+    """Search DfD-Net's widths, filters, activations and patches by a swarm; a stopped one resumes.
+
+    Each particle's network is trained from scratch; the objective is Eq. 6.1.
+    """
+    limit = seconds_of(max_time)
+    with needed():
+        from dfdbench.training.configuration import read_configuration
+        from dfdbench.training.search.particle import bounds_of
+        from dfdbench.training.search.plan import Choices, plan_search
+    changed = values_of(changes, "--set") | ({"steps": steps} if steps else {})
+    base = read_configuration(config, changed)
+    asked = Choices(
+        split,
+        as_thesis,
+        hold_out,
+        gamma,
+        variant,
+        bounds_of(_named(bounds)),
+        particles,
+        score_pairs,
+        seed,
+    )
+    if as_thesis and hold_out:
+        raise InputError(
+            "--as-thesis holds no scenes out", where="--hold-out", fix="leave one of them out"
+        )
+    store = open_dataset(dataset, cache=cache)
+    plan = plan_search(store, base, changed, asked, device)
+    name = f"{variant}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
+    folder = output_place(out or Path("training") / f"{store.path.stem}-search" / name)
+    say(f"select on    {plan.selected_on}")
+    where = _Where(pool_of_processes(workers, scheduler), device, _threads(threads, workers))
+    use_threads(where.threads)
+    outcome = _searched(plan, folder, iterations, where, limit)
+    _tell(plan, folder, outcome, dataset)
+
+
+@dataclass(frozen=True)
+class _Where:
+    pool: Pool | None
+    device: str
+    threads: int | None
+
+
+def _threads(threads: int | None, workers: int | None) -> int | None:
+    # Several trainings that each take every core would wait for each other.
+    if threads is None and workers and workers > 1:
+        return max(1, (os.cpu_count() or 1) // workers)
+    return threads
+
+
+def _searched(
+    plan: SearchPlan, folder: Path, iterations: int, where: _Where, limit: float | None
+) -> SearchOutcome:
+    from dfdbench.training.search.run import run_search
+
+    with progress("trainings of the search") as bar:
+        return run_search(
+            plan, folder, iterations, where.pool, where.device, where.threads, limit, bar
+        )
+
+
+def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) -> None:
+    from dfdbench.figures.trainings import convergence_figure, objective_figure, widths_figure
+    from dfdbench.training.search.particle import particle_at
+    from dfdbench.training.search.run import best_as_toml, course_table, network_table
+
+    if not outcome.finished:
+        say(f"time was up after {outcome.trainings} trainings; the same command goes on")
+    if not outcome.course:
+        return
+    title = f"particle swarm on {plan.store.manifest.stem}, seed {plan.choices.seed}"
+    save_figure(objective_figure(outcome.course, title), folder / "objective.png")
+    save_figure(convergence_figure(outcome.course, title), folder / "convergence.png")
+    tables = [course_table(plan, outcome.course, outcome.failures)]
+    if outcome.best:
+        tables.append(network_table(plan, outcome.best))
+        filters = particle_at(outcome.best.position).filters
+        save_figure(widths_figure(filters, title), folder / "widths.png")
+    for table in tables:
+        print_table(table)
+    write_whole(folder / _TABLE, render(tables, Format.markdown))
+    say(f"log          {folder / 'positions.csv'}; tables {folder / _TABLE}")
+    if outcome.best is None:
+        say("every training failed: nothing was found")
+        raise typer.Exit(1)
+    write_whole(folder / _BEST, best_as_toml(plan, outcome.best))
+    say(f"best         {folder / _BEST}")
+    say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / _BEST}")
+
+
+def _named(bounds: list[str] | None) -> dict[str, Any]:
+    # As text: JSON has no 8:512.
+    return {name: str(value) for name, value in values_of(bounds, "--bounds").items()}

@@ -1,0 +1,291 @@
+"""A run and a comparison as users hold them: scores, tables, figures, pages."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from dfdbench.board.board import LEADERBOARD
+from dfdbench.board.submission import submit
+from dfdbench.datasets.captures import Capture
+from dfdbench.errors import InputError, ResultError
+from dfdbench.metrics.protocol import ranked_by
+from dfdbench.results.differences import change_tables
+from dfdbench.results.frame import scores_of, severities_table, track_means
+from dfdbench.results.output_place import output_place
+from dfdbench.results.record import Result, first_protocol, shown_protocol
+from dfdbench.results.run_tables import all_tables, run_as_csv, run_as_json, run_score_table
+from dfdbench.results.saved_run import SavedRun, told_apart
+from dfdbench.results.summary import scene_labels, summarise
+from dfdbench.tables.render import render
+from dfdbench.tables.table import Format, Table, as_html, listed
+
+if TYPE_CHECKING:
+    from dfdbench.methods.calibration import Calibration
+
+
+class Run:
+    """The scores of a method on a split of a data set, and on its tracks if it was run on them.
+
+    Parameters
+    ----------
+    runs : mapping of str to SavedRun
+        By ``clean`` and ``TRACK-SEVERITY``.
+    protocol : str, optional
+        The protocol of its tables; by default the data set's first.
+    notes : sequence of str
+        What was taken over from an earlier run in the same folder, and what was moved away.
+    calibration : Calibration, optional
+        What the method's fit measured of the blur.
+    """
+
+    def __init__(
+        self,
+        runs: Mapping[str, SavedRun],
+        protocol: str | None = None,
+        notes: Sequence[str] = (),
+        calibration: Calibration | None = None,
+    ) -> None:
+        self._runs = dict(runs)
+        self._first = next(iter(self._runs.values()))
+        self._calibration = calibration
+        self.protocol = protocol or shown_protocol(self.result)
+        self.notes = tuple(notes)
+
+    def __repr__(self) -> str:
+        more = f", and on {len(self._runs) - 1} tracks" if self._on_tracks else ""
+        return f"{self._first!r}"[:-1] + f"{more}>"
+
+    def _repr_html_(self) -> str:
+        return self._first._repr_html_()
+
+    @property
+    def _on_tracks(self) -> bool:
+        return len(self._runs) > 1
+
+    @property
+    def result(self) -> Result:
+        """Everything the run recorded, on the clean images if it was run on tracks."""
+        return self._first.result
+
+    @property
+    def results(self) -> dict[str, Result]:
+        """Everything the run recorded, by ``clean`` and ``TRACK-SEVERITY``."""
+        return {label: run.result for label, run in self._runs.items()}
+
+    @property
+    def folder(self) -> Path:
+        """Where its files are."""
+        place = self._first.path.parent
+        return place.parent if self._on_tracks else place
+
+    @property
+    def failed(self) -> int:
+        """On how many pairs the method failed."""
+        pairs = (pair for result in self.results.values() for pair in result.pairs)
+        return sum(pair.status == "failed" for pair in pairs)
+
+    @property
+    def scores(self) -> pd.DataFrame:
+        """Every score: a row per track, pair, protocol and metric."""
+        return scores_of(list(self.results.values()))
+
+    def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
+        """Return the pairs' scores under one protocol, a row per pair and a column per metric."""
+        return self._first.to_frame(protocol)
+
+    def table(self, protocol: str | None = None) -> pd.DataFrame:
+        """Return the mean scores, by illumination and exposure or whatever axes the set has.
+
+        Parameters
+        ----------
+        protocol : str, optional
+            By default the run's own.
+
+        Returns
+        -------
+        DataFrame
+            A row per group of pairs, a column per metric; of a run on tracks, a row per track.
+
+        Raises
+        ------
+        UnknownNameError
+            If the run was not scored under that protocol.
+        """
+        shown = protocol or self.protocol
+        if not self._on_tracks:
+            table = run_score_table(summarise(self.result, shown))
+            return pd.DataFrame(table.rows, columns=list(table.columns))
+        means = {label: (run.averages or {}).get(shown, {}) for label, run in self.results.items()}
+        return pd.DataFrame.from_dict(means, orient="index").rename_axis("track")
+
+    def tables(self) -> list[Table]:
+        """Return all tables of the run, as the command line prints them."""
+        if self._on_tracks:
+            return [severities_table(list(self.results.values()), self.protocol)]
+        store = self._first.store
+        scenes, splits = (store.manifest.scenes, store.manifest.splits) if store else ((), ())
+        return all_tables(summarise(self.result, self.protocol), scenes, splits)
+
+    def as_text(self, format: Format) -> str:
+        """Return the run's tables as Markdown, LaTeX, CSV or JSON."""
+        if self._on_tracks or format not in (Format.csv, Format.json):
+            return render(self.tables(), format)
+        store = self._first.store
+        write = run_as_csv if format is Format.csv else run_as_json
+        labels = scene_labels(store.manifest.scenes) if store else None
+        return write(summarise(self.result, self.protocol), labels)
+
+    @property
+    def predictions(self) -> Iterator[tuple[str, NDArray[np.float32]]]:
+        """The depth maps that the run kept, as (pair, depth levels of shape (y, x))."""
+        for pair in self.result.pairs:
+            found = self._first.images(pair)
+            if found is not None:
+                yield pair.id, found[1]
+
+    def images(self, pair: str) -> tuple[Capture, NDArray[np.float32]]:
+        """Return a pair's images and the depth predicted for it.
+
+        Raises
+        ------
+        UnknownNameError
+            If the run has no such pair.
+        ResultError
+            If the run kept no depth maps, or the data set is not there.
+        """
+        found = self._first.images(pair)
+        if found is None:
+            raise ResultError(
+                self._first.without or "the run kept no depth map of this pair", where=pair
+            )
+        return found
+
+    def draw(self, forms: Sequence[str] = ("png",)) -> list[Path]:
+        """Draw the run's figures into its folder, as png, pdf or svg; return the files."""
+        from dfdbench.figures.comparisons import tracks_figure  # they import matplotlib
+        from dfdbench.figures.runs import draw_run
+        from dfdbench.figures.style import write_forms
+
+        if self._on_tracks:
+            metric = ranked_by(self.protocol)[0]
+            means = track_means(self.scores, self.protocol, metric)
+            name = self.result.method.name
+            figure = tracks_figure({name: means}, metric, self.tables()[0].title)
+            return write_forms(figure, self.folder, "tracks", forms)
+        if self._first.store is None:
+            raise ResultError(self._first.without, where=str(self.folder))
+        summary = summarise(self.result, self.protocol)
+        drawn = draw_run(self._first.store, summary, self.folder, forms)
+        if self._calibration:
+            from dfdbench.figures.camera import law_figure
+
+            figure = law_figure(self._calibration)
+            drawn += write_forms(figure, self.folder / "figures", "law", forms)
+        return drawn
+
+    def report(self, path: Path | str, protocol: str | None = None) -> Path:
+        """Write an HTML page about the run into a folder, worst pairs first; return its path."""
+        from dfdbench.report.page import write_html  # it imports matplotlib
+
+        folder = output_place(path, self._first.path.parent)
+        folder.mkdir(parents=True, exist_ok=True)
+        return write_html(list(self._runs.values()), protocol or self.protocol, folder)
+
+    def save(self, path: Path | str) -> Path:
+        """Copy the run into a folder, which `open_run` opens; return the folder.
+
+        Raises
+        ------
+        InputError
+            If something is there already.
+        """
+        folder = output_place(path, self._first.path.parent)
+        if folder.exists():
+            raise InputError(
+                "there is something already", where=str(folder), fix="name a new folder"
+            )
+        for label, run in self._runs.items():
+            shutil.copytree(run.path.parent, folder / label if self._on_tracks else folder)
+        return folder
+
+    def submit(self, leaderboard: Path = LEADERBOARD, replace: bool = False) -> Path:
+        """Write the run into a leaderboard's folder, for a pull request; return the row's file.
+
+        Parameters
+        ----------
+        leaderboard : Path
+            Its folder; by default that of the clone you are in.
+        replace : bool
+            Write the row anew, whatever method's it is.
+
+        Raises
+        ------
+        ResultError
+            If the leaderboard would refuse the row.
+        """
+        return submit(list(self.results.values()), leaderboard, replace)
+
+
+class Comparison:
+    """The differences of runs on the same data from the first of them, pair by pair.
+
+    Parameters
+    ----------
+    runs : sequence of SavedRun
+        At least two.
+    protocol : str, optional
+        By default the data set's first.
+    most : int
+        How many changed pairs are listed.
+    """
+
+    def __init__(
+        self, runs: Sequence[SavedRun], protocol: str | None = None, most: int = 10
+    ) -> None:
+        if len(runs) < 2:
+            raise InputError("a comparison needs two runs", got=str(len(runs)))
+        if len({run.path.resolve() for run in runs}) < len(runs):
+            raise InputError("one run is given twice", where=str(runs[0].path))
+        first, *others = self.runs = told_apart(runs)
+        self.protocol = protocol or first_protocol(first.result.dataset.short)
+        self.tables = {
+            other.label: change_tables(
+                first.result, other.result, self.protocol, most, (first.label, other.label)
+            )
+            for other in others
+        }
+
+    def __repr__(self) -> str:
+        return f"<{listed([run.label for run in self.runs])}, under {self.protocol}>"
+
+    def _repr_html_(self) -> str:
+        return "".join(as_html(tables[0]) for tables in self.tables.values())
+
+    @property
+    def scores(self) -> pd.DataFrame:
+        """Every score of all runs, a row per run, pair, protocol and metric."""
+        return scores_of([run.result for run in self.runs])
+
+    def table(self) -> pd.DataFrame:
+        """Return the mean differences from the first run, with their intervals."""
+        frames = {
+            label: pd.DataFrame(tables[0].rows, columns=list(tables[0].columns))
+            for label, tables in self.tables.items()
+        }
+        return pd.concat(frames, names=["run"])
+
+    def figure(self, most: int = 4) -> Any:
+        """Draw the pairs that changed most, of the first two runs; None if there are none."""
+        from dfdbench.figures.comparisons import change_figure  # it imports matplotlib
+        from dfdbench.results.differences import changes_to_show
+
+        one, other = self.runs[:2]
+        found = changes_to_show(one.result, other.result, self.protocol, most)
+        return change_figure(one, other, found, ranked_by(self.protocol)[0])

@@ -1,0 +1,420 @@
+"""The report of runs: gathered once, written as one HTML file or as Markdown with figures."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+from warnings import catch_warnings, filterwarnings
+from xml.etree import ElementTree
+
+import jinja2
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.board.ranking import Entry, ScoreBoard, boards
+from dfdbench.board.tables import lighting_table, runs_table, standings_table
+from dfdbench.figures.comparisons import accuracy_figure, lighting_figures, time_figure
+from dfdbench.figures.runs import group_figures, panel_figure
+from dfdbench.figures.style import (
+    ERROR_LIMIT,
+    brightened,
+    brightening,
+    depth_scales,
+    write_figure,
+    write_forms,
+)
+from dfdbench.metrics.metric import find_metric
+from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
+from dfdbench.results.record import SCORED, PairResult
+from dfdbench.results.run_tables import all_tables
+from dfdbench.results.saved_run import SavedRun
+from dfdbench.results.summary import RunSummary, summarise
+from dfdbench.results.wording import score_text, seconds_text
+from dfdbench.system.files import write_whole
+from dfdbench.system.thumbnails import webp_address
+from dfdbench.tables.render import as_markdown, escape_markdown
+from dfdbench.tables.table import Table
+
+
+@dataclass(frozen=True)
+class Section:
+    """Runs that may be compared: of one data set fingerprint and split.
+
+    `tables` are the ranking, the scores by lighting and how the runs were made; `details` each
+    method's own tables, by its label; `plots` are by what each shows.
+    """
+
+    heading: str
+    fingerprint: str
+    tables: tuple[Table, ...]
+    details: tuple[tuple[str, tuple[Table, ...]], ...]
+    plots: dict[str, Figure]
+
+
+@dataclass(frozen=True)
+class Content:
+    """All that a report says.
+
+    Parameters
+    ----------
+    title : str
+        What it is about.
+    protocol : str
+        The protocol of every score.
+    summary : tuple of str
+        A sentence a section.
+    methods : tuple of str
+        The methods' labels, best first.
+    sections : tuple of Section
+        One for each set of comparable runs.
+    pairs : tuple of (SavedRun, PairResult)
+        Pairs whose images can be shown, worst first by the ranking metric.
+    missing : tuple of str
+        Runs without a gallery, and why.
+    """
+
+    title: str
+    protocol: str
+    summary: tuple[str, ...]
+    methods: tuple[str, ...]
+    sections: tuple[Section, ...]
+    pairs: tuple[tuple[SavedRun, PairResult], ...]
+    missing: tuple[str, ...]
+
+
+def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
+    """Gather the content of a report on at least one run.
+
+    Raises
+    ------
+    UnknownNameError
+        If a run was not scored under the protocol.
+    """
+    for run in runs:
+        require_scored(protocol, run.result.protocol_names, str(run.path))
+    found = boards([Entry.of(run.result, run.path, run.place) for run in runs])
+    sections, sentences = [], []
+    shown: list[tuple[SavedRun, RunSummary]] = []
+    for board in found:
+        if board.protocol != protocol:
+            continue
+        members = _members_of(board, runs)
+        summaries = [(run, summarise(run.result, protocol)) for run in members]
+        section = _section_of(board, summaries, runs[0].path.parent)
+        shown += summaries
+        sections.append(section)
+        sentences.append(_sentence(members, protocol, section.heading))
+    labels = list(dict.fromkeys(run.label for run, _ in shown))
+    title = labels[0] if len(labels) == 1 else f"{len(labels)} methods"
+    return Content(
+        f"Depth from defocus: {title}",
+        protocol,
+        tuple(sentences),
+        tuple(labels),
+        tuple(sections),
+        _worst_first(shown),
+        tuple(f"{run.label}: {run.without}" for run, _ in shown if run.without),
+    )
+
+
+def _members_of(board: ScoreBoard, runs: Sequence[SavedRun]) -> list[SavedRun]:
+    paths = [standing.entry.path for standing in board.standings]
+    return sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
+
+
+def _section_of(
+    board: ScoreBoard, summaries: Sequence[tuple[SavedRun, RunSummary]], folder: Path
+) -> Section:
+    members = [run for run, _ in summaries]
+    manifest = next((run.store.manifest for run in members if run.store), None)
+    scenes, splits = (manifest.scenes, manifest.splits) if manifest else ([], [])
+    details = tuple(
+        (run.label, tuple(all_tables(summary, scenes, splits))) for run, summary in summaries
+    )
+    plots = lighting_figures(members, board.protocol)
+    parted = group_figures({run.label: run.result for run in members}, board.protocol, scenes)
+    plots |= {f"by {what}": figure for what, figure in parted.items()}
+    if (times := time_figure(members)) is not None:
+        plots["seconds per pair"] = times
+    if len(members) > 1 and (accuracy := accuracy_figure(members, board.protocol)) is not None:
+        plots["accuracy and seconds"] = accuracy
+    ranking = standings_table(board, folder)
+    tables = (ranking, lighting_table(board), runs_table(board))
+    return Section(ranking.title, board.result.dataset.fingerprint, tables, details, plots)
+
+
+def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:
+    scored = [run for run in members if run.result.averages]
+    if not scored:
+        return f"{where}: no run is complete."
+    best = scored[0].result.averages or {}
+    parts = [
+        f"{find_metric(name).title} {score_text(value)}"
+        for name, value in best[protocol].items()
+        if value
+    ]
+    lead = "" if len(scored) == 1 else f"best of {len(scored)}: "
+    return f"{where}: {lead}{scored[0].label}, {', '.join(parts)}."
+
+
+def _worst_first(
+    runs: Sequence[tuple[SavedRun, RunSummary]],
+) -> tuple[tuple[SavedRun, PairResult], ...]:
+    def score(shown: tuple[SavedRun, RunSummary, PairResult]) -> float:
+        _, summary, pair = shown
+        return pair.score(summary.protocol, ranked_by(summary.protocol)[0]) or 0.0
+
+    kept = [(run, summary) for run, summary in runs if run.store is not None]
+    found = [(run, summary, pair) for run, summary in kept for pair in summary.ranked]
+    return tuple((run, pair) for run, _, pair in sorted(found, key=score, reverse=True))
+
+
+def write_plots(
+    content: Content, folder: Path, forms: Sequence[str]
+) -> list[list[tuple[str, str]]]:
+    """Write each section's plots as ``1-seconds-per-pair.png`` in each form: png, pdf, svg.
+
+    Return them by section, as (what, file of the first form).
+    """
+    written = []
+    for number, section in enumerate(content.sections, 1):
+        stems = {name: f"{number}-{name.replace(' ', '-')}" for name in section.plots}
+        for name, figure in section.plots.items():
+            write_forms(figure, folder, stems[name], forms)
+        written.append([(name, f"{stem}.{forms[0]}") for name, stem in stems.items() if forms])
+    return written
+
+
+_PAGE = "report.html"
+_UNKNOWN = (191, 191, 191)
+_PHOTO_QUALITY = 80
+_MAP_QUALITY = 90
+# Characters that XML cannot hold, not even escaped.
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+# Stands for the text's colour while matplotlib draws, so that dark mode can change it.
+_INK = "#010203"
+
+
+def write_html(
+    runs: Sequence[SavedRun],
+    protocol: str,
+    folder: Path,
+    on_pair: Callable[[int, int], None] | None = None,
+    also: Sequence[str] = (),
+) -> Path:
+    """Write a report on runs into a folder as ``report.html``; return its path.
+
+    `on_pair` is called with (pairs done, pairs to do); `also` names forms of the plots, "pdf" and
+    "svg", to write beside the page.
+    """
+    with mpl.rc_context(ink()):
+        content = gather(runs, protocol)
+        write_plots(content, folder, also)
+        plots = [
+            [
+                (name, Markup(inline_svg(figure, f"{section.heading}: {name}")))
+                for name, figure in section.plots.items()
+            ]
+            for section in content.sections
+        ]
+    # Many pairs and methods share a scene: each picture is in the page once.
+    pictures: dict[str, str] = {}
+    of_data: dict[tuple[str, str], dict[str, str]] = {}
+    cards = []
+    for number, (run, pair) in enumerate(content.pairs, 1):
+        cards += _cards(run, pair, protocol, pictures, of_data)
+        if on_pair:
+            on_pair(number, len(content.pairs))
+    templates = resources.files("dfdbench.report")
+    # Names of methods are untrusted text: jinja escapes them.
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    text = environment.from_string((templates / "report.html.jinja").read_text("utf-8")).render(
+        content=content,
+        plots=plots,
+        pairs=cards,
+        pictures={key: address for address, key in pictures.items()},
+        filters=_filters(cards, content.methods),
+        scales={"depth": scale("viridis"), "error": scale("PuOr")},
+        error_limit=_error_limit(content.pairs),
+        style=Markup((templates / "report.css").read_text("utf-8")),
+        script=Markup((templates / "report.js").read_text("utf-8")),
+    )
+    path = folder / _PAGE
+    write_whole(path, text)
+    return path
+
+
+def _cards(
+    run: SavedRun,
+    pair: PairResult,
+    protocol: str,
+    pictures: dict[str, str],
+    of_data: dict[tuple[str, str], dict[str, str]],
+) -> list[dict[str, Any]]:
+    """Return the card of a pair, or none without its depth map; pictures are added."""
+    found = run.images(pair)
+    if found is None:
+        return []
+    images, prediction = found
+    known = images.depth.astype(np.float64)
+    scale, errors = depth_scales(images.about, known)
+    low, high = scale["vmin"], scale["vmax"]
+    sharp, blurred = images.shown
+    times = brightening(sharp)
+    place = run.result.dataset.fingerprint, pair.id
+    if place not in of_data:
+        of_data[place] = {
+            "infocus": photo(brightened(sharp, times)),
+            "defocus": photo(brightened(blurred, times)),
+            "truth": depth_picture(known, scale),
+        }
+    own = {
+        "prediction": depth_picture(prediction.astype(np.float64), scale),
+        "error": depth_picture(prediction - known, errors),
+    }
+    shown = {
+        kind: pictures.setdefault(address, f"p{len(pictures)}")
+        for kind, address in (of_data[place] | own).items()
+    }
+    height, width = images.depth.shape
+    size = {"width": width, "height": height, "low": f"{low:.3g}", "high": f"{high:.3g}"}
+    return [_texts(run, pair, protocol) | size | {"pictures": shown, "brighter": times}]
+
+
+def _error_limit(pairs: Sequence[tuple[SavedRun, PairResult]]) -> str:
+    """Return at which error the scale ends, with its unit."""
+    dataset = next((run.store for run, _ in pairs if run.store), None)
+    if dataset is None:
+        return f"{ERROR_LIMIT:.0f} levels"
+    about = dataset.manifest.depth
+    return f"{ERROR_LIMIT * about.span / LAST_LEVEL:.3g} {about.kind}"
+
+
+def _texts(run: SavedRun, pair: PairResult, protocol: str) -> dict[str, Any]:
+    coordinates = {axis: str(value) for axis, value in pair.coordinates.items()}
+    return {
+        "name": pair.id,
+        "method": run.label,
+        "places": {"method": run.label, "scene": pair.scene, **coordinates},
+        "scores": [
+            (metric.title, score_text(pair.score(protocol, name), "undefined"))
+            for name, metric in metrics_of(protocol).items()
+        ],
+        "seconds": SCORED if pair.seconds is None else f"{seconds_text(pair.seconds)} s",
+    }
+
+
+def _filters(cards: Sequence[dict[str, Any]], methods: Sequence[str]) -> dict[str, list[str]]:
+    found: dict[str, dict[str, None]] = {"method": dict.fromkeys(methods)}
+    for card in cards:
+        for name, value in card["places"].items():
+            found.setdefault(name, {})[value] = None
+    return {
+        name: list(values) if name == "method" else sorted(values, key=lambda v: (len(v), v))
+        for name, values in found.items()
+        if len(values) > 1
+    }
+
+
+def photo(image: NDArray[np.uint8]) -> str:
+    """Return an RGB image, shape (y, x, 3), as a data address."""
+    return webp_address(image, _PHOTO_QUALITY)
+
+
+def depth_picture(depth: NDArray[np.float64], scale: Mapping[str, Any]) -> str:
+    """Return depth or its error, shape (y, x), NaN where unknown, as a coloured data address."""
+    low, high = scale["vmin"], scale["vmax"]
+    return _coloured((depth - low) / (high - low), scale["cmap"], np.isnan(depth))
+
+
+def scale(name: str) -> str:
+    """Return a colour map's scale, low to high, as a data address."""
+    return _coloured(np.tile(np.linspace(0, 1, 256), (8, 1)), name, np.zeros((8, 256), bool))
+
+
+def inline_svg(figure: Figure, name: str) -> str:
+    """Return a figure as SVG for HTML, in the page's text colour.
+
+    `name` is for readers who cannot see it, different for each figure of a page.
+    """
+    text = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}), catch_warnings():
+        # The browser draws the letters, with fonts that matplotlib lacks.
+        filterwarnings("ignore", r"Glyph .* missing", UserWarning)
+        figure.set_facecolor("none")
+        for axis in figure.axes:
+            axis.set_facecolor("none")
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    ElementTree.register_namespace("", "http://www.w3.org/2000/svg")
+    ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
+    root = ElementTree.fromstring(_NOT_XML.sub("\N{REPLACEMENT CHARACTER}", text.getvalue()))
+    for unwanted in root.findall("{http://www.w3.org/2000/svg}metadata"):
+        root.remove(unwanted)
+    root.set("role", "img")
+    root.set("aria-label", _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", name))
+    return ElementTree.tostring(root, encoding="unicode").replace(_INK, "currentColor")
+
+
+def ink() -> dict[Any, str]:
+    """Return the settings of matplotlib for drawing figures for `inline_svg`."""
+    names = ["text.color", "axes.labelcolor", "axes.edgecolor", "axes.titlecolor", "xtick.color"]
+    names += ["ytick.color", *(f"boxplot.{part}props.color" for part in ("box", "whisker", "cap"))]
+    return {**dict.fromkeys(names, _INK), "legend.facecolor": "none", "font.family": "sans-serif"}
+
+
+def _coloured(value: NDArray[np.float64], name: str, unknown: NDArray[np.bool_]) -> str:
+    known = np.clip(np.where(unknown, 0.0, value), 0, 1)
+    image = np.asarray(mpl.colormaps[name](known, bytes=True))[..., :3].copy()
+    image[unknown] = _UNKNOWN
+    return webp_address(image, _MAP_QUALITY)
+
+
+_MARKDOWN_PAGE = "report.md"
+_WORST = 6
+
+
+def write_markdown(
+    runs: Sequence[SavedRun], protocol: str, folder: Path, also: Sequence[str] = ()
+) -> Path:
+    """Write a report on runs into a folder as ``report.md`` with PNG files; return its path.
+
+    `also` names further forms of the plots, "pdf" and "svg".
+    """
+    content = gather(runs, protocol)
+    folder.mkdir(parents=True, exist_ok=True)
+    plots = write_plots(content, folder, ("png", *also))
+    template = resources.files("dfdbench.report") / "report.md.jinja"
+    environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True)
+    environment.filters |= {"table": as_markdown, "text": escape_markdown}
+    text = environment.from_string(template.read_text("utf-8")).render(
+        content=content, plots=plots, panels=_panels(content, folder)
+    )
+    path = folder / _MARKDOWN_PAGE
+    write_whole(path, text.rstrip("\n") + "\n")
+    return path
+
+
+def _panels(content: Content, folder: Path) -> list[tuple[str, str]]:
+    runs = {run.path: run for run, _ in content.pairs}
+    drawn = []
+    for number, run in enumerate(runs.values(), 1):
+        worst = tuple(pair for of, pair in content.pairs if of is run)[:_WORST]
+        assert run.store is not None
+        place = run.path.parent
+        figure = panel_figure(run.store, run.result, place, worst, content.protocol, "worst")
+        if figure is not None:
+            file = f"worst-{number}.png"
+            write_figure(figure, folder / file)
+            drawn.append((run.label, file))
+    return drawn

@@ -1,0 +1,222 @@
+"""The folder of a run: its identity, finished pairs, depth maps, and where its store is."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.errors import ResultError
+from dfdbench.results.output_place import RUN_IDENTITY
+from dfdbench.results.record import PairResult, Result
+from dfdbench.system.files import write_whole
+from dfdbench.system.location import Place, as_location, is_local
+from dfdbench.system.text import parse_json
+from dfdbench.tables.table import listed
+
+_JOURNAL = "pairs.jsonl"
+_STORE = "store.txt"
+#: How the name of a run ends that was set aside for a newer one.
+PREVIOUS = ".previous"
+PREDICTIONS = "predictions.zarr"
+
+
+def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) -> Path | None:
+    """Make a run's folder, or find it as an earlier call of the same run left it.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the run goes.
+    identity : mapping
+        What must be the same for pairs of an earlier call to be taken over.
+    goes_on : bool
+        Take over what is there, which `read_identity` told to be of the same run.
+
+    Returns
+    -------
+    Path or None
+        Where an earlier run that was another, or is not to be gone on with, was moved.
+
+    Raises
+    ------
+    ResultError
+        Where the folder holds something else.
+    """
+    set_aside = None
+    if folder.exists() and any(folder.iterdir()):
+        if not (folder / RUN_IDENTITY).exists():
+            raise ResultError(
+                "the folder holds something else than a run",
+                where=str(folder),
+                fix="choose another with --out DIR",
+            )
+        if not goes_on:
+            set_aside = folder.with_name(folder.name + PREVIOUS)
+            if set_aside.exists():
+                shutil.rmtree(set_aside)
+            folder.rename(set_aside)
+    folder.mkdir(parents=True, exist_ok=True)
+    keep_identity(folder, identity)
+    return set_aside
+
+
+def keep_identity(folder: Path, identity: Mapping[str, Any]) -> None:
+    """Write down by what a run is known."""
+    write_whole(folder / RUN_IDENTITY, json.dumps(identity, indent=1) + "\n")
+
+
+def is_begun(folder: Path) -> bool:
+    """Return whether a run was begun in a folder, ended or not."""
+    return (folder / RUN_IDENTITY).is_file()
+
+
+def read_identity(folder: Path) -> dict[str, Any] | None:
+    """Return by what a folder's run is known; None without a run, empty if that is damaged."""
+    path = folder / RUN_IDENTITY
+    if not path.is_file():
+        return None
+    try:
+        content = parse_json(path.read_bytes())
+    except ValueError:
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def read_journal(folder: Path) -> dict[str, PairResult]:
+    """Return the pairs that an earlier call finished, by id.
+
+    A line cut short by a kill is left out, and so are failed pairs: both are tried again.
+    """
+    path = folder / _JOURNAL
+    finished = {}
+    if path.exists():
+        # What is no text is a line that cannot be read, like one cut short.
+        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+            try:
+                record = PairResult.model_validate_json(line)
+            except ValueError:
+                continue
+            if record.status == "ok":
+                finished[record.id] = record
+        whole = "".join(record.model_dump_json() + "\n" for record in finished.values())
+        write_whole(path, whole)
+    return finished
+
+
+def add_to_journal(folder: Path, record: PairResult) -> None:
+    """Note a pair as finished."""
+    with (folder / _JOURNAL).open("a", encoding="utf-8") as journal:
+        journal.write(record.model_dump_json() + "\n")
+
+
+def keep_store_place(folder: Path, place: Place) -> None:
+    """Note on this machine where the data set lies; results, which are shared, do not say it."""
+    location = as_location(place)
+    write_whole(folder / _STORE, f"{location.absolute() if is_local(location) else location}\n")
+
+
+def read_store_place(folder: Path) -> str | None:
+    """Return where the run's data set lay, or None where no run in the folder noted it."""
+    path = folder / _STORE
+    return path.read_text(encoding="utf-8").strip() if path.is_file() else None
+
+
+def keep_prediction(
+    folder: Path, manifest: Manifest, pair: Pair, depth: NDArray[np.float32]
+) -> None:
+    """Keep a predicted depth map, shape (y, x), beside those of its scene, by their axes."""
+    axes = manifest.axes
+    group = zarr.open_group(folder / PREDICTIONS, path=pair.scene, mode="a", zarr_format=3)
+    if "depth" not in group:
+        # The values that `sel` finds depth maps by; one cut short by a kill is written again.
+        for axis, values in axes.items():
+            group.create_array(
+                axis, data=np.asarray(values, np.int64), dimension_names=(axis,), overwrite=True
+            )
+        group.create_array(
+            "depth",
+            shape=(*(len(values) for values in axes.values()), *depth.shape),
+            chunks=(*(1 for _ in axes), *depth.shape),
+            dtype="float32",
+            fill_value=math.nan,
+            dimension_names=(*axes, "y", "x"),
+            attributes={"axes": axes},
+        )
+    array = group["depth"]
+    assert isinstance(array, zarr.Array)
+    index = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
+    array[index] = depth
+
+
+def read_prediction(folder: Path, pair: Pair, shape: tuple[int, int]) -> NDArray[np.float32] | None:
+    """Return a depth map that a run kept, shape (y, x), or None where there is none.
+
+    Parameters
+    ----------
+    folder : Path
+        The run's folder.
+    pair : Pair
+        Which pair's.
+    shape : tuple of int
+        Rows and columns that it must have: those of the images.
+
+    Raises
+    ------
+    ResultError
+        Where something else than a run's depth maps lies there.
+    """
+    place = folder / PREDICTIONS / pair.scene
+    if not place.exists():
+        return None
+    try:
+        # No earlier format: of its codecs one can run code that the file chooses.
+        array: Any = zarr.open_group(place, mode="r", zarr_format=3)["depth"]
+        axes = array.attrs["axes"]
+        index = tuple(values.index(pair.at[axis]) for axis, values in axes.items())
+        fits = isinstance(array, zarr.Array) and array.dtype == np.float32
+        if not fits or array.ndim != len(index) + 2 or array.shape[-2:] != shape:
+            raise ValueError(f"{array}")
+        depth = np.asarray(array[index])
+        kept = not np.isnan(depth).all()
+        if kept and not ((depth >= 0) & (depth <= LAST_LEVEL)).all():
+            raise ValueError(f"levels outside 0 to {LAST_LEVEL}")
+    except (LookupError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
+        raise ResultError(
+            what="no depth maps of a run",
+            where=str(place),
+            expected=f"float32 maps of {shape[0]} x {shape[1]} pixels, {pair.id} among them",
+            got=str(error)[:200],
+            fix="run the method again with --fresh",
+        ) from error
+    return depth if kept else None
+
+
+def require_pairs_of(result: Result, store: Dataset, path: Path) -> None:
+    """Refuse a result with pairs that its data set does not have.
+
+    Raises
+    ------
+    ResultError
+        Where there are such pairs; the first is named.
+    """
+    known = {pair.id: pair.at for pair in store.manifest.pairs()}
+    strange = [pair.id for pair in result.pairs if known.get(pair.id) != pair.coordinates]
+    if strange:
+        raise ResultError(
+            what="pairs that the data set does not have",
+            where=f"{path}: pairs",
+            expected=f"pairs of {store.manifest.stem}",
+            got=listed(strange, most=1),
+            fix="run the method again",
+        )

@@ -1,0 +1,93 @@
+"""JSON and TOML as text."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+_HALF = re.compile(r"\\u[dD][89a-fA-F]")
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return what a file's JSON says.
+
+    Raises
+    ------
+    ValueError
+        If it is no JSON, is nested too deep, has a number of thousands of digits, holds half a
+        character, which no file can be written with, or has a key twice in one object: another
+        reader would take the other value.
+
+    Examples
+    --------
+    >>> parse_json('{"view": [1, 5]}')
+    {'view': [1, 5]}
+    """
+    try:
+        content = json.loads(text, object_pairs_hook=_without_twins)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+    if _HALF.search(text if isinstance(text, str) else text.decode("utf-8", "replace")):
+        try:
+            json.dumps(content, ensure_ascii=False).encode()
+        except UnicodeEncodeError as error:
+            half = ascii(error.object[error.start])
+            raise ValueError(f"a lone surrogate, {half}: half a character is no text") from error
+    return content
+
+
+def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twin = next(name for name in found if names.count(name) > 1)
+        raise ValueError(f"the key {twin[:60]!r} twice")
+    return found
+
+
+def differences(
+    before: Mapping[str, Any], now: Mapping[str, Any], name: str = ""
+) -> Iterator[tuple[str, Any, Any]]:
+    """Return where two nested records differ: each value's dotted name, what it was, what it is.
+
+    Parameters
+    ----------
+    before, now : mapping of str
+        As JSON has them. What one of them lacks is None there.
+    name : str, optional
+        What stands before each name.
+
+    Examples
+    --------
+    >>> list(differences({"seed": 1, "net": {"width": 8}}, {"seed": 1, "net": {"width": 4}}))
+    [('net.width', 8, 4)]
+    """
+    for key in dict.fromkeys([*before, *now]):
+        one, other = before.get(key), now.get(key)
+        if isinstance(one, dict) and isinstance(other, dict):
+            yield from differences(one, other, f"{name}{key}.")
+        elif one != other:
+            yield f"{name}{key}", one, other
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return what TOML says.
+
+    Raises
+    ------
+    ValueError
+        Where it is no TOML, is nested deeper than anything that means something, or has a number
+        of thousands of digits.
+
+    Examples
+    --------
+    >>> parse_toml("axes = { view = [1, 5] }")
+    {'axes': {'view': [1, 5]}}
+    """
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error

@@ -1,0 +1,230 @@
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dfdbench.cli.runs import say_overall
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.results.record import Result
+from dfdbench.results.record_file import load_result
+from tests.cli.command import Command
+from tests.made_results import limited, make_demo_result
+
+
+def test_running_without_the_set_offers_the_two_commands_that_help(dfdbench: Command) -> None:
+    told = dfdbench("run", "--method", "mymodule:predict").err
+    assert "dfdbench build middlebury" in told
+    assert "`dfdbench build demo`, then `--dataset demo`" in told
+
+
+def test_the_whole_way(
+    dfdbench: Command, tiny_toml: str, tiny_folder: Path, tmp_path: Path
+) -> None:
+    store = str(tmp_path / "tiny.zarr")
+    built = dfdbench("build", tiny_toml, "--source", str(tiny_folder), "--store", store)
+    assert (built.status, "11 pairs" in built.out) == (0, True)
+    ran = dfdbench("run", "--method", "mymodule:predict", "--dataset", store)
+    assert ran.status == 0
+    assert "NRMSE ↓" in ran.out
+    assert "predicting" not in ran.out.replace("printed", "")
+    folder = Path("results/tiny-test/mymodule-predict")
+    assert load_result(folder / "result.json").complete
+    assert (folder / "figures/worst.png").exists()
+    for form in ("markdown", "json", "csv"):
+        shown = dfdbench(
+            "run",
+            "--method",
+            "mymodule:predict",
+            "--dataset",
+            store,
+            "--format",
+            form,
+            "--protocol",
+            "valid",
+            "--no-figures",
+        )
+        assert shown.status == 0
+        assert "figures " not in shown.err
+        assert "7 pairs taken over" in shown.err
+        if form == "json":
+            assert json.loads(shown.out)["protocol"] == "valid"
+    plain = dfdbench(
+        "run", "--method", "constant", "--dataset", store, "--limit", "1", "--no-figures"
+    )
+    assert plain.status == 0
+    assert sorted(path.name for path in Path("results/tiny-test/constant").iterdir()) == [
+        "pairs.jsonl",
+        "predictions.zarr",
+        "result.json",
+        "run.json",
+        "store.txt",
+    ]
+    failed = dfdbench("run", "--method", "mymodule:nan", "--dataset", store)
+    assert failed.status == 1
+    assert "NaN" in failed.out
+    assert "7 pairs failed" in failed.err
+    scores = r"NRMSE 0\.\d{4}  NMAE 0\.\d{4}  SSIM 0\.\d{4}"
+    last = rf"overall      {scores}  \(protocol valid, split test, 7 pairs\)"
+    assert re.fullmatch(last, ran.err.splitlines()[-1])
+    assert "overall      no score: 1 of 7 pairs were evaluated" in plain.err
+    one = ("--dataset", store, "--limit", "1", "--out", "one")
+    assert (
+        "\n1 pair failed; the same command tries it again\n"
+        in dfdbench("run", "--method", "mymodule:nan", *one).err
+    )
+
+
+def test_a_protocol_that_is_not_scored_there_is_told_before_the_run(
+    dfdbench: Command, demo_store: Dataset, tmp_path: Path
+) -> None:
+    store = str(demo_store.path)
+    asked = ("run", "--method", "mymodule:predict", "--dataset", store, "--protocol", "metric")
+    told = dfdbench(*asked, "--out", "run")
+    assert told.status == 2
+    assert "not scored in metres" in told.err
+    assert not (tmp_path / "work/run").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--dataset", "demo@noise-1"), "--track NAME chooses"),
+        (("--dataset", "realworld"), "captured"),
+        (("--track", "nois"), "did you mean noise"),
+        (("--split", "tset"), "did you mean test"),
+        (("--submit",), "no leaderboard here"),
+        (("--method", "constnt"), "did you mean constant"),
+        (("--dataset", "middlebury-default"), "dfdbench build"),
+    ],
+)
+def test_what_has_no_tracks_is_told_before_anything_is_built(
+    dfdbench: Command,
+    words: tuple[str, ...],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
+    refused = dfdbench("tracks", "--method", "constant", *words)
+    assert refused.status == 2
+    assert said in refused.err
+    assert not (tmp_path / "cache").exists()
+
+
+@pytest.mark.slow
+def test_a_method_is_run_on_clean_images_and_on_each_severity(
+    dfdbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
+    words = ("tracks", "--method", "constant", "--split", "Market", "--track", "gain")
+    first = dfdbench(*words, "--format", "json")
+    assert first.status == 0, first.err
+    (row,) = json.loads(first.out)[0]["rows"]
+    # A constant looks at no image: no track can change its score.
+    assert row["nrmse clean"] == row["nrmse 1"] == row["nrmse 3"] > 0
+    folder = Path("results/demo-1-tracks-Market/constant")
+    assert (folder / "tracks.png").stat().st_size > 10_000
+    labels = ["clean", "gain-1", "gain-2", "gain-3"]
+    assert sorted(path.parent.name for path in folder.glob("*/result.json")) == labels
+    told = [line.split() for line in first.err.splitlines()]
+    assert [words[0] for words in told if words[1:2] == ["NRMSE"]] == labels
+    written = {label: (folder / label / "pairs.jsonl").read_bytes() for label in labels}
+    assert dfdbench(*words).status == 0
+    assert {label: (folder / label / "pairs.jsonl").read_bytes() for label in labels} == written
+
+
+@pytest.mark.slow
+def test_told_runs_are_submitted_without_a_rank_and_verified(
+    dfdbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
+    Path("leaderboard/results").mkdir(parents=True)
+    words = ("tracks", "--method", "local", "--split", "Market", "--track", "shift")
+    done = dfdbench(*words, "--given-blur", "--submit")
+    assert done.status == 0, done.err
+    assert "on tracks: the blur" in done.out
+    file = Path("leaderboard/results/demo-1-Market/local-given_the_blur.json")
+    assert dfdbench("leaderboard", "--check").status == 2
+    listed = dfdbench("leaderboard", "--format", "json")
+    (row,) = json.loads(listed.out)[0]["rows"]
+    assert (row["rank"], row["given_blur"]) == (None, True)
+    checked = dfdbench("leaderboard", "verify", "--pairs", "2", str(file))
+    assert checked.status == 0, checked.err
+    assert checked.out.count("same depth map") == 2
+    assert dfdbench("leaderboard").status == dfdbench("leaderboard", "--check").status == 0
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("built")
+def test_a_folder_named_by_info_is_scored_and_submitted(
+    dfdbench: Command, demo_store: Dataset, tmp_path: Path
+) -> None:
+    ids = dfdbench("info", "demo", "--pairs", "test").out.split()
+    pairs = {pair.id: pair for pair in demo_store.pairs("test")}
+    for name in ids:
+        path = tmp_path / "work/elsewhere" / f"{name}.npy"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.save(path, demo_store.read_levels(pairs[name])[0])
+    (tmp_path / "work/leaderboard/results").mkdir(parents=True)
+    asked = ["score", "--predictions", "elsewhere", "--dataset", "demo", "--submit"]
+    done = dfdbench(*asked)
+    assert done.status == 0
+    assert "elsewhere (scored, not run) on demo-1, split test" in done.out
+    folder = tmp_path / "work/results/demo-1-test/elsewhere-scored"
+    result = load_result(folder)
+    assert (result.averages or {})["thesis"]["nrmse"] == 0
+    assert (folder / "figures/worst.png").is_file()
+    rows = sorted((tmp_path / "work/leaderboard/results").rglob("*.json"))
+    assert [path.name for path in rows] == ["elsewhere-scored-not_run.json"]
+    board = dfdbench("leaderboard")
+    assert board.status == 0
+    assert "elsewhere (scored, not run)" in board.out
+    left = dfdbench("leaderboard", "verify", str(rows[0]))
+    assert "nothing to run again" in left.err
+    assert "moved to" in dfdbench(*asked, "--method", "elsewhere").err
+
+
+@pytest.mark.usefixtures("built")
+def test_what_cannot_be_scored_is_told_with_status_2(dfdbench: Command, tmp_path: Path) -> None:
+    (tmp_path / "work/empty").mkdir()
+    told = dfdbench("score", "--predictions", "empty", "--dataset", "demo")
+    assert told.status == 2
+    assert "pairs without a depth map: 54" in told.err
+    assert "Traceback" not in told.err
+    told = dfdbench("score", "--predictions", "empty", "--dataset", "demo", "--unit", "metres")
+    assert "does not say how levels become metres" in told.err
+
+
+WHOLE = make_demo_result(lambda _: 0.1)
+
+
+@pytest.mark.parametrize(
+    ("result", "told"),
+    [
+        (
+            WHOLE,
+            "overall      NRMSE 0.1000  NMAE 0.0500  SSIM 0.9000  "
+            "(protocol thesis, split test, 54 pairs)",
+        ),
+        (
+            limited(WHOLE, 36),
+            "overall      no score: 36 of 54 pairs were evaluated  (protocol thesis, split test)",
+        ),
+    ],
+)
+def test_the_scores_over_all_pairs_are_a_line(
+    result: Result, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    say_overall(result, "thesis")
+    assert capsys.readouterr().err == told + "\n"
+
+
+def test_pairs_that_the_store_lacks_are_said(capsys: pytest.CaptureFixture[str]) -> None:
+    short = limited(WHOLE, 53)
+    last = short.pairs[-1].model_copy(update={"status": "missing"})
+    say_overall(short.model_copy(update={"pairs": [*short.pairs[:-1], last]}), "thesis")
+    assert "53 of 54 pairs were evaluated; 1 pair not in the store" in capsys.readouterr().err

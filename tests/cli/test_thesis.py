@@ -1,0 +1,254 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.methods.networks.weights import build_network, save_weights
+from tests.cli.command import QUICK, Command
+from tests.conftest import write_png
+from tests.methods.made_weights import card, save_small
+
+pytest.importorskip("torch", reason="needs the extra nets")
+
+
+@pytest.mark.slow
+def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_store: Dataset) -> None:
+    command = [
+        "thesis",
+        "experiment",
+        "cross-validation",
+        "--dataset",
+        str(tiny_store.path),
+        *QUICK,
+    ]
+    done = dfdbench(*command)
+    assert done.status == 0, done.err
+    folder = Path("training/tiny-experiments/cross-validation-dfd-net")
+    table = (folder / "scores.md").read_text()
+    assert "K1" in table
+    assert "K2" in table
+    before = (folder / "K1-seed0/weights.safetensors").stat().st_mtime_ns
+    again = dfdbench(*command, "--format", "csv")
+    assert again.out == (folder / "scores.csv").read_text()
+    assert (folder / "K1-seed0/weights.safetensors").stat().st_mtime_ns == before
+    assert (folder / "scores.png").stat().st_size > 5000
+
+
+def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset) -> None:
+    store = ["--dataset", str(tiny_store.path)]
+    for values, message in (("", "not a list"), ("16,17", "multiple of 4"), ("16,64", "24")):
+        early = dfdbench(
+            "thesis", "experiment", "patch-size", *store, *QUICK[:2], "--values", values
+        )
+        assert (early.status, message in early.err) == (2, True), early.err
+    assert not Path("training").exists()
+    wrong = dfdbench("thesis", "experiment", "nose", *store)
+    assert wrong.status == 2
+    assert "did you mean noise" in wrong.err
+
+
+@pytest.mark.slow
+def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -> None:
+    random = np.random.default_rng(4)
+    for scene in ("k33", "k37"):
+        for step in (129, 135, 141):
+            image = random.integers(0, 256, (630, 630, 3)).astype(np.uint8)
+            write_png(Path(f"site/{scene}/left/exp_30/image_{step}_30.00.png"), image)
+        levels = np.linspace(150, 220, 630).astype(np.uint8)[np.newaxis].repeat(630, axis=0)
+        write_png(Path(f"site/{scene}/lidar/lidar_rng_left_00000_8bit_x6.png"), levels)
+    command = ["thesis", "experiment", "voltage-pairs", "--values", "135-129,141-129", *QUICK]
+    unnamed = dfdbench(*command)
+    assert (unnamed.status, "--source DIR" in unnamed.err) == (2, True), unnamed.err
+    for values, told in (("135", "as 141-129,140-130"), ("135-129,135-150", "two of 127 to 143")):
+        wrong = dfdbench(
+            "thesis", "experiment", "voltage-pairs", "--values", values, "--source", "site"
+        )
+        assert (wrong.status, told in wrong.err) == (2, True), wrong.err
+    assert "--source DIR" in dfdbench(*command).err  # nothing was built before it was told
+    done = dfdbench(*command, "--source", "site", "--format", "csv")
+    assert done.status == 0, done.err
+    folder = Path("training/realworld-1-experiments/voltage-pairs-dfd-net")
+    assert {"135-129-seed0", "141-129-seed0"} < {path.name for path in folder.iterdir()}
+    assert "135-129" in done.out
+    assert "141-129" in done.out
+    card = (folder / "135-129-seed0/weights.md").read_text()
+    assert "realworld-1, split train-pruned" in card
+    again = dfdbench(*command, "--format", "csv")  # the sets lie in the cache
+    assert (again.status, again.out) == (0, done.out), again.err
+
+
+FEW = [
+    item
+    for choice in ("crop=16", "crops_per_step=1", "steps=2", "evaluate_pairs=1")
+    for item in ("--set", choice)
+]
+HERE = ["--device", "cpu", "--threads", "1"]
+
+
+@pytest.mark.slow
+def test_reduced_networks_are_written_trained_and_compared(
+    dfdbench: Command, tiny_store: Dataset
+) -> None:
+    weights, dataset = str(save_small(Path("mine.safetensors"))), str(tiny_store.path)
+    done = dfdbench(
+        "thesis", "reduce", "--weights", weights, "--dataset", dataset, "--rounds", "H", *FEW, *HERE
+    )
+    assert done.status == 0, done.err
+    assert "noise, mean" in done.out
+    folder = Path("training/tiny-reduction/mine")
+    assert str(folder) in done.err
+    assert (folder / "B-03-03H.toml").exists()
+    assert "no zero point" in (folder / "counts.md").read_text()
+    command = [
+        "thesis",
+        "experiment",
+        "reduction",
+        "--dataset",
+        dataset,
+        "--rows",
+        str(folder),
+        *HERE,
+    ]
+    command += ["--values", "original,B-01-01", "--repeats", "2"]
+    trained = dfdbench(*command, "--format", "csv")
+    assert trained.status == 0, trained.err
+    kept = Path("training/tiny-experiments/reduction-dfd-net")
+    lines = trained.out.splitlines()
+    assert [line.split(",")[0] for line in lines[1:]] == ["original", "B-01-01"] * 2
+    assert lines[-1].endswith("thesis-networks-2")
+    assert {path.name for path in kept.iterdir() if path.is_dir()} == {
+        f"{name}-seed{seed}" for name in ("original", "B-01-01") for seed in (0, 1)
+    }
+    assert (kept / "scores.png").exists()
+    one = dfdbench(
+        "train", "dfd-net", "--config", str(folder / "B-01-01.toml"), "--dataset", dataset, *HERE
+    )
+    assert one.status == 0, one.err
+
+
+def test_users_mistakes_end_with_status_2_reduction(dfdbench: Command, tiny_store: Dataset) -> None:
+    small = str(save_small(Path("mine.safetensors")))
+    unet = {"filters": [2, 4, 8, 16, 32]}
+    made = card(method="u-net", architecture=unet)
+    save_weights(Path("unet.safetensors"), build_network("u-net", unet), made)
+    wide = {"filters": [*[4] * 6, 50, 4, 50, *[4] * 8, 256]}
+    save_weights(Path("wide.safetensors"), build_network("dfd-net", wide), card(architecture=wide))
+    Path("none.safetensors").write_text("nothing")
+    dataset = ["--dataset", str(tiny_store.path), *HERE]
+    for arguments, told in (
+        (["--weights", "unet.safetensors"], "another architecture"),
+        (["--weights", "wide.safetensors"], "fewer pixels than filters"),
+        (["--weights", "none.safetensors"], "cannot be read"),
+        (["--weights", "nowhere.safetensors"], "no such weights"),
+        (["--weights", small, "--level", "4"], "there is no level 4"),
+        (["--weights", small, "--split", "tset"], "test"),
+        (["--weights", small, "--config", "publisht"], "no such configuration"),
+    ):
+        wrong = dfdbench("thesis", "reduce", *arguments, *dataset)
+        assert (wrong.status, told in wrong.err) == (2, True), wrong.err
+        assert "Traceback" not in wrong.err
+    assert not Path("training").exists()
+
+
+def test_unknown_rows_are_named_before_anything_is_trained(
+    dfdbench: Command, tiny_store: Dataset
+) -> None:
+    dataset = ["--dataset", str(tiny_store.path), *HERE]
+    Path("rows").mkdir()
+    Path("rows/original.toml").write_text("crop = 16\nsteps = 1\n")
+    for arguments, told in (
+        (["reduction", "--rows", "rows", "--values", "B-09-01"], "unknown row"),
+        (["reduction", "--rows", "nowhere"], "lacks original.toml"),
+        (["reduction", "--values", "B-09-01", *FEW], "B-01-01"),
+        (["reduction", "--rows", "rows", "--config", "demo"], "its own configuration"),
+        (["noise", "--rows", "rows"], "has no rows"),
+    ):
+        wrong = dfdbench("thesis", "experiment", *arguments, *dataset)
+        assert (wrong.status, told in wrong.err) == (2, True), wrong.err
+    assert not Path("training").exists()
+
+
+pytest.importorskip("torch", reason="needs the extra nets")
+
+
+SMALL = [
+    "--split=test", "--particles=2", "--iterations=1", "--steps=2", "--score-pairs=1",
+    "--set=narrow=64", "--set=crops_per_step=1", "--set=expansion=one", "--config=quick",
+    "--bounds=crop=12:16", "--bounds=kernel=1:3", "--bounds=width=8:128",
+    "--device=cpu", "--threads=1",
+]  # fmt: skip
+FOLDER = Path("training/tiny-search/thesis-quick")
+
+
+@pytest.mark.slow
+def test_search_then_train_what_was_found(dfdbench: Command, tiny_store: Dataset) -> None:
+    search = ["thesis", "search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
+    early = dfdbench(*search, "--max-time", "0.001s")
+    assert early.status == 0, early.err
+    assert "time was up after 0 trainings; the same command goes on" in early.err
+    done = dfdbench(*search)
+    assert done.status == 0, done.err
+    assert {path.name for path in FOLDER.iterdir()} == {
+        "best.toml",
+        "convergence.png",
+        "objective.png",
+        "particles",
+        "positions.csv",
+        "search.json",
+        "search.md",
+        "widths.png",
+    }
+    assert "selected on scenes held out of test" in done.out
+    assert "| layer | filters | baseline |" in (FOLDER / "search.md").read_text()
+    found = str(FOLDER / "best.toml")
+    trained = dfdbench(
+        "train", "dfd-net", "--dataset", str(tiny_store.path), "--config", found, "--threads", "1"
+    )
+    assert trained.status == 0, trained.err
+    assert dfdbench(*search).out == done.out
+
+
+def test_users_mistakes_end_with_status_2_search(dfdbench: Command, tiny_store: Dataset) -> None:
+    search = ["thesis", "search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
+    assert dfdbench(*search, "--iterations=0").status == 0
+    log = FOLDER / "positions.csv"
+    before = log.read_text()
+    for arguments, message in (
+        (["--bounds=width=8:64"], "the folder holds another search"),
+        (["--gamma=0.5"], "gamma"),
+        (["--variant=author"], "another search"),
+        (["--variant=autor", "--out=x"], "did you mean author"),
+        (["--bounds=width=8-64"], "width=8:512"),
+        (["--bounds=crop=12:64", "--out=x"], "at most 24"),
+        (["--as-thesis", "--hold-out=1"], "holds no scenes out"),
+        (["--set=crop=16"], "chooses this itself"),
+        (["--split=train"], "too few to hold"),
+        (["--scheduler=tcp://127.0.0.1:9", "--workers=2"], "own number of workers"),
+        (["--max-time=30"], "as 90s, 30m, 1h30m"),
+    ):
+        done = dfdbench(*search, "--out", str(FOLDER), *arguments)
+        assert done.status == 2, (arguments, done.err)
+        assert message in done.err, arguments
+        assert "Traceback" not in done.err
+    assert log.read_text() == before
+    rows = before.splitlines()
+    cells = rows[1].split(",")
+    cells[rows[0].split(",").index("width_8")] = "600"
+    log.write_text("\n".join([rows[0], ",".join(cells), *rows[2:]]) + "\n")
+    done = dfdbench(*search)
+    assert done.status == 2
+    assert "width_8 is 600.0, but this search comes to" in done.err
+    assert "600" in log.read_text()
+
+
+def test_a_search_that_found_nothing_ends_with_status_1(
+    dfdbench: Command, tiny_store: Dataset
+) -> None:
+    search = ["thesis", "search", "architecture", "--dataset", str(tiny_store.path), *SMALL]
+    done = dfdbench(*search, "--iterations=0", "--set=learning_rate=1e30")
+    assert "every training failed: nothing was found" in done.err
+    assert done.status == 1
+    assert (FOLDER / "search.md").is_file()

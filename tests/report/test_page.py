@@ -1,0 +1,226 @@
+from __future__ import annotations
+
+import base64
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from dfdbench.errors import UnknownNameError
+from dfdbench.report.page import (
+    Content,
+    Section,
+    depth_picture,
+    gather,
+    inline_svg,
+    photo,
+    write_html,
+    write_markdown,
+    write_plots,
+)
+from dfdbench.results.record import Result
+from dfdbench.results.saved_run import SavedRun
+from tests.made_results import limited, make_result
+from tests.report.conftest import HOSTILE
+
+PAIRS = {("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2, ("k01", 1, 1, 0): 0.1}
+
+
+def gathered(folder: Path, *results: Result, protocol: str = "thesis") -> Content:
+    runs = []
+    for number, result in enumerate(results):
+        path = folder / f"{number}.json"
+        # Only its age is read.
+        path.touch()
+        runs.append(SavedRun(path, result, None, "no depth maps"))
+    return gather(runs, protocol)
+
+
+def test_runs_of_one_data_set_are_one_section_best_first(tmp_path: Path) -> None:
+    worse = {place: 2 * nrmse for place, nrmse in PAIRS.items()}
+    content = gathered(tmp_path, make_result(worse, "worse"), make_result(PAIRS, "better"))
+    (section,) = content.sections
+    assert content.methods == ("better", "worse")
+    assert [label for label, _ in section.details] == ["better", "worse"]
+    assert content.title == "Depth from defocus: 2 methods"
+    assert "best of 2: better, NRMSE 0.2333" in content.summary[0]
+    assert content.missing == ("better: no depth maps", "worse: no depth maps")
+
+
+def test_other_data_are_another_section(tmp_path: Path) -> None:
+    here = make_result(PAIRS)
+    moved = here.dataset.model_copy(update={"fingerprint": "3" * 64})
+    content = gathered(tmp_path, here, here.model_copy(update={"dataset": moved}))
+    assert [section.fingerprint[0] for section in content.sections] == ["2", "3"]
+
+
+def test_a_limited_run_has_no_empty_table(tmp_path: Path) -> None:
+    ((_, tables),) = gathered(tmp_path, limited(make_result(PAIRS), 2)).sections[0].details
+    assert tables
+    assert all(table.rows for table in tables)
+    assert not any("spread" in table.title for table in tables)
+    ((_, tables),) = gathered(tmp_path, make_result(PAIRS)).sections[0].details
+    assert any("spread" in table.title for table in tables)
+
+
+def test_a_run_that_was_not_scored_so_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="valid"):
+        gathered(tmp_path, make_result(PAIRS), protocol="valid")
+
+
+def content() -> Content:
+    plots = {"seconds per pair": Figure(), "by scene": Figure()}
+    section = Section("demo-1", "0" * 64, (), (), plots)
+    return Content("title", "thesis", (), (), (section, section), (), ())
+
+
+def test_each_plot_is_written_in_each_form_and_the_first_is_named(tmp_path: Path) -> None:
+    written = write_plots(content(), tmp_path, ("png", "svg"))
+    assert written == [
+        [("seconds per pair", f"{n}-seconds-per-pair.png"), ("by scene", f"{n}-by-scene.png")]
+        for n in (1, 2)
+    ]
+    assert len(list(tmp_path.glob("*.png"))) == len(list(tmp_path.glob("*.svg"))) == 4
+
+
+def test_no_form_no_file(tmp_path: Path) -> None:
+    assert write_plots(content(), tmp_path, ()) == [[], []]
+    assert not list(tmp_path.iterdir())
+
+
+class Tags(HTMLParser):
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+
+
+@pytest.fixture(scope="module")
+def tags(html_page: Path) -> list[tuple[str, dict[str, str | None]]]:
+    return Tags(html_page.read_text("utf-8")).found
+
+
+def test_nothing_is_fetched(tags: list[tuple[str, dict[str, str | None]]]) -> None:
+    for tag, attributes in tags:
+        for name in ("src", "href", "xlink:href", "action", "srcset"):
+            value = attributes.get(name) or "#"
+            assert value.startswith(("#", "data:")), (tag, name, value)
+    policies = [a for t, a in tags if t == "meta" and "content-security" in str(a).lower()]
+    assert "default-src 'none'" in str(policies)
+
+
+def test_a_name_is_text_never_markup(
+    html_page: Path, tags: list[tuple[str, dict[str, str | None]]]
+) -> None:
+    assert HOSTILE not in html_page.read_text("utf-8")
+    assert not [t for t, a in tags if "onerror" in a]
+    chosen = [a["value"] for t, a in tags if t == "option" and a.get("value")]
+    assert HOSTILE in chosen
+
+
+def test_each_pair_has_its_pictures_and_each_picture_stands_once(
+    html_page: Path, tags: list[tuple[str, dict[str, str | None]]]
+) -> None:
+    pairs = [a for t, a in tags if t == "article"]
+    assert len(pairs) == 36
+    places = json.loads(pairs[0]["data-places"] or "")
+    assert places.keys() == {"method", "scene", "view", "illumination", "exposure"}
+    text = html_page.read_text("utf-8")
+    content = re.search(r'id="pictures">(.*?)</script>', text, re.S)
+    assert content is not None
+    pictures = json.loads(content.group(1))
+    assert len(set(pictures.values())) == len(pictures)
+    assert {a["data-picture"] for t, a in tags if "data-picture" in a} == pictures.keys()
+
+
+@pytest.mark.slow
+def test_the_same_runs_give_the_same_page(
+    html_page: Path, saved_runs: list[SavedRun], tmp_path: Path
+) -> None:
+    before = html_page.read_bytes()
+    again = write_html(saved_runs, "thesis", tmp_path)
+    assert again.read_bytes() == before
+
+
+@pytest.mark.slow
+def test_without_pictures_the_page_says_why(saved_runs: list[SavedRun], tmp_path: Path) -> None:
+    bare = replace(saved_runs[0], store=None, without="no depth maps lie beside the result")
+    text = write_html([bare], "thesis", tmp_path).read_text("utf-8")
+    assert "No pictures of constant: no depth maps lie beside the result." in text
+    assert "<article" not in text
+
+
+def test_a_protocol_that_was_not_scored(saved_runs: list[SavedRun], tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError):
+        write_html(saved_runs, "theses", tmp_path)
+
+
+def decoded(address: str) -> NDArray[np.uint8]:
+    head, _, content = address.partition(",")
+    assert head == "data:image/webp;base64"
+    image = cv2.imdecode(np.frombuffer(base64.b64decode(content), np.uint8), cv2.IMREAD_COLOR_RGB)
+    assert image is not None
+    return np.asarray(image, np.uint8)
+
+
+def test_a_photo_keeps_its_colours() -> None:
+    image = np.zeros((32, 40, 3), np.uint8)
+    image[..., 0] = 200
+    assert np.abs(decoded(photo(image)).astype(int) - image).max() < 12
+
+
+def test_unknown_depth_is_grey_and_no_error_is_white() -> None:
+    depth = np.full((32, 32), 50.0)
+    depth[:, :16] = np.nan
+    assert decoded(depth_picture(depth, {"cmap": "viridis", "vmin": 0, "vmax": 100}))[
+        16, 4
+    ] == pytest.approx(191, abs=8)
+    assert (
+        decoded(depth_picture(np.zeros((32, 32)), {"cmap": "PuOr", "vmin": -50, "vmax": 50}))[
+            16, 16
+        ]
+        > 235
+    ).all()
+
+
+def test_a_figure_is_one_svg_element_named_for_who_cannot_see_it() -> None:
+    figure = Figure()
+    figure.subplots().set_title("a < b")
+    text = inline_svg(figure, 'n "q" <x>')
+    assert text.startswith("<svg")
+    assert 'aria-label="n &quot;q&quot; &lt;x&gt;"' in text
+    assert "a &lt; b" in text
+
+
+@pytest.mark.parametrize("strange", ["\x00", "\x1b", "\ufffe"])
+def test_characters_that_svg_cannot_hold_are_shown_as_replaced(strange: str) -> None:
+    figure = Figure()
+    figure.subplots().set_title(f"a{strange}b")
+    text = inline_svg(figure, f"c{strange}d")
+    assert "a\ufffdb" in text
+    assert 'aria-label="c\ufffdd"' in text
+
+
+@pytest.mark.slow
+def test_it_says_the_same_with_pictures_beside_it(
+    saved_runs: list[SavedRun], tmp_path: Path
+) -> None:
+    text = write_markdown(saved_runs, "thesis", tmp_path).read_text("utf-8")
+    pictures = re.findall(r"^!\[.*\]\((.*?)\)$", text, re.M)
+    # An illumination each, the times, accuracy against them, and each method's worst pairs.
+    assert len(pictures) == 7
+    for name in pictures:
+        assert cv2.imread(str(tmp_path / name)) is not None
+    assert "<img" not in text
+    assert "constant" in text
+    assert text.count("**best and worst pairs, protocol thesis**") == 2

@@ -1,0 +1,42 @@
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.errors import ResultError
+from dfdbench.results.run_folder import PREDICTIONS, keep_prediction, read_prediction
+
+
+def other_dtype(place: Path) -> None:
+    zarr.open_group(place, mode="a").create_array("depth", shape=(2,), dtype="int8", overwrite=True)
+
+
+def no_array(place: Path) -> None:
+    shutil.rmtree(place / "depth")
+
+
+def other_axes(place: Path) -> None:
+    zarr.open_group(place, mode="a")["depth"].attrs["axes"] = {"colour": [1]}
+
+
+def no_metadata(place: Path) -> None:
+    (place / "depth/zarr.json").write_text("nonsense")
+
+
+@pytest.mark.parametrize("spoil", [other_dtype, no_array, other_axes, no_metadata])
+def test_depth_maps_that_are_something_else_are_told(
+    tiny_store: Dataset, tmp_path: Path, spoil: Callable[[Path], None]
+) -> None:
+    pair = tiny_store.pairs("test")[0]
+    shape = tiny_store.shape_of(pair.scene)
+    keep_prediction(tmp_path, tiny_store.manifest, pair, np.full(shape, 9, np.float32))
+    assert read_prediction(tmp_path, pair, shape) is not None
+    with pytest.raises(ResultError, match="no depth maps of a run"):
+        read_prediction(tmp_path, pair, (shape[0] + 1, shape[1]))
+    spoil(tmp_path / PREDICTIONS / pair.scene)
+    with pytest.raises(ResultError, match="no depth maps of a run"):
+        read_prediction(tmp_path, pair, shape)
