@@ -124,11 +124,6 @@ def parts_of(pairs: Sequence[TrainingPair]) -> list[Part]:
 
     Of a depth level that is seen on bare surfaces alone no pixel counts: how grey levels happen to
     be rounded there looks like a width, the same one in every pixel.
-
-    Parameters
-    ----------
-    pairs : sequence of TrainingPair
-        One or more.
     """
     parts = []
     for number, place in enumerate(_places(len(pairs))):

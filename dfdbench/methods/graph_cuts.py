@@ -188,12 +188,15 @@ class GraphCuts(Solver):
             blurred = partial(all_blurred, self.blurs, infocus, images, self._levels)
             # Of a stack it is made twice, as nobody could hold it all.
             held = list(blurred()) if len(images) == 1 else []
-            told = math.fsum(information(one, self._levels) for one in held or blurred())
+            told = math.fsum(map(partial(information, levels=self._levels), held or blurred()))
             nat = self._nat(told)
             limit = min(math.ceil(_MOST_NATS * nat / len(images)), self._limit)
-            unary, offset = memory, 0
-            for number, one in enumerate(held or blurred()):
-                offset += law_cost(one, nat, limit, memory, add=number > 0)[1]
+            unary, offset, add = memory, 0, False
+            for one in held or blurred():
+                offset += law_cost(one, nat, limit, memory, add)[1]
+                add = True
+                # Before the next is made: they are large.
+                del one
         else:
             unary, offset = data_cost(
                 self._channels(infocus),

@@ -77,6 +77,8 @@ def level_costs(
     costs: NDArray[np.uint16] | None = None
     for one in all_blurred(blurs, infocus, images):
         costs = law_cost(one, UNIT, most, costs, add=costs is not None)[0]
+        # Before the next is made: they are large.
+        del one
     assert costs is not None
     return costs
 
@@ -184,7 +186,9 @@ def blurred_by(
     kernels, factors, shares = _few(law)
     chosen = slice(None) if levels is None else levels
     light = light_of(infocus, law.linear)
-    nodes = np.stack([blur(light, kernel) for kernel in kernels], axis=-1)
+    nodes = np.empty((*light.shape, len(kernels)), np.float32)
+    for number, kernel in enumerate(kernels):
+        nodes[..., number] = blur(light, kernel)
     spread = 1 + law.infocus_noise**2 * shares[chosen]
     factors = np.ascontiguousarray(factors[:, chosen])
     aim = _aligned(law, light, defocus)

@@ -332,6 +332,7 @@ class RoundedGraphCuts(Solver):
             unary = None
             for blurred in all_blurred(self.blurs, infocus, images):
                 unary = law_misfits(blurred, unary)
+                del blurred
             assert unary is not None
             # Beyond the levels shown, a fitted curve has the widths of its ends: free for the same
             # pixels as the end itself, those levels would win wherever that is smoother.
