@@ -234,7 +234,7 @@ def capture_of(stack: xarray.DataArray, name: str = "stack") -> Capture:
     if stack.attrs.get("unit") == "metres":
         near, far = (float(stack.attrs[key]) for key in ("near", "far"))
         scale = DepthScale(near=near, far=far)
-        about = Depth(axes=[], unknown=0, grows_with="distance", unit="metres", scale=scale)
+        about = Depth(axes=[], unknown=0, grows_with="nearness", unit="metres", scale=scale)
     depth = np.full(stack.shape[1:3], np.nan, np.float32)
     return Capture(Pair(name, ()), stack.values, depth, facts, about)
 

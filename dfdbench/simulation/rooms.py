@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.unseen import FAR, NEAR
 from dfdbench.errors import InputError
 from dfdbench.simulation.draws import Draws
 from dfdbench.simulation.lens import Camera, depth
@@ -20,8 +21,8 @@ from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, pattern
 
 Floats = NDArray[np.float64]
 
-#: Between which distances all of a room is, in metres, and how far its depths are apart at least.
-NEAR, FAR, SPREAD = 0.6, 6.0, 1.6
+#: How far the depths of a room are apart at least, in metres.
+SPREAD = 1.6
 _MOST_ATTEMPTS = 100
 _FINE = 2.0**26  # directions are whole parts of this: sines may differ in their last bit
 _WALLS = ("plain", "plain", "plaster", "motif", "bricks", "tiles", "stripes", "wood", "marble")

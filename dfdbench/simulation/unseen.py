@@ -10,18 +10,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.datasets.unseen import FAR, GENERATOR, NEAR
 from dfdbench.errors import InputError
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.draws import Draws
 from dfdbench.simulation.lens import Camera, depth, develop, render
-from dfdbench.simulation.rooms import FAR, NEAR, draw_room
+from dfdbench.simulation.rooms import draw_room
 from dfdbench.simulation.shapes import Scene
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Raised whenever the same seed would give other images.
-VERSION = 1
 #: What a camera is drawn from: the least and the most of each number, all in between as likely.
 RANGES = {
     "field_of_view": (40.0, 58.0),  # degrees, across
@@ -223,7 +222,7 @@ def _facts(camera: Camera, room: Scene, infocus: Image) -> dict[str, Any]:
         "camera": known,
         "surfaces": len(room.kinds),
         "textured": round(float(textured(infocus).mean()), 4),
-        "generator": VERSION,
+        "generator": GENERATOR,
     }
 
 

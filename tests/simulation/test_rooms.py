@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dfdbench.datasets.unseen import FAR, NEAR
 from dfdbench.errors import InputError
 from dfdbench.simulation import rooms
 from dfdbench.simulation.lens import depth
-from dfdbench.simulation.rooms import FAR, NEAR, draw_room
+from dfdbench.simulation.rooms import draw_room
 from dfdbench.simulation.unseen import draw_camera
 
 

@@ -4,10 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dfdbench.datasets.unseen import FAR, NEAR
 from dfdbench.errors import InputError
 from dfdbench.simulation import unseen
 from dfdbench.simulation.lens import Camera, depth
-from dfdbench.simulation.rooms import FAR, NEAR, draw_room
+from dfdbench.simulation.rooms import draw_room
 from dfdbench.simulation.unseen import RANGES, draw_camera, render_pair, render_stack, textured
 
 
