@@ -19,6 +19,7 @@ REASONS = {
     "dfdbench/methods/mrf/moves.py:_propose": _KERNEL,
     "dfdbench/methods/mrf/moves.py:move": "one order of steps, over arrays that all of them change",
     "dfdbench/methods/rounded_graph_cuts.py:_misfits": _KERNEL,
+    "dfdbench/methods/shape_from_focus.py:_peaks": _KERNEL,
     "dfdbench/metrics/similarity.py:mean_similarity": _KERNEL,
     "dfdbench/simulation/rooms.py": "all that a room may hold, a few lines each",
     "dfdbench/simulation/tracing.py": "numba notices a change only in a function's own file",
