@@ -57,7 +57,7 @@ def camera(f_number: float | None = None) -> Camera:
     return Camera(lens, SHAPE)
 
 
-def compare(scene: str) -> tuple[dict[str, tuple[float, ...]], list[Floats]]:
+def compare(scene: str) -> tuple[dict[str, tuple[float, float]], list[Floats]]:
     """Return rms at jumps and away by formation; the lens's image, and the formations'."""
     surfaces = SCENES[scene]
     photographs = {s.texture.photograph: photograph(s.texture.photograph) for s in surfaces}
