@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.folder_matching import matching_of
-from dfdbench.building.sources.captured_pair import matched
+from dfdbench.building.sources.captured_images import matched
 from dfdbench.building.sources.image_files import read_photograph
 from dfdbench.datasets.captured_files import ROLES
 from dfdbench.datasets.catalog import find_manifest
