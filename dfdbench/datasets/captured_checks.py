@@ -104,7 +104,7 @@ def _image_problems(files: CapturedFiles, field: str) -> Iterator[Problem]:
         yield Problem("images of a stack are laid on the first", where=f"{field}.moved")
     places = set(places_in(files.images or ""))
     columns = files.table_columns
-    if columns is not None and not places & {IMAGE, *columns}:
+    if not places & {IMAGE, *(places if columns is None else columns)} - {"scene"}:
         yield Problem(
             "the pattern names one file, and not several",
             where=f"{field}.images",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,9 @@ from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.files import LARGEST_ARRAY, read_whole
 from dfdbench.tables.wording import listed
 
-# Entries of a folder that a message names.
-_NAMED = 8
+# Entries of a folder that a message names, and files that a scene lacks.
+_NAMED, _LACKED = 8, 3
+_MISSING = "a file is missing"
 
 
 class FolderScenes:
@@ -85,7 +86,7 @@ class FolderScenes:
             except SourceError as error:
                 problems += error.problems
         if problems:
-            raise SceneError.of(dict.fromkeys(problems))
+            raise SceneError.of(_missing_together(dict.fromkeys(problems)))
         return digest.hexdigest()
 
     def read(self, scene: str) -> SceneImages:
@@ -211,7 +212,7 @@ class FolderScenes:
         except OSError as error:
             lacking = isinstance(error, FileNotFoundError)
             raise SourceError(
-                "a file is missing" if lacking else "cannot read the file",
+                _MISSING if lacking else "cannot read the file",
                 where=self._where(path),
                 got="" if lacking else reason_of(error),
             ) from error
@@ -239,6 +240,19 @@ class FolderScenes:
                     got=_what_is_in(self._folder),
                     fix=f"mend files.{what} in the manifest, or name another folder",
                 )
+
+
+def _missing_together(problems: Iterable[Problem]) -> Iterator[Problem]:
+    """Yield what is wrong with a scene; many files that it lacks are one problem."""
+    found = list(problems)
+    lacking = [problem for problem in found if problem.what == _MISSING]
+    if len(lacking) > _LACKED:
+        paths = [Path(problem.where) for problem in lacking]
+        named = listed((path.name for path in paths), _LACKED)
+        lacking = [
+            Problem(f"{len(paths)} files are missing", where=str(paths[0].parent), got=named)
+        ]
+    yield from (*lacking, *(problem for problem in found if problem.what != _MISSING))
 
 
 def _endings_in(folder: Path) -> dict[str, list[str]]:
