@@ -61,7 +61,7 @@ IMAGES = 'images = "{scene}/f_{image}.png"'
         (IMAGES, "", ["neither a pair nor a stack", "got depth, infocus, metadata"]),
         (IMAGES, f'{IMAGES}\ndefocus = "a"', ["neither a pair nor a stack"]),
         (IMAGES, f'{IMAGES}\nmoved = "infocus"', ["laid on the first", "files.moved"]),
-        (IMAGES, f'{IMAGES}\ndepth_ends = [2.0, 1.0]', ["values of two levels"]),
+        (IMAGES, f"{IMAGES}\ndepth_ends = [2.0, 1.0]", ["values of two levels"]),
         (IMAGES, f"{IMAGES}\nimage = [{{ number = 3 }}]", ["two tables"]),
         ("f_{image}", "f", ["the pattern names one file"]),
         ("near = 0.5\nfar = 5.0\n", "", ["depth.scale.near"]),

@@ -115,7 +115,8 @@ def read_depth_file(
     """
     values = _upright(decode_depth(content, where), content, where, rotation)
     if values.ndim == 3:
-        if not (values[..., :3] == values[..., :1]).all():
+        colours, grey = values[..., :3], values[..., :1]
+        if not ((colours == grey) | (np.isnan(colours) & np.isnan(grey))).all():
             raise SourceError(
                 "a depth map in colour", where=where, expected="one value a pixel", got="channels"
             )
