@@ -153,6 +153,7 @@ def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) ->
     StoreError
         Where the store holds no pair of the split, or has lost what was built.
     """
+    require_truth(store)
     require_what_was_built(store, split)
     available = store.pairs(split)
     if not available:
@@ -164,6 +165,17 @@ def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) ->
     expected = store.manifest.pairs(split)
     chosen = available[: options.limit]
     return RunPlan(store, method, split, options, expected, available, chosen)
+
+
+def require_truth(store: Dataset) -> None:
+    """Refuse a data set that has no depth to score against."""
+    if not store.manifest.has_truth:
+        raise StoreError(
+            f"{store.manifest.short} has no depth to score against",
+            where=str(store.path),
+            fix=f"dfdbench export {store.manifest.short} --images-only --out IMAGES, then dfdbench "
+            "predict IMAGES --out MAPS",
+        )
 
 
 def require_what_was_built(store: Dataset, split: str) -> None:
