@@ -146,6 +146,7 @@ class FavaroSoatto:
                 moments[group] += stacked.T @ stacked
                 counts[group] += rows.size
                 depths[group] += pair.levels[rows, columns].sum(dtype=np.int64)
+        size = size or sharp**2 + blurred**2
         enough = np.flatnonzero(counts >= 2 * size)
         if not enough.size:
             raise nothing_to_fit(
