@@ -146,11 +146,12 @@ class FavaroSoatto:
                 moments[group] += stacked.T @ stacked
                 counts[group] += rows.size
                 depths[group] += pair.levels[rows, columns].sum(dtype=np.int64)
-        enough = np.flatnonzero((counts > 0) & (counts >= 2 * size))
+        size = size or sharp**2 + blurred**2
+        enough = np.flatnonzero(counts >= 2 * size)
         if not enough.size:
             raise nothing_to_fit(
                 _NAME,
-                f"a group of levels with {2 * size or 'some'} patches of known depth",
+                f"a group of levels with {2 * size} patches of known depth",
                 f"at most {counts.max()}",
             )
         dimensions = size - sharp**2 - 1
