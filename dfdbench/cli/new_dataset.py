@@ -15,7 +15,7 @@ from dfdbench.system.files import write_whole
 
 def new_dataset(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Two photographs and a depth map a scene.")
+        Path, typer.Argument(metavar="DIR", help="Pairs or stacks of photographs, and depth maps.")
     ],
     out: Annotated[
         Path | None, typer.Option(help="The manifest to write; default: NAME-1.toml, here.")
