@@ -1,4 +1,4 @@
-"""Find focal stacks in a folder: photographs that differ by a number, and what lies beside them."""
+"""Find focal stacks in a folder: photographs that differ by a number or by cells of a table."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from dfdbench.building.folder_layout import (
     single_scene,
 )
 from dfdbench.building.sources.image_table import read_table
-from dfdbench.datasets.captured_files import BY_IMAGE, IMAGE
+from dfdbench.datasets.captured_files import BY_IMAGE, IMAGE, places_in
 from dfdbench.errors import SourceError
+from dfdbench.tables.wording import listed
 
 #: Photographs that differ by a number alone are a stack from so many on.
 _FEWEST = 3
@@ -28,7 +29,7 @@ _LOOKED_AT = 4
 _TABLES = (".json", ".csv", ".tsv", ".txt")
 _IN_FOCUS = re.compile(r"all.?in.?focus|aif|in.?focus|sharp|rgb")
 _NUMBER = re.compile(r"\d+")
-_MOST_COLUMNS = 16
+_MOST_COLUMNS, _NAMED = 16, 3
 _PLACE = f"{{{IMAGE}}}"
 
 
@@ -46,6 +47,17 @@ class Stacks:
 
     layout: Layout
     images: dict[str, tuple[str, ...]]
+
+    @property
+    def kinds(self) -> tuple[Group, ...]:
+        """The stacks that every scene has."""
+        groups = self.layout.groups
+        return tuple(
+            group
+            for group in groups
+            if len(group.files) == len(self.layout.scenes)
+            and all(path in self.images for path in group.files.values())
+        )
 
     @property
     def has_depth(self) -> bool:
@@ -66,8 +78,7 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Stacks | None:
     Returns
     -------
     Stacks or None
-        None where no photographs differ by a number alone, or depth maps do, too: then the numbers
-        are scenes.
+        None where no photographs differ so, or depth maps do, too: then the numbers are scenes.
     """
     families: dict[str, dict[int, str]] = defaultdict(dict)
     for path in paths:
@@ -75,6 +86,11 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Stacks | None:
             families[template][number] = path
     if any(len(f) > 1 and DEPTH.search(template.lower()) for template, f in families.items()):
         return None
+    # What tables tell goes before numbers: two may go together, as run and motor.
+    by_table: dict[str, dict[int, str]] = {}
+    for table in _tables(folder):
+        by_table |= _named_by(table, tuple(path for path in paths if _is_below(path, table.path)))
+    families = by_table or families
     images: dict[str, tuple[str, ...]] = {}
     taken: set[str] = set()
     for template, found in sorted(families.items(), key=lambda item: (-len(item[1]), item[0])):
@@ -88,10 +104,11 @@ def find_stacks(folder: Path, paths: tuple[str, ...]) -> Stacks | None:
     left = tuple(sorted({*paths, *images} - taken))
     layouts = [single_scene(left, folder.resolve().name)] if len(images) == 1 else []
     layouts += folder_layouts(left, least=1)
-    fitting = [layout for layout in layouts if _stack_of(layout)]
-    if not fitting:
-        return None
-    return Stacks(max(fitting, key=lambda layout: len(layout.scenes)), images)
+    return max(
+        (stacks for layout in layouts if (stacks := Stacks(layout, images)).kinds),
+        key=lambda stacks: len(stacks.layout.scenes),
+        default=None,
+    )
 
 
 def _templates(path: str) -> Iterator[tuple[str, int]]:
@@ -101,9 +118,55 @@ def _templates(path: str) -> Iterator[tuple[str, int]]:
         yield str(place.with_name(stem + place.suffix)), int(match[0])
 
 
-def _stack_of(layout: Layout) -> Group | None:
-    stacks = [group for group in layout.groups if _PLACE in group.pattern]
-    return stacks[0] if stacks and len(stacks[0].files) == len(layout.scenes) else None
+@dataclass(frozen=True)
+class _Table:
+    path: PurePosixPath
+    rows: list[dict[str, str]]
+    columns: list[str]
+
+
+def _tables(folder: Path) -> Iterator[_Table]:
+    """Yield the tables below a folder, the deepest first."""
+    for path in sorted(shown_files(folder), key=lambda each: (-len(each.parts), str(each))):
+        if path.suffix.lower() in _TABLES:
+            rows, columns = _rows_of(folder / path)
+            if len(rows) >= _FEWEST:
+                yield _Table(path, rows, columns)
+
+
+def _is_below(path: str, table: PurePosixPath) -> bool:
+    parent = str(table.parent)
+    return parent == "." or path.startswith(f"{parent}/")
+
+
+def _named_by(table: _Table, paths: tuple[str, ...]) -> dict[str, dict[int, str]]:
+    """Return families of files by their names with a column in braces where the row's cell is."""
+    names = {path: PurePosixPath(path) for path in paths}
+    words = {word for place in names.values() for word in _words(place.stem)}
+    columns = [
+        name
+        for name in table.rows[0]
+        if len({row.get(name) for row in table.rows}) == len(table.rows)
+        and all(row.get(name, "") in words for row in table.rows)
+    ]
+    families: dict[str, dict[int, str]] = defaultdict(dict)
+    for path, place in names.items() if columns else ():
+        for number, row in enumerate(table.rows):
+            stem = place.stem
+            for name in columns:
+                cell = re.escape(row[name])
+                stem = re.sub(f"(?<![^_-]){cell}(?![^_-])", f"{{{name}}}", stem, count=1)
+            if all(f"{{{name}}}" in stem for name in columns):
+                families[str(place.with_name(stem + place.suffix))][number] = path
+    return {name: found for name, found in families.items() if len(found) == len(table.rows)}
+
+
+def _words(stem: str) -> Iterator[str]:
+    """Yield what stands between _ and - in a name, and two or three of them together."""
+    marks = [-1, *(match.start() for match in re.finditer("[_-]", stem)), len(stem)]
+    for first, start in enumerate(marks):
+        for end in marks[first + 1 : first + 4]:
+            yield stem[start + 1 : end]
 
 
 def look_into_stacks(folder: Path, stacks: Stacks) -> Facts:
@@ -115,22 +178,28 @@ def look_into_stacks(folder: Path, stacks: Stacks) -> Facts:
         Where a file that is looked at is damaged.
     """
     layout = stacks.layout
-    stack = _stack_of(layout)
-    assert stack is not None
-    others = [g for g in layout.groups if g is not stack and len(g.files) == len(layout.scenes)]
+    stack, *more = stacks.kinds
+    others = [
+        group
+        for group in layout.groups
+        if group not in stacks.kinds and len(group.files) == len(layout.scenes)
+    ]
     depths = [group for group in others if DEPTH.search(group.pattern.lower())]
     sharp = [group for group in others if group not in depths]
     named = [g for g in sharp if _IN_FOCUS.search(PurePosixPath(g.pattern).name.lower())]
-    facts = Facts({"infocus": named[0]} if named else {})
+    likely = named or (sharp if len(sharp) == 1 else [])
+    facts = Facts({"infocus": likely[0]} if likely else {})
     facts.roles["images"] = stack
     keys = list(layout.scenes[:: max(1, math.ceil(len(layout.scenes) / _LOOKED_AT))])
     first = Group(stack.pattern, {key: stacks.images[stack.files[key]][0] for key in keys})
-    tell_photographs(folder, [*named[:1], first], keys, facts)
+    tell_photographs(folder, [*likely[:1], first], keys, facts)
     counts = sorted({len(stacks.images[stack.files[key]]) for key in layout.scenes})
     told = " to ".join(map(str, {counts[0]: None, counts[-1]: None}))
     facts.found.append(f"stacks {stack.pattern} of {told} images")
     if named:
         facts.found.append(f"in focus all over {named[0].pattern}")
+    elif likely:
+        facts.open.append(f"whether {likely[0].pattern} is in focus all over")
     else:
         facts.open.append("whether an image is in focus all over: infocus")
     if depths:
@@ -139,27 +208,23 @@ def look_into_stacks(folder: Path, stacks: Stacks) -> Facts:
     else:
         facts.open.append("depth: none was found, so that nothing can be scored")
     _tell_table(folder, layout, stack, stacks, facts)
-    for group in layout.groups:
-        if group not in facts.roles.values():
-            facts.open.append(f"what {group.pattern} is")
+    if more:
+        named_more = listed((group.pattern for group in more), _NAMED)
+        facts.open.append(f"whether these stacks are values of an axis: {named_more}")
+    left = [g.pattern for g in layout.groups if g not in (*facts.roles.values(), *more)]
+    if left:
+        facts.open.append(f"{len(left)} kinds of files belong to no stack: {listed(left, _NAMED)}")
     return facts
 
 
 def _tell_table(folder: Path, layout: Layout, stack: Group, stacks: Stacks, facts: Facts) -> None:
     """Add the table that has a row per image, in the scenes' folders or above them."""
-    key = layout.scenes[0]
-    images = stacks.images[stack.files[key]]
-    scene_folder = str(PurePosixPath(images[0]).parent)
-    for path in sorted(shown_files(folder), key=lambda each: (-len(each.parts), str(each))):
-        parent = str(path.parent)
-        beside = parent == "." or f"{scene_folder}/".startswith(f"{parent}/")
-        if path.suffix.lower() not in _TABLES or not beside:
-            continue
-        rows, columns = _rows_of(folder / path)
-        if len(rows) == len(images):
-            pattern = _pattern_beside(path, stack)
-            facts.roles["metadata"] = Group(pattern, dict.fromkeys(layout.scenes, str(path)))
-            _tell_columns(rows, columns, facts)
+    images = stacks.images[stack.files[layout.scenes[0]]]
+    for table in _tables(folder):
+        if len(table.rows) == len(images) and _is_below(images[0], table.path):
+            pattern = _pattern_beside(table.path, stack)
+            facts.roles["metadata"] = Group(pattern, dict.fromkeys(layout.scenes, ""))
+            _tell_columns(table.rows, table.columns, stack, facts)
             return
     facts.open.append(
         "focus distances: no table with a row per image was found; metadata, or [[files.image]]"
@@ -190,13 +255,20 @@ def _pattern_beside(path: PurePosixPath, stack: Group) -> str:
     return str(PurePosixPath(*folders, path.name))
 
 
-def _tell_columns(rows: list[dict[str, str]], columns: list[str], facts: Facts) -> None:
+def _tell_columns(
+    rows: list[dict[str, str]], columns: list[str], stack: Group, facts: Facts
+) -> None:
     if columns:
         facts.more.append(f"columns = [{', '.join(map(repr, columns))}]".replace("'", '"'))
     facts.found.append(f"a table with a row per image: {facts.roles['metadata'].pattern}")
     if set(BY_IMAGE) & set(rows[0]):
         return
-    numeric = [name for name in rows[0] if all(_is_number(row.get(name, "")) for row in rows)]
+    in_names = places_in(stack.pattern)
+    numeric = [
+        name
+        for name in rows[0]
+        if name not in in_names and all(_is_number(row.get(name, "")) for row in rows)
+    ]
     told = [name for name in numeric if re.search("foc|dist|disp|depth", name.lower())]
     told = told or [name for name in numeric if len({row[name] for row in rows}) == len(rows)][-1:]
     if not told:

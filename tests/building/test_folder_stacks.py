@@ -13,6 +13,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from tests.made_folder import SCENES, make_folder
 from tests.made_stack_folder import FOCUS, make_stacks
+from tests.made_zedd import MOTORS, make_zedd
 
 
 def built(folder: Path, place: Path) -> tuple[NewManifest, Dataset]:
@@ -67,6 +68,16 @@ def test_a_table_without_a_heading_gets_columns(tmp_path: Path) -> None:
     assert 'columns = ["column_1", "column_2", "column_3"]' in written.toml
     assert "whether column_3 is the focus in metres" in written.open
     assert store.captures()[0].stack.focus_distance[1:].values.tolist() == [4, 2, 1]
+
+
+def test_cells_of_a_table_may_tell_images_apart(tmp_path: Path) -> None:
+    # As in ZEDD, where run and motor go together.
+    written, store = built(make_zedd(tmp_path / "mine"), tmp_path / "one.zarr")
+    assert 'img_{column_1}_motor_{column_2}_aperture_F1.4.jpg"' in written.toml
+    assert any("_aperture_F16.0.jpg is in focus all over" in text for text in written.open)
+    assert any("F2.8.jpg" in text and "values of an axis" in text for text in written.open)
+    stack = store.captures()[0].stack
+    np.testing.assert_array_equal(stack.focus_distance[1:], [*MOTORS.values()][::-1])
 
 
 def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:

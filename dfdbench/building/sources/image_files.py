@@ -136,7 +136,9 @@ def decode_depth(content: bytes, where: str) -> NDArray[Any]:
     if kind is None:
         return decode_file(content, where)
     try:
-        values: Any = _pfm(content) if kind == "pfm" else np.load(io.BytesIO(content))
+        values: Any = (
+            _pfm(content) if kind == "pfm" else np.load(io.BytesIO(content), allow_pickle=False)
+        )
         if kind == "npz":
             names = [_DEPTH_NAME] if _DEPTH_NAME in values.files else values.files
             if len(names) != 1:
@@ -145,6 +147,8 @@ def decode_depth(content: bytes, where: str) -> NDArray[Any]:
                     where=where,
                     got=", ".join(names) or "no array",
                 )
+            if values.zip.getinfo(f"{names[0]}.npy").file_size > LARGEST_ARRAY:
+                raise ValueError("unpacked it is larger than any depth map")
             values = values[names[0]]
     except UNREADABLE as error:
         raise SourceError(
