@@ -7,7 +7,6 @@ import os
 import random
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -17,7 +16,6 @@ from pathlib import Path
 
 import typer
 
-ROOT = Path(__file__).parents[1]
 _PAIRS = "Lt LtE,Gt GtE,Eq NotEq,In NotIn,Is IsNot,And Or,Add Sub,Mult Div,BitAnd BitOr"
 _COUNTERPART = {a: b for pair in _PAIRS.split(",") for a, b in (pair.split(), pair.split()[::-1])}
 # Tests of behaviour cannot notice types, and a wrong decorator fails on import.
@@ -82,21 +80,20 @@ def passes(tests: list[Path], timeout: float, **variables: str) -> bool:
     try:
         return process.wait(timeout) == 0
     except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
+        os.killpg(process.pid, 9)
         return False
 
 
 def main(room: str, count: int = 25, seed: int = 31) -> None:
     """Draw mutants of a room, and run its tests on each in a copy of the working tree."""
-    os.environ.setdefault("DFDBENCH_SHARED_DATA", str(ROOT.parent / "shared" / "data"))
-    os.chdir(ROOT)
+    root = Path.cwd()
+    os.environ.setdefault("DFDBENCH_SHARED_DATA", str(root.parent / "shared" / "data"))
     listed = subprocess.check_output(["git", "ls-files", "-co", "--exclude-standard"], text=True)
     with tempfile.TemporaryDirectory() as copy:
         for name in filter(os.path.isfile, listed.splitlines()):
             Path(copy, name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(name, Path(copy, name))
-        # Some tests ask for the commit.
-        Path(copy, ".git").symlink_to(ROOT / ".git")
+        Path(copy, ".git").symlink_to(root / ".git")  # some tests ask for the commit
         os.chdir(copy)
         tests, killed, begun = Path("tests", room), 0, time.monotonic()
         if not passes([tests], 3600):
