@@ -168,6 +168,7 @@ def load_method(name: str, **parameters: Any) -> Method:
 
     Examples
     --------
+    >>> import numpy as np
     >>> method = load_method("constant", training_mean=80.0)
     >>> image = np.zeros((2, 3, 3), np.uint8)
     >>> method(image, image).tolist()

@@ -16,8 +16,8 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.building.plan import NamedRecipe, refuse_another_set, refuse_recipe_on_track
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
-from dfdbench.datasets.captured_files import BY_IMAGE
-from dfdbench.datasets.captures import OF_CAMERA, PAIR, ROLES, ImageFacts, Role
+from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
+from dfdbench.datasets.captures import PAIR, ROLES, ImageFacts, Role
 from dfdbench.datasets.depth_scale import Rig
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter

@@ -18,6 +18,8 @@ _PLACE = re.compile(r"\{([^{}]*)\}")
 ROLES = ("infocus", "defocus", "depth")
 #: What is known of each image; NaN if it is not.
 BY_IMAGE = ("focus_distance", "focus_depth", "f_number")
+#: What is known of the camera.
+OF_CAMERA = ("focal_length", "pixel_pitch")
 #: What stands for an image's number in the pattern of a stack.
 IMAGE = "image"
 
@@ -136,8 +138,8 @@ def places_in(pattern: str) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> places_in("{scene}/f{f_number}.png")
-    ('scene', 'f_number')
+    >>> places_in("{scene}/f{aperture}.png")
+    ('scene', 'aperture')
     """
     return tuple(_PLACE.findall(pattern))
 
@@ -147,7 +149,7 @@ def fill(pattern: str, values: Mapping[str, str]) -> str:
 
     Examples
     --------
-    >>> fill("{scene}/f{f_number}.png", {"scene": "desk", "f_number": "2"})
+    >>> fill("{scene}/f{aperture}.png", {"scene": "desk", "aperture": "2"})
     'desk/f2.png'
     """
     return _PLACE.sub(lambda match: values[match[1]], pattern)

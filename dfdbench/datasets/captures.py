@@ -10,7 +10,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from dfdbench.datasets.captured_files import BY_IMAGE
+from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth, Pair
 from dfdbench.errors import InputError
@@ -21,8 +21,6 @@ Role = Literal["infocus", "defocus"]
 ROLES: tuple[Role, ...] = ("infocus", "defocus")
 #: The roles of a pair's images.
 PAIR: tuple[Role, ...] = ("infocus", "defocus")
-#: What is known of the camera; NaN if it is not.
-OF_CAMERA = ("focal_length", "pixel_pitch")
 #: Of a stack so many images are shown as thumbnails.
 _SHOWN = 4
 
