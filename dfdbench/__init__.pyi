@@ -14,7 +14,7 @@ from .datasets.captures import Capture
 from .datasets.dataset import Captures, Dataset, open_dataset
 from .evaluation.predict import predict
 from .figures.runs import show
-from .report.run import Comparison, Run
+from .report.objects import Comparison, Run
 
 __version__: str
 __all__ = [

@@ -20,7 +20,7 @@ from dfdbench.board.submission import require_fit_to_submit, require_submittable
 from dfdbench.building.build import build_store
 from dfdbench.building.obtaining import obtain
 from dfdbench.building.plan import plan_build
-from dfdbench.datasets.catalog import find_manifest, released_manifests
+from dfdbench.datasets.catalog import find_manifest, of_seed, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.datasets.store_place import default_store
@@ -35,12 +35,12 @@ from dfdbench.methods.method import Method
 from dfdbench.methods.registry import find_entry, method_words, registered_methods
 from dfdbench.methods.registry import load_method as _load_method
 from dfdbench.metrics.protocol import Unit, find_protocol
-from dfdbench.report.run import Comparison, Run
+from dfdbench.report.objects import Comparison, Run
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result, protocol_on
 from dfdbench.results.record_file import RESULT
 from dfdbench.results.saved_run import SavedRun
-from dfdbench.results.saved_run import open_run as _open_run
+from dfdbench.results.saved_run import open_saved_run as _open_run
 from dfdbench.system.location import Place
 from dfdbench.system.parallel import Pool, Threads
 from dfdbench.tables.table import counted
@@ -57,6 +57,7 @@ def build(
     steps: tuple[int, int] | None = None,
     mirrors: Sequence[str] = (),
     offline: bool = False,
+    seed: int | None = None,
     workers: int | None = None,
     cache: Path | None = None,
     on_scene: Progress | None = None,
@@ -79,6 +80,8 @@ def build(
         Addresses to download from before the site.
     offline : bool
         Use only what was fetched before.
+    seed : int, optional
+        Of ``unseen`` and ``unseen-stack``: what the rooms are drawn from, 0 if not given.
     workers : int, optional
         How many threads; by default one per processor core.
     cache : Path, optional
@@ -101,7 +104,7 @@ def build(
     >>> build("demo")  # doctest: +SKIP
     <demo-1: 162 pairs of 9 scenes>
     """
-    plan = plan_build(find_manifest(name), store, recipe, steps, cache)
+    plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, steps, cache)
     files = obtain(plan, Path(source) if source else None, mirrors, offline, cache).source
     pool = Threads(workers) if workers else None
     report = build_store(plan.manifest, files, plan.place, plan.recipe, pool, on_scene)
@@ -185,6 +188,7 @@ def run(
     out: Path | str | None = None,
     keep_predictions: bool = True,
     fresh: bool = False,
+    fitted: Path | str | None = None,
     pool: Pool | None = None,
     for_board: bool = False,
     cache: Path | None = None,
@@ -218,6 +222,8 @@ def run(
         Keep the depth maps; figures need them.
     fresh : bool
         Evaluate all pairs anew.
+    fitted : Path or str, optional
+        A run's folder: use what its fit learned, on this camera or another, and fit nothing here.
     pool : Pool, optional
         Other processes to evaluate pairs in, several at once; times are then not comparable.
     for_board : bool
@@ -247,11 +253,15 @@ def run(
         raise InputError("no number of pairs", where="limit", expected="1 or more", got=str(limit))
     if for_board:
         require_submittable(limit)
+        if fitted is not None:
+            what = "the leaderboard takes no run with the fit of another"
+            raise InputError(what, where="fitted", fix="let the method be fitted here")
     store = _opened(dataset, cache)
     store.manifest.scenes_of(split)
     shown = protocol_on(store.manifest, protocol)
     check = partial(require_fit_to_submit, split=split) if for_board else None
-    options = RunOptions(limit, keep_predictions, fresh, seed)
+    learned = None if fitted is None else Path(fitted)
+    options = RunOptions(limit, keep_predictions, fresh, seed, learned)
     with _folder(out, str(store.path)) as folder:
         done, calibration = evaluate(
             method,

@@ -15,8 +15,8 @@ from scipy.stats import spearmanr
 
 from dfdbench.audit.difficulty import STEPS, UNSEEN, smallest_step
 from dfdbench.datasets.dataset import open_dataset
-from dfdbench.results.folder import read_prediction
 from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.run_folder import read_prediction
 
 
 def main(dataset: str, folder: Path, *ranges: str) -> None:

@@ -28,9 +28,9 @@ from dfdbench.evaluation.prediction_files import find_predictions
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.parameters import read_fields
 from dfdbench.optics.lens_table import read_lens_table
-from dfdbench.results.folder import PREDICTIONS, read_prediction
 from dfdbench.results.record_file import RESULT, load_result
-from dfdbench.results.saved_run import open_run
+from dfdbench.results.run_folder import PREDICTIONS, read_prediction
+from dfdbench.results.saved_run import open_saved_run
 from dfdbench.rig.lidar import read_beams, read_ranges
 from dfdbench.rig.registration import read_registration
 
@@ -141,7 +141,7 @@ def _experiment(path: Path) -> object:
 READERS: dict[str, Callable[[Path], object]] = {
     RESULT: load_result,
     "row.json": read_row,
-    "run/result.json": lambda path: open_run(path.parent),
+    "run/result.json": lambda path: open_saved_run(path.parent),
     "published/table.json": lambda path: load_published(path.parents[1]),
     "fingerprints.json": lambda path: known_fingerprints(path.parent),
     "mine.toml": read_manifest,

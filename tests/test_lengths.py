@@ -10,13 +10,21 @@ MOST_LINES, MOST_STATEMENT_LINES = 500, 40
 
 _KERNEL = "compiled by numba: what it calls would be handed a dozen arrays and counters"
 REASONS = {
+    "dfdbench/api.py": "every public function, each with its docstring",
+    "dfdbench/cli/audit.py": "four verbs that share options and answers",
     "dfdbench/audit/splits.py": "proposals, and the tables and files that show them",
+    "dfdbench/datasets/unseen.py:unseen_manifest": "the text of a manifest",
     "dfdbench/methods/data_cost.py:_fill": _KERNEL,
     "dfdbench/methods/mrf/maxflow.py:_grow_and_augment": _KERNEL,
     "dfdbench/methods/mrf/moves.py:_propose": _KERNEL,
     "dfdbench/methods/mrf/moves.py:move": "one order of steps, over arrays that all of them change",
     "dfdbench/methods/rounded_graph_cuts.py:_misfits": _KERNEL,
+    "dfdbench/methods/shape_from_focus.py:_peaks": _KERNEL,
     "dfdbench/metrics/similarity.py:mean_similarity": _KERNEL,
+    "dfdbench/simulation/rooms.py": "all that a room may hold, a few lines each",
+    "dfdbench/simulation/tracing.py": "numba notices a change only in a function's own file",
+    "dfdbench/simulation/tracing.py:gather": _KERNEL,
+    "dfdbench/simulation/tracing.py:list_tiles": _KERNEL,
 }
 
 

@@ -161,7 +161,7 @@ BEYOND_A_MODULE = {
 TESTED_ELSEWHERE = {
     "dfdbench": "test_public_names.py",
     # What the public functions return.
-    "dfdbench.report.run": "test_api.py",
+    "dfdbench.report.objects": "test_api.py",
     # What `main` tells of errors is seen from outside.
     "dfdbench.cli": "cli/test_command_line.py",
     # A protocol: what fulfils it is tested against it.

@@ -18,7 +18,7 @@ from dfdbench.audit.sides import Mask, Side, as_ranges, range_text, runs
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.manifest import simulated_label
 from dfdbench.errors import InputError
-from dfdbench.system.record import Record
+from dfdbench.system.strict import Record
 from dfdbench.tables.table import Table, counted, listed, percent
 
 SCHEMA_VERSION = 1

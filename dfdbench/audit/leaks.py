@@ -14,7 +14,7 @@ from dfdbench.audit.sides import Side
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import DfdbenchError, Problem
-from dfdbench.system.record import Record
+from dfdbench.system.strict import Record
 
 _HASH_SIDE = 16
 #: Bits of 256 in which two images may differ and still count as one. Other exposures, sizes and

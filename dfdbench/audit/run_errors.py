@@ -19,8 +19,8 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.fingerprint import array_digest
 from dfdbench.errors import ResultError
-from dfdbench.results.folder import read_prediction, require_pairs_of
 from dfdbench.results.record import PairResult, Result
+from dfdbench.results.run_folder import read_prediction, require_pairs_of
 from dfdbench.results.wording import NOTHING
 from dfdbench.tables.table import Table, percent
 

@@ -13,7 +13,7 @@ from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.metrics.metric import METRICS, RANKED_BY, mean_of
 from dfdbench.results.wording import NOTHING, score_text, seconds_text
 from dfdbench.system.files import read_whole
-from dfdbench.system.record import Record, problems_of
+from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import parse_json
 from dfdbench.tables.table import Table
 

@@ -14,7 +14,7 @@ from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
 from dfdbench.metrics.intervals import scene_interval
 from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
 from dfdbench.results.differences import PairedDifference, paired_difference
-from dfdbench.results.frame import mean_defined, mean_scores, scores_of
+from dfdbench.results.frame import group_means, mean_defined, scores_of
 from dfdbench.results.record import Result, first_protocol
 from dfdbench.results.summary import median_seconds
 from dfdbench.results.wording import NOTHING, knew_blur, labelled, method_label, score_text
@@ -133,7 +133,7 @@ class ScoreBoard:
 
     def means(self, scores: pd.DataFrame, *by: str) -> pd.DataFrame:
         """Return means of some of the board's scores: a row per group, a column per standing."""
-        table = mean_scores(scores, "row", *by).unstack("row")
+        table = group_means(scores, "row", *by).unstack("row")
         return table.reindex(columns=range(len(self.standings)))
 
     def shown(self, row: int, metric: str) -> str:
@@ -213,7 +213,7 @@ def _board(
 ) -> ScoreBoard:
     part = scores[scores["entry"].isin(members) & (scores["protocol"] == protocol)]
     first, ties = ranked_by(protocol)
-    by_run = mean_scores(part, "entry", "metric", "track", "severity")
+    by_run = group_means(part, "entry", "metric", "track", "severity")
     means = over_tracks(by_run, suite).agg(mean_of_all, axis=1).unstack("metric")
 
     def score(number: int, metric: str) -> float | None:

@@ -38,7 +38,7 @@ from dfdbench.results.record import (
 )
 from dfdbench.results.wording import knew_blur, method_label
 from dfdbench.system.files import read_whole
-from dfdbench.system.record import Record, problems_of
+from dfdbench.system.strict import Record, problems_of
 from dfdbench.tables.table import listed
 
 RESULTS = "results"

@@ -17,7 +17,7 @@ from dfdbench.datasets.tracked import part_name
 from dfdbench.metrics.intervals import SCENES_TO_TELL, interval_name
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, title_of
-from dfdbench.results.frame import mean_scores
+from dfdbench.results.frame import group_means
 from dfdbench.results.record import SCORED, Result
 from dfdbench.results.wording import (
     GIVEN_NOTE,
@@ -29,7 +29,7 @@ from dfdbench.results.wording import (
     parameters_of,
     score_text,
     seconds_text,
-    training_of,
+    training_text,
 )
 from dfdbench.tables.table import Link, Table
 
@@ -52,7 +52,7 @@ def board_tables(board: ScoreBoard, folder: Path) -> list[Table]:
         standings_table(board, folder),
         lighting_table(board),
         scenes_table(board),
-        folds_table(board),
+        board_folds_table(board),
         runs_table(board, folder),
     ]
     return [table for table in tables if table.rows]
@@ -105,7 +105,7 @@ def tracks_table(board: ScoreBoard, folder: Path) -> Table:
     clean = board.scores[
         (board.scores["track"] == CLEAN) & (board.scores["metric"] == board.metric)
     ]
-    on_clean = mean_scores(clean, "row")
+    on_clean = group_means(clean, "row")
     rows = tuple(
         (
             NOTHING if standing.rank is None else str(standing.rank),
@@ -132,7 +132,7 @@ def tracks_table(board: ScoreBoard, folder: Path) -> Table:
 
 def tracks_of(board: ScoreBoard) -> pd.DataFrame:
     """Return each row's mean over severities, by row and metric, a column a track."""
-    means = mean_scores(board.scores, "row", "metric", "track", "severity")
+    means = group_means(board.scores, "row", "metric", "track", "severity")
     return over_tracks(means, board.suite)
 
 
@@ -175,7 +175,7 @@ def scenes_table(board: ScoreBoard) -> Table:
     return _by_scenes(board, "scene", {name: [name] for name in sorted(set(board.scores["scene"]))})
 
 
-def folds_table(board: ScoreBoard) -> Table:
+def board_folds_table(board: ScoreBoard) -> Table:
     """Return each method's mean over the test scenes of each fold, a row a fold.
 
     It has no rows if the data set has no folds or the split does not hold at least two whole ones.
@@ -214,7 +214,7 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
         (
             entry.result.method.name if folder is None else Link(entry.result.method.name, link),
             parameters_of(entry.result),
-            training_of(entry.result.method),
+            training_text(entry.result.method),
             seconds_text(entry.seconds),
             machine_of(entry.result),
             entry.result.method.paper or NOTHING,

@@ -18,7 +18,7 @@ from dfdbench.cli.options import (
     pool_of,
 )
 from dfdbench.cli.screen import download_progress, progress, say, writing
-from dfdbench.datasets.catalog import find_manifest
+from dfdbench.datasets.catalog import find_manifest, of_seed
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
@@ -74,6 +74,10 @@ def build(
     offline: Annotated[
         bool, typer.Option("--offline", help="Fetch nothing; use what was fetched before.")
     ] = False,
+    seed: Annotated[
+        str | None,
+        typer.Option(metavar="N", help="Of unseen and unseen-stack: draws rooms and camera."),
+    ] = None,
     cache: Cache = None,
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
@@ -82,7 +86,7 @@ def build(
     from dfdbench.building.plan import plan_build
     from dfdbench.system.location import is_local
 
-    plan = plan_build(find_manifest(name), store, recipe, _steps(pair), cache)
+    plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, _steps(pair), cache)
     _refuse_memory(plan)
     if is_local(plan.place):
         # The cache may be inside the folder of the files; a place that the user names may not.
@@ -214,7 +218,7 @@ def _spans(names: list[str], known: tuple[str, ...]) -> list[str]:
 
 def new_dataset(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Two photographs and a depth map a scene.")
+        Path, typer.Argument(metavar="DIR", help="Pairs or stacks of photographs, and depth maps.")
     ],
     out: Annotated[
         Path | None, typer.Option(help="The manifest to write; default: NAME-1.toml, here.")

@@ -16,7 +16,7 @@ from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Table, counted
 
 if TYPE_CHECKING:
-    from dfdbench.evaluation.predict import Predictor
+    from dfdbench.evaluation.predict import DepthPredictor
 
 
 def predict(
@@ -65,7 +65,7 @@ def predict(
     seed: Seed = 0,
 ) -> None:
     """Estimate depth from two photographs, or a folder of pairs or stacks, without a data set."""
-    from dfdbench.evaluation.predict import Predictor, captures_in
+    from dfdbench.evaluation.predict import DepthPredictor, captures_in
 
     if fitted and lens:
         raise InputError(
@@ -91,14 +91,16 @@ def predict(
     if figure:
         output_place(figure, *images, fitted, option="--figure")
     parameters = values_of(param, "--param") | ({"weights": weights} if weights else {})
-    predictor = Predictor(method, fitted or lens, parameters, not no_align, seed)
+    predictor = DepthPredictor(method, fitted or lens, parameters, not no_align, seed)
     if folder:
         _predict_folder(predictor, captures, out)
     else:
         _predict_pair(predictor, images, out, figure)
 
 
-def _predict_pair(predictor: Predictor, images: list[Path], out: Path, figure: Path | None) -> None:
+def _predict_pair(
+    predictor: DepthPredictor, images: list[Path], out: Path, figure: Path | None
+) -> None:
     from dfdbench.evaluation.predict import read_image, write_depth
 
     sharp, blurred = map(read_image, images)
@@ -117,7 +119,7 @@ def _predict_pair(predictor: Predictor, images: list[Path], out: Path, figure: P
 
 
 def _predict_folder(
-    predictor: Predictor, captures: Mapping[str, tuple[Path, ...]], out: Path
+    predictor: DepthPredictor, captures: Mapping[str, tuple[Path, ...]], out: Path
 ) -> None:
     from dfdbench.evaluation.predict import read_image, read_stack, write_depth
 

@@ -1,4 +1,4 @@
-"""The verbs that read results: report, compare."""
+"""The verbs that read results: report, compare, leaderboard."""
 
 from __future__ import annotations
 
@@ -10,22 +10,28 @@ from typing import Annotated
 
 import typer
 
-from dfdbench import api
-from dfdbench.board.row_file import file_stem
+from dfdbench.board.board import LEADERBOARD
+from dfdbench.board.board import leaderboard as open_board
+from dfdbench.board.row_file import file_stem, read_row
+from dfdbench.board.verification import SCORE_TOLERANCE
 from dfdbench.cli.options import FigureFormat, FigureFormats, Printed, Protocol
-from dfdbench.cli.screen import PICTURES, print_table, progress, save_figure, say, writing
+from dfdbench.cli.screen import (
+    PICTURES,
+    print_table,
+    print_tables,
+    progress,
+    save_figure,
+    say,
+    writing,
+)
 from dfdbench.errors import InputError
-from dfdbench.figures.comparisons import accuracy_figure
-from dfdbench.figures.style import write_figure
-from dfdbench.report.page import write_html, write_markdown
-from dfdbench.report.paper_table import paper_tables
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import first_protocol
 from dfdbench.results.record_file import RESULT
-from dfdbench.results.saved_run import SavedRun, open_run, told_apart, without_previous
+from dfdbench.results.saved_run import SavedRun, open_saved_run, told_apart, without_previous
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
-from dfdbench.tables.table import Format
+from dfdbench.tables.table import Format, counted
 
 _PANELS = 4
 Dataset = Annotated[
@@ -79,11 +85,13 @@ def report(
     for old, new in left_out:
         both = f"`dfdbench compare {old} {new}` sets them side by side"
         say(f"left out: {old}, the run before {new.name}; {both}")
-    runs = told_apart(open_run(path, dataset) for path in paths)
+    runs = told_apart(open_saved_run(path, dataset) for path in paths)
     shown = protocol or first_protocol(runs[0].result.dataset.short)
     if page and format in _PAGES:
         _write_page(runs, shown, format, page, figure_format or ())
         return
+    from dfdbench.report.paper_table import paper_tables
+
     tables = paper_tables(runs, shown, metric or ())
     if out is not None:
         with writing(out):
@@ -95,6 +103,8 @@ def report(
     else:
         print(render(tables, Format(format.value)), end="")
     if figure is not None:
+        from dfdbench.figures.comparisons import accuracy_figure
+
         drawn = accuracy_figure(runs, shown)
         if drawn is None:
             say("no figure: no run is complete")
@@ -129,6 +139,8 @@ def _refuse_what_does_not_fit(
 def _write_page(
     runs: Sequence[SavedRun], protocol: str, format: ReportFormat, folder: Path, also: Sequence[str]
 ) -> None:
+    from dfdbench.report.page import write_html, write_markdown
+
     with writing(folder):
         # Before the drawing, which takes a while.
         folder.mkdir(parents=True, exist_ok=True)
@@ -156,6 +168,9 @@ def compare(
     dataset: Dataset = None,
 ) -> None:
     """Compare two runs pair by pair: differences, wins, losses, what changed most."""
+    from dfdbench import api
+    from dfdbench.figures.style import write_figure
+
     found = api.compare(first, second, protocol=protocol, dataset=dataset, most=most)
     runs = found.runs
     picture = output_place(_picture(out, *runs), first, second)
@@ -203,3 +218,80 @@ def _each_once(paths: Sequence[Path]) -> list[Path]:
         else:
             found[file] = path
     return list(found.values())
+
+
+app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
+
+
+@app.callback()
+def leaderboard(
+    context: typer.Context,
+    check: Annotated[
+        bool, typer.Option("--check", help="Change nothing; fail if a file is wrong or stale.")
+    ] = False,
+    format: Annotated[
+        Format | None, typer.Option(help="How the rankings are printed; default: table.")
+    ] = None,
+    folder: Annotated[Path, typer.Option(help="The leaderboard's folder.")] = LEADERBOARD,
+) -> None:
+    """Rank the results of the leaderboard, print the rankings and write its README."""
+    if context.invoked_subcommand:
+        return
+    if check and format:
+        raise InputError(
+            "--check prints no rankings", where=f"--format {format}", fix="leave out one of them"
+        )
+    board = open_board(folder)
+    if check:
+        board.require_written()
+        print(f"{folder}: {counted(len(board.rows), 'row')} valid, README up to date")
+        return
+    path = board.write()
+    print_tables(board.tables(), format)
+    say(f"written      {path}")
+
+
+@app.command("verify")
+def verify_command(
+    rows: Annotated[list[Path], typer.Argument(help="Files of leaderboard/results.")],
+    pairs: Annotated[int, typer.Option(min=1, help="How many pairs are run again.")] = 5,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=2**32 - 1, help="Repeat the draw of this seed; default: a new draw."
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(help="How far a score may be off, 0 to 1.")
+    ] = SCORE_TOLERANCE,
+    trust: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ENTRY",
+            help="Allow this method's code, which is not built in, to be run; repeatable.",
+        ),
+    ] = None,
+    weights: Annotated[
+        Path | None, typer.Option(help="Your copy of weights that are not shipped.")
+    ] = None,
+) -> None:
+    """Run pairs of rows again, drawn anew each time; exit with 1 if something else comes out."""
+    from dfdbench.board.verification import verify
+
+    failed = False
+    for path in rows:
+        row = read_row(path)
+        if row.method.scored:
+            say(f"left out     {path}: scored, not run: there is nothing to run again")
+            continue
+        with progress(f"verifying {row.label}", "the same command draws anew") as step:
+            found = verify(row, path, pairs, seed, tolerance, trust or (), weights, step)
+        print(f"{'verified' if found.passed else 'DIFFERS':<12} {path}")
+        print(f"drawn        {len(found.pairs)} of {found.drawn_from} pairs by --seed {found.seed}")
+        for pair in found.pairs:
+            print(f"{'same' if pair.passes(tolerance) else 'DIFFERENT':<12} {pair}")
+        if not found.same_source:
+            say("the method's source file is not the one that the row was made with")
+        failed |= not found.passed
+    if failed:
+        raise typer.Exit(1)

@@ -32,7 +32,7 @@ from dfdbench.errors import InputError
 from dfdbench.tables.table import Format, counted
 
 if TYPE_CHECKING:
-    from dfdbench.report.run import Run
+    from dfdbench.report.objects import Run
     from dfdbench.results.record import Result
 
 
@@ -45,6 +45,10 @@ def run(
     images: Annotated[
         str | None,
         typer.Option(metavar="I,J", help="Of stacks: the two images that make a pair, from 0."),
+    ] = None,
+    fitted: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN", help="Use what this run's fit learned; fit nothing here."),
     ] = None,
     out: Out = None,
     limit: Annotated[
@@ -99,6 +103,7 @@ def run(
             out=out or Path("results", f"{data.path.stem}-{split}", folder_name(method, param)),
             keep_predictions=not no_predictions,
             fresh=fresh,
+            fitted=fitted,
             pool=pool_of_processes(workers, scheduler),
             for_board=submit,
             on_pair=step,

@@ -58,22 +58,22 @@ class Verb:
 
 _AUDIT = {
     "coverage": Verb(
-        "coverage",
+        "audit",
         "coverage",
         "Ask whether training covers the depths of the test; status 1 where it does not.",
     ),
     "depths": Verb(
-        "audits",
+        "audit",
         "depths",
         "Count how often each depth occurs, or with --result how far runs are off at each depth.",
     ),
     "split": Verb(
-        "audits",
+        "audit",
         "split_command",
         "Propose splits or folds by scene whose training covers their tests' depths.",
     ),
     "difficulty": Verb(
-        "audits",
+        "audit",
         "difficulty",
         "Say for which pixels the blur cannot tell neighbouring depth levels apart.",
     ),
@@ -91,16 +91,16 @@ _RIG = {
 }
 _THESIS = {
     "experiment": Verb(
-        "experiments",
+        "thesis",
         "experiment",
         "Train for each value and seed of an experiment of the thesis; a stopped one is resumed.",
         goes_on=True,
     ),
     "search": Verb(
-        "search", "app", "Search for a network's architecture, as chapter 6 of the thesis does."
+        "thesis", "app", "Search for a network's architecture, as chapter 6 of the thesis does."
     ),
     "reduce": Verb(
-        "experiments",
+        "thesis",
         "reduce",
         "Count the different outputs of each layer; write configurations of narrower networks.",
     ),
@@ -151,7 +151,7 @@ VERBS = {
         "Write a page about runs, pairs worst first, or a paper's table of them.",
     ),
     "leaderboard": Verb(
-        "leaderboard",
+        "reports",
         "app",
         "Rank the results of the leaderboard, print the rankings and write its README.",
     ),

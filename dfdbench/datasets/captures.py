@@ -10,6 +10,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
+from dfdbench.datasets.captured_files import BY_IMAGE
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth, Pair
 from dfdbench.errors import InputError
@@ -20,8 +21,7 @@ Role = Literal["infocus", "defocus"]
 ROLES: tuple[Role, ...] = ("infocus", "defocus")
 #: The roles of a pair's images.
 PAIR: tuple[Role, ...] = ("infocus", "defocus")
-#: What is known of each image, and of the camera; NaN if it is not.
-BY_IMAGE = ("focus_distance", "focus_depth", "f_number")
+#: What is known of the camera; NaN if it is not.
 OF_CAMERA = ("focal_length", "pixel_pitch")
 #: Of a stack so many images are shown as thumbnails.
 _SHOWN = 4
@@ -112,6 +112,11 @@ class Capture:
     def levels(self) -> NDArray[np.uint8]:
         """The depth as levels 0 to 255, the manifest's unknown level where it is not known."""
         return self.about.levels_of(self.depth)
+
+    @property
+    def truth(self) -> NDArray[Any]:
+        """What protocols score: metres, or levels with the unknown level where there is none."""
+        return self.about.scored(self.depth)
 
     @property
     def is_pair(self) -> bool:
@@ -234,7 +239,7 @@ def capture_of(stack: xarray.DataArray, name: str = "stack") -> Capture:
     if stack.attrs.get("unit") == "metres":
         near, far = (float(stack.attrs[key]) for key in ("near", "far"))
         scale = DepthScale(near=near, far=far)
-        about = Depth(axes=[], unknown=0, grows_with="distance", unit="metres", scale=scale)
+        about = Depth(axes=[], unknown=0, grows_with="nearness", unit="metres", scale=scale)
     depth = np.full(stack.shape[1:3], np.nan, np.float32)
     return Capture(Pair(name, ()), stack.values, depth, facts, about)
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field, ValidationError
 from dfdbench.datasets.fingerprint import ATTRIBUTES_SHA256, attributes_digest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import StoreError
-from dfdbench.system.record import problems_of
+from dfdbench.system.strict import problems_of
 
 #: What zarr and xarray come to where files are damaged, by where they are.
 DAMAGED: tuple[type[Exception], ...] = (

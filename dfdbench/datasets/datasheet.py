@@ -8,7 +8,7 @@ from importlib import resources
 
 from dfdbench.datasets.catalog import released_manifests
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.system.record import StrictRecord
+from dfdbench.system.strict import StrictRecord
 
 
 class Datasheet(StrictRecord):

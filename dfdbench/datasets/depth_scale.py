@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from dfdbench.system.record import StrictRecord
+from dfdbench.system.strict import StrictRecord
 
 Level = Annotated[int, Field(ge=0, le=255)]
 #: A length, a distance or a ratio that a manifest states: finite and above zero.

@@ -8,12 +8,17 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from dfdbench.datasets.captured_checks import check_patterns, check_reader, check_rig, check_scale
+from dfdbench.datasets.captured_files import BY_IMAGE
+from dfdbench.datasets.captures import OF_CAMERA
 from dfdbench.datasets.manifest import ALL_PAIRS, Pair, excluded_pairs, grid_of_pairs
 from dfdbench.errors import Problem, unknown_name
 
 _AXIS = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # What the arrays and dimensions of a scene in a store are called, besides the axes.
-_STORE_NAMES = ("available", "channel", "defocus", "depth", "infocus", "valid", "x", "y")
+_STORE_NAMES = (
+    *("available", "channel", "depth", "image", "images", "role", "x", "y"),
+    *(*BY_IMAGE, *OF_CAMERA),
+)
 # In the folder of a store, beside the scenes' own.
 _STORE_FILE = "zarr.json"
 

@@ -14,7 +14,7 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_checks import CHECKS
 from dfdbench.errors import ManifestError, Problem, reason_of
 from dfdbench.system.files import read_whole
-from dfdbench.system.record import problems_of
+from dfdbench.system.strict import problems_of
 from dfdbench.system.text import parse_toml
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest, released_sha256
+from dfdbench.datasets.unseen import seeded, unseen_manifest
 from dfdbench.errors import DfdbenchError, InputError, StoreError, UnknownNameError
 
 #: What stands between a data set's name and its track's.
@@ -98,7 +99,8 @@ def manifest_in(attributes: Mapping[str, Any], where: str) -> Manifest:
         that this version does not know.
     """
     manifest = parse_manifest(attributes["manifest"].encode(), PurePath(where).name)
-    released = released_sha256(manifest)
+    drawn = seeded(manifest.name)
+    released = unseen_manifest(*drawn).sha256 if drawn else released_sha256(manifest)
     if released not in (None, manifest.sha256):
         raise StoreError(
             f"built from another manifest than {manifest.file_stem}, whose name it has",

@@ -18,7 +18,7 @@ from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, MethodError, Problem
 from dfdbench.methods.parameters import read_fields
 from dfdbench.optics.thin_lens import ThinLens
-from dfdbench.system.record import problems_of
+from dfdbench.system.strict import problems_of
 
 #: What `recipe` is called where the manifest's lens takes the place of a blur recipe.
 RIG = "rig"

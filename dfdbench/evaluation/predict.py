@@ -17,7 +17,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.export import STACK_FILE
 from dfdbench.building.folder_matching import matching_of
-from dfdbench.building.sources.captured_pair import matched
+from dfdbench.building.sources.captured_images import matched
 from dfdbench.building.sources.image_files import read_photograph
 from dfdbench.datasets.captures import ROLES, Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest
@@ -67,7 +67,7 @@ class Estimate:
     found: str = ""
 
 
-class Predictor:
+class DepthPredictor:
     """A method that is ready to estimate depth from photographs.
 
     Parameters
@@ -220,7 +220,7 @@ def predict(
     Parameters
     ----------
     method, camera, parameters, align, seed
-        As for `Predictor`.
+        As for `DepthPredictor`.
     images : tuple or DataArray
         The in-focus and the defocus image: files, or uint8 arrays of shape (y, x, 3), RGB. Or a
         stack in register, dimensions (image, y, x, channel), with the coordinates that
@@ -245,7 +245,7 @@ def predict(
     >>> depth.shape, float(depth.min())
     ((40, 50), 255.0)
     """
-    predictor = Predictor(method, camera, parameters, align, seed)
+    predictor = DepthPredictor(method, camera, parameters, align, seed)
     if not isinstance(images, tuple | list):
         return predictor.of_stack(images).depth
     sharp, blurred = (

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import MethodError
-from dfdbench.evaluation.fitting import Fit, fit_again, fit_method, keep_fit
+from dfdbench.evaluation.fitting import Fit, fit_again, fit_from, fit_method, keep_fit
 from dfdbench.evaluation.pair import (
     DIFFERS,
     PRINTED,
@@ -27,15 +27,6 @@ from dfdbench.methods.calling import UNIT_LEVELS, difference
 from dfdbench.methods.method import Method
 from dfdbench.methods.sources import Hashes
 from dfdbench.results.environment import describe_environment
-from dfdbench.results.folder import (
-    add_to_journal,
-    keep_identity,
-    keep_prediction,
-    keep_store_place,
-    open_run_folder,
-    read_identity,
-    read_journal,
-)
 from dfdbench.results.record import (
     DatasetRecord,
     Environment,
@@ -45,6 +36,15 @@ from dfdbench.results.record import (
     average,
 )
 from dfdbench.results.record_file import RESULT, save_result
+from dfdbench.results.run_folder import (
+    add_to_journal,
+    keep_identity,
+    keep_prediction,
+    keep_store_place,
+    open_run_folder,
+    read_identity,
+    read_journal,
+)
 from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
 from dfdbench.tables.table import counted, listed
@@ -214,6 +214,8 @@ class _Known:
 
 def _fitted(plan: RunPlan, before: Path | None, pool: Pool | None) -> Fit | None:
     fit = fit_again(plan.method, before) if before else None
+    if fit is None and plan.options.fitted is not None:
+        fit = fit_from(plan.method, plan.options.fitted)
     fit = fit or fit_method(plan.store, plan.method, plan.split, plan.options.seed)
     if fit and fit.learned is None and pool is not None:
         raise MethodError(

@@ -35,8 +35,8 @@ from dfdbench.figures.style import (
     single_axes,
     without_ticks,
 )
-from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
+from dfdbench.results.run_folder import read_prediction
 from dfdbench.tables.table import counted
 
 _OF_VERDICT = {Verdict.missing: PINK, Verdict.scarce: ORANGE, Verdict.covered: GREEN}

@@ -34,8 +34,8 @@ from dfdbench.figures.style import (
 )
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
-from dfdbench.results.folder import read_prediction
 from dfdbench.results.record import PairResult, Result
+from dfdbench.results.run_folder import read_prediction
 from dfdbench.results.summary import RunSummary, scene_labels
 from dfdbench.results.wording import score_text
 

@@ -277,11 +277,11 @@ def _cards(
         of_data[place] = {
             "infocus": photo(brightened(sharp, times)),
             "defocus": photo(brightened(blurred, times)),
-            "truth": depth_map(known, scale),
+            "truth": depth_picture(known, scale),
         }
     own = {
-        "prediction": depth_map(prediction.astype(np.float64), scale),
-        "error": depth_map(prediction - known, errors),
+        "prediction": depth_picture(prediction.astype(np.float64), scale),
+        "error": depth_picture(prediction - known, errors),
     }
     shown = {
         kind: pictures.setdefault(address, f"p{len(pictures)}")
@@ -332,7 +332,7 @@ def photo(image: NDArray[np.uint8]) -> str:
     return webp_address(image, _PHOTO_QUALITY)
 
 
-def depth_map(depth: NDArray[np.float64], scale: Mapping[str, Any]) -> str:
+def depth_picture(depth: NDArray[np.float64], scale: Mapping[str, Any]) -> str:
     """Return depth or its error, shape (y, x), NaN where unknown, as a coloured data address."""
     low, high = scale["vmin"], scale["vmax"]
     return _coloured((depth - low) / (high - low), scale["cmap"], np.isnan(depth))

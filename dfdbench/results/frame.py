@@ -93,7 +93,7 @@ def scores_of(results: Sequence[Result]) -> pd.DataFrame:
     return frame.astype({"value": float, "seconds": float})
 
 
-def mean_scores(scores: pd.DataFrame, *by: str) -> pd.Series:
+def group_means(scores: pd.DataFrame, *by: str) -> pd.Series:
     """Return the mean value of each group; NaN if one of its pairs was not evaluated.
 
     Pairs for which a metric is undefined are left out. The mean does not depend on their order.
@@ -167,7 +167,7 @@ def track_means(scores: pd.DataFrame, protocol: str, metric: str) -> pd.DataFram
         Which scores; NaN if a run is incomplete or lacking.
     """
     own = scores[(scores["protocol"] == protocol) & (scores["metric"] == metric)]
-    means = mean_scores(own, "track", "severity")
+    means = group_means(own, "track", "severity")
     names = means.index.get_level_values("track")
     tracks = [name for name in dict.fromkeys(names) if name != CLEAN]
     most = max((len(TRACKS[name].severities) for name in tracks), default=0)
@@ -176,7 +176,7 @@ def track_means(scores: pd.DataFrame, protocol: str, metric: str) -> pd.DataFram
     return table
 
 
-def tracks_table(results: Sequence[Result], protocol: str) -> Table:
+def severities_table(results: Sequence[Result], protocol: str) -> Table:
     """Return a row a track: the score on clean images, at each severity, and their mean.
 
     The mean is over severities, clean left out; without all of them there is none.

@@ -21,7 +21,7 @@ from dfdbench.metrics.protocol import (
     require_scored,
 )
 from dfdbench.metrics.scores import LARGEST_NUMBER
-from dfdbench.system.record import Record
+from dfdbench.system.strict import Record
 
 if TYPE_CHECKING:
     pass

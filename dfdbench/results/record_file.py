@@ -12,7 +12,7 @@ from dfdbench.errors import Problem, ResultError, reason_of
 from dfdbench.metrics.protocol import label_of
 from dfdbench.results.record import SCORED, PairResult, Result, average
 from dfdbench.system.files import read_text, write_whole
-from dfdbench.system.record import problems_of
+from dfdbench.system.strict import problems_of
 from dfdbench.system.text import parse_json
 
 RESULT_SCHEMA_VERSION = 1

@@ -15,7 +15,9 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.metrics.protocol import metrics_of
-from dfdbench.results.folder import (
+from dfdbench.results.record import PairResult, Result, shown_protocol
+from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.run_folder import (
     PREDICTIONS,
     PREVIOUS,
     is_begun,
@@ -23,8 +25,6 @@ from dfdbench.results.folder import (
     read_store_place,
     require_pairs_of,
 )
-from dfdbench.results.record import PairResult, Result, shown_protocol
-from dfdbench.results.record_file import RESULT, load_result
 from dfdbench.results.run_tables import run_score_table
 from dfdbench.results.summary import ranked, summarise
 from dfdbench.results.wording import labelled, method_label, score_text
@@ -134,7 +134,7 @@ class SavedRun:
         return as_html(run_score_table(summarise(self.result, protocol))) + worst
 
 
-def open_run(path: Path | str, dataset: str | None = None) -> SavedRun:
+def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
     """Open a run by its result file or its folder.
 
     Parameters

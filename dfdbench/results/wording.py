@@ -50,7 +50,7 @@ def labelled(label: str, place: str) -> str:
     return f"{label} ({place})" if place else label
 
 
-def training_of(method: MethodRecord) -> str:
+def training_text(method: MethodRecord) -> str:
     """Return what a method was trained on and what it was fitted on, in a few words.
 
     Examples
@@ -58,7 +58,7 @@ def training_of(method: MethodRecord) -> str:
     >>> record = MethodRecord(
     ...     name="local", entry="m:Local", source_sha256=None, parameters={}, uses=[],
     ...     trained_on=None, paper=None, fitted_on="demo-1, split train")
-    >>> training_of(record)
+    >>> training_text(record)
     'fitted on demo-1, split train'
     """
     if method.scored:

@@ -29,7 +29,7 @@ from dfdbench.rig.sighting import (
     under_pose,
 )
 from dfdbench.system.files import read_text, write_whole
-from dfdbench.system.record import Record, problems_of
+from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import parse_toml
 
 _MOVED = 5.0  # pixels that scenes may differ by themselves and still be of one rig

@@ -68,7 +68,7 @@ class TrainingImages:
 
 
 @dataclass(frozen=True)
-class Place:
+class PatchPlace:
     """Where a patch is taken from.
 
     Parameters
@@ -270,11 +270,11 @@ class Cropper:
             batch = (batch + self._noise * torch.from_numpy(drawn)).clamp(0, 255)
         return batch, torch.stack(levels)
 
-    def places(self, step: int) -> list[Place]:
+    def places(self, step: int) -> list[PatchPlace]:
         """Return where the patches of a step are taken from, without taking them."""
         return self._places(np.random.default_rng((self._seed, step)), step)
 
-    def _places(self, random: np.random.Generator, step: int) -> list[Place]:
+    def _places(self, random: np.random.Generator, step: int) -> list[PatchPlace]:
         places = []
         for number in range(self.count):
             index = int(random.integers(len(self.shapes)))
@@ -288,10 +288,10 @@ class Cropper:
             drawn = 0 if self._expand else int(random.integers(len(self._to_draw)))
             track = self._tracks.choose(random) if self._tracks else None
             name = f"{self._seed}/{step}/{number}"
-            places.append(Place(index, top, left, self._to_draw[drawn], depth, track, name))
+            places.append(PatchPlace(index, top, left, self._to_draw[drawn], depth, track, name))
         return places
 
-    def _patch(self, place: Place) -> tuple[Tensor, Tensor]:
+    def _patch(self, place: PatchPlace) -> tuple[Tensor, Tensor]:
         inner = tuple(slice(start, start + self.size) for start in (place.top, place.left))
         track = place.degradation
         margin = self._tracks.margin_of(track) if self._tracks and track else self._margin

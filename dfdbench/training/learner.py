@@ -15,7 +15,7 @@ from dfdbench.methods.networks.architectures import start_from_differences
 from dfdbench.methods.networks.weights import build_network, load_weights, weights_sha256
 from dfdbench.training.crops import IGNORED, Cropper, Redraw, TrainingImages, count_levels
 from dfdbench.training.schedule import schedule_of
-from dfdbench.training.task import Task, require_trainable, tracks_of
+from dfdbench.training.task import Task, require_trainable, training_tracks
 
 
 class DivergedError(InputError):
@@ -165,7 +165,7 @@ def _cropper(task: Task, images: TrainingImages) -> Cropper:
         choices.noise,
         task.seed,
         _redraw(task, images),
-        tracks_of(task),
+        training_tracks(task),
     )
 
 

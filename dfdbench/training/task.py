@@ -123,7 +123,7 @@ def task_of(
     return Task(method, store, train, test, trained_on, tested, configuration, seed, start)
 
 
-def tracks_of(task: Task) -> RandomTracks | None:
+def training_tracks(task: Task) -> RandomTracks | None:
     """Return what forms patches by random tracks, or None if the configuration names no tracks."""
     names, recipe = task.configuration.tracks, task.store.recipe
     return RandomTracks(recipe, names) if names and recipe else None
@@ -162,7 +162,7 @@ def require_trainable(task: Task) -> dict[str, Any]:
             why = "of this track is unknown" if manifest.on_track else "captured defocus has not"
             what = f"redraw_depth needs a blur recipe, which {why}"
             raise InputError(what, where=f"{manifest.short}, redraw_depth")
-        tracks = tracks_of(task)
+        tracks = training_tracks(task)
         margin = max(margin_of(recipe), tracks.margin if tracks else 0)
     scenes = dict.fromkeys(pair.scene for pair in task.train)
     shapes = (task.store.to_xarray(name)["depth"].shape[-2:] for name in scenes)

@@ -8,8 +8,8 @@ import pytest
 from dfdbench.board.ranking import Entry, ScoreBoard, boards
 from dfdbench.board.submission import submit
 from dfdbench.board.tables import (
+    board_folds_table,
     board_tables,
-    folds_table,
     lighting_table,
     link_to,
     runs_table,
@@ -135,7 +135,7 @@ def test_a_scene_with_a_failed_pair_has_no_mean() -> None:
 
 def test_folds_are_those_that_the_split_holds_whole() -> None:
     manifest = find_manifest("middlebury-default")
-    table = folds_table(board_of(default_lighting("all")))
+    table = board_folds_table(board_of(default_lighting("all")))
     assert [row[0] for row in table.rows] == [fold.name for fold in manifest.folds]
     for fold, record in zip(manifest.folds, table.records, strict=True):
         expected = sum(0.01 * len(scene) for scene in fold.test_scenes) / len(fold.test_scenes)
@@ -144,7 +144,7 @@ def test_folds_are_those_that_the_split_holds_whole() -> None:
 
 @pytest.mark.parametrize("result", [default_lighting("Art"), make_demo_result(by_name)])
 def test_without_folds_there_is_no_row(result: Result) -> None:
-    assert not folds_table(board_of(result)).rows
+    assert not board_folds_table(board_of(result)).rows
     assert "fold" not in [table.columns[0] for table in board_tables(board_of(result), HERE)]
 
 

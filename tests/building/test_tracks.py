@@ -24,7 +24,7 @@ from dfdbench.datasets.tracked import with_track
 from dfdbench.errors import InputError, MethodError, StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.report.run import Run
+from dfdbench.report.objects import Run
 from dfdbench.results.record import Result
 from dfdbench.system.parallel import Threads
 

@@ -1,9 +1,18 @@
+from __future__ import annotations
+
+import csv
+import io
 import json
+import re
+import sys
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
+import zarr
 
+from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import save_result
 from tests.cli.command import Command
@@ -92,3 +101,157 @@ def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command)
     Path("t.tex").mkdir()
     told = dfdbench("report", "v1", "--format", "latex", "--out", "t.tex")
     assert (told.status, "(t.tex)" in told.err) == (2, True), told.err
+
+
+@pytest.mark.usefixtures("built")
+def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
+    run = ("run", "--dataset", "demo", "--method")
+    assert dfdbench("leaderboard").status == 2
+    Path("leaderboard/results").mkdir(parents=True)
+    submitted = dfdbench(*run, "constant", "--submit")
+    assert submitted.status == 0
+    path = "leaderboard/results/demo-1-test/constant.json"
+    assert f"submission   {path}" in submitted.err
+    assert Path(path).exists()
+    assert "stale" in dfdbench("leaderboard", "--check").err
+    written = dfdbench("leaderboard", "--format", "csv")
+    rows = list(csv.DictReader(io.StringIO(written.out)))
+    assert [row["protocol"] for row in rows] == ["thesis", "thesis-networks-2", "valid"]
+    assert "1 row valid" in dfdbench("leaderboard", "--check").out
+    verified = dfdbench("leaderboard", "verify", path, "--pairs", "2")
+    assert verified.status == 0
+    assert verified.out.count("same depth map, scores at most 0 off") == 2
+    (seed,) = re.findall(r"drawn        2 of 54 pairs by --seed (\d+)", verified.out)
+    assert (
+        dfdbench("leaderboard", "verify", path, "--pairs", "2", "--seed", seed).out == verified.out
+    )
+    text = Path(path).read_text("utf-8")
+    halved = json.loads(text)
+    column = halved["runs"][0]["scores"]["thesis"]["nrmse"]
+    column[:] = [value / 2 for value in column]
+    Path(path).write_text(json.dumps(halved))
+    found_out = dfdbench("leaderboard", "verify", path, "--pairs", "2")
+    assert (found_out.status, found_out.out.count("DIFFERENT")) == (1, 2)
+    Path(path).write_text(text)
+    assert "\\toprule" in dfdbench("leaderboard", "--format", "latex").out
+    assert json.loads(dfdbench("leaderboard", "--format", "json").out)[0]["rows"][0]["rank"] == 1
+    assert "constant" in dfdbench("leaderboard").out
+
+
+@pytest.mark.usefixtures("built")
+def test_mistakes_are_told(dfdbench: Command) -> None:
+    Path("leaderboard/results").mkdir(parents=True)
+    dfdbench("run", "--dataset", "demo", "--method", "constant", "--submit", "--no-predictions")
+    result = "results/demo-1-test/constant/result.json"
+    row = "leaderboard/results/demo-1-test/constant.json"
+    Path("copy.json").write_bytes(Path(result).read_bytes())
+    bare = dfdbench("compare", result, "copy.json")
+    assert (bare.status, "no panels: no depth maps lie beside" in bare.err) == (0, True)
+    for arguments, told in (
+        (("compare", result, row), "unknown field"),
+        (("compare", "nowhere", result), "cannot read the result"),
+        (("report", result, "--out", "page", "--protocol", "metric"), "not scored in metres"),
+        (("compare", result, "copy.json", "--protocol", "thesys"), "did you mean thesis"),
+        (("leaderboard", "verify", "nowhere.json"), "cannot read the row"),
+        (("leaderboard", "--folder", "nowhere"), "no leaderboard"),
+        (("leaderboard", "--check", "--format", "csv"), "--check prints no rankings"),
+    ):
+        outcome = dfdbench(*arguments)
+        assert (outcome.status, told in outcome.err) == (2, True), outcome.err
+        assert "Traceback" not in outcome.err
+
+
+FAILS_AT_TIMES = """
+def predict(infocus, defocus):
+    assert infocus.mean() < defocus.mean()
+    return infocus[..., 0]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("built")
+def test_a_run_with_failed_pairs_is_submitted_without_rank(dfdbench: Command) -> None:
+    Path("leaderboard/results").mkdir(parents=True)
+    Path("fails.py").write_text(FAILS_AT_TIMES)
+    ran = dfdbench(
+        "run", "--dataset", "demo", "--method", "fails.py:predict", "--submit", "--no-predictions"
+    )
+    assert ran.status == 1
+    assert "pairs failed" in ran.err
+    assert "without a rank" in ran.err
+    listed = json.loads(dfdbench("leaderboard", "--format", "json").out)
+    assert [board["rows"][0]["rank"] for board in listed] == [None] * 3
+
+
+@pytest.mark.usefixtures("built")
+def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -> None:
+    run = ("run", "--dataset", "demo", "--method", "constant", "--submit")
+    for arguments, told in ((run, "no leaderboard here"), ((*run, "--limit", "2"), "--limit")):
+        outcome = dfdbench(*arguments)
+        assert (outcome.status, told in outcome.err) == (2, True), outcome.err
+    assert not Path("leaderboard").exists()
+    assert not Path("results").exists()
+
+
+def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store: Dataset) -> None:
+    Path("leaderboard/results").mkdir(parents=True)
+    depth = zarr.open_group(str(tiny_store.path), mode="r+")["Two/depth"]
+    assert isinstance(depth, zarr.Array)
+    depth[...] = np.asarray(depth[...])[..., ::-1]
+    run = ("run", "--dataset", str(tiny_store.path), "--method", "constant", "--split", "One")
+    refused = dfdbench(*run, "--submit")
+    assert refused.status == 2
+    assert "does not hold what was built" in refused.err
+    assert "Two/depth" in refused.err
+    assert not Path("results").exists()
+
+
+@pytest.mark.usefixtures("built")
+def test_verify_runs_others_code_only_with_consent(
+    dfdbench: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("leaderboard/results").mkdir(parents=True)
+    # Another test's module of that name would be another file.
+    monkeypatch.delitem(sys.modules, "mymodule", raising=False)
+    entry = "mymodule:predict"
+    dfdbench("run", "--dataset", "demo", "--method", entry, "--submit", "--no-predictions")
+    path = "leaderboard/results/demo-1-test/mymodule_predict.json"
+    verify = ("leaderboard", "verify", path, "--pairs", "1")
+    for more, told in (
+        ((), "only if you trust it"),
+        (("--trust", "mymodule"), "only if you trust it"),
+        (("--trust", entry, "--tolerance", "nan"), "a number from 0 to 1"),
+    ):
+        outcome = dfdbench(*verify, *more)
+        assert (outcome.status, told in outcome.err) == (2, True), outcome.err
+    assert dfdbench(*verify, "--trust", entry).status == 0
+
+
+@pytest.mark.usefixtures("built")
+def test_another_method_of_the_same_name_replaces_none_without_a_word(dfdbench: Command) -> None:
+    Path("leaderboard/results").mkdir(parents=True)
+    run = ("run", "--dataset", "demo", "--method", "mine.py:predict", "--submit", "--no-figures")
+    for answer in ("infocus[..., 0]", "infocus[..., 1]"):
+        Path("mine.py").write_text(f"def predict(infocus, defocus):\n    return {answer}\n")
+        outcome = dfdbench(*run)
+    assert outcome.status == 2
+    assert "another method of this name is there: its source_sha256 is" in outcome.err
+    assert "demo-1-test/mine.py_predict.json" in outcome.err
+    assert dfdbench(*run, "--replace").status == 0
+
+
+@pytest.mark.usefixtures("built")
+def test_weights_trained_on_the_test_are_refused_before_the_run(dfdbench: Command) -> None:
+    Path("leaderboard/results").mkdir(parents=True)
+    Path("learned.py").write_text(
+        "def predict(infocus, defocus):\n    raise RuntimeError('called')\n"
+        f"predict.trained_on = 'demo-1, split train'\npredict.weights_sha256 = '{'5' * 64}'\n"
+    )
+    run = ("run", "--method", "learned.py:predict", "--dataset", "demo", "--split")
+    refused = dfdbench(*run, "all", "--submit")
+    assert refused.status == 2
+    assert "trained on scenes of the test" in refused.err
+    assert "Garage" in refused.err
+    assert not Path("results").exists()
+    # Without --submit it is one's own affair: a warning in the result.
+    assert "leak" in dfdbench(*run, "Attic").out

@@ -9,7 +9,7 @@ from dfdbench.errors import InputError
 METRES = Depth(
     axes=[],
     unknown=0,
-    grows_with="distance",
+    grows_with="nearness",
     unit="metres",
     scale=DepthScale(law="inverse", near=0.5, far=5.0),
 )

@@ -13,7 +13,7 @@ from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.results.frame import frame_of
 from dfdbench.results.record_file import load_result
-from dfdbench.results.saved_run import open_run
+from dfdbench.results.saved_run import open_saved_run
 
 
 def grey(infocus: Any, defocus: Any, gain: float = 1.0) -> Any:
@@ -110,7 +110,7 @@ def test_depth_maps_live_as_long_as_the_run_or_where_out_says(
     kept = evaluate(grey, tiny_store, limit=2, out=tmp_path / "kept")
     del kept
     gc.collect()
-    again = open_run(str(tmp_path / "kept"))
+    again = open_saved_run(str(tmp_path / "kept"))
     found = again.images(again.result.pairs[0].id)
     assert found is not None
     assert found[0].pair.id == again.result.pairs[0].id

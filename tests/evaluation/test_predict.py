@@ -11,7 +11,7 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.predict import Predictor, captures_in, predict, write_depth
+from dfdbench.evaluation.predict import DepthPredictor, captures_in, predict, write_depth
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.registry import load
 from tests.conftest import write_png
@@ -58,11 +58,11 @@ def test_photographs_are_laid_on_each_other(pair: tuple[Image, Image, Image]) ->
         return float(np.abs(answer - depth)[inner].mean())
 
     straight = error(predict("local", (sharp, blurred), "published"))
-    aligned = Predictor("local", "published")(sharp, moved)
+    aligned = DepthPredictor("local", "published")(sharp, moved)
     as_is = error(predict("local", (sharp, moved), "published", align=False))
     assert error(aligned.depth) < straight + 10 < as_is
     assert "brightness" in aligned.found
-    assert Predictor("local", "published")(sharp, blurred).found == ""
+    assert DepthPredictor("local", "published")(sharp, blurred).found == ""
 
 
 def test_a_run_lends_what_its_fit_learned(demo_store: Dataset, tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ def test_a_run_lends_what_its_fit_learned(demo_store: Dataset, tmp_path: Path) -
 
 def test_a_lens_says_what_levels_are(pair: tuple[Image, Image, Image], tmp_path: Path) -> None:
     (tmp_path / "lens.toml").write_text(LENS)
-    predictor = Predictor("local", tmp_path / "lens.toml")
+    predictor = DepthPredictor("local", tmp_path / "lens.toml")
     assert predictor.meaning.endswith("level 1 is 5 m, level 255 is 0.5 m")
     assert predictor(*pair[:2]).depth.shape == pair[2].shape
 

@@ -9,8 +9,8 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, ResultError, StoreError
 from dfdbench.evaluation.run import run_method
 from dfdbench.evaluation.scored import score_predictions
-from dfdbench.results.folder import read_prediction
 from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.run_folder import read_prediction
 from dfdbench.results.run_tables import run_tables
 from dfdbench.results.summary import summarise
 from tests.evaluation.made_methods import grey, method

@@ -33,7 +33,7 @@ from dfdbench.results.run_tables import (
     scene_tables,
     spread_table,
 )
-from dfdbench.results.saved_run import open_run
+from dfdbench.results.saved_run import open_saved_run
 from dfdbench.results.summary import scene_labels, summarise
 from tests.evaluation.made_predictions import in_metres
 
@@ -87,7 +87,7 @@ def test_a_metric_more_is_in_every_table_figure_and_page(
     assert content["groups"][-1]["mae_levels"]["mean"] > 1
     assert content["top"][0]["mae_levels"] == summary.ranked[0].score("valid", "mae_levels")
 
-    run = open_run(folder, str(tiny_store.path))
+    run = open_saved_run(folder, str(tiny_store.path))
     drawn = score_figure(result, "valid")
     worst = panel_figure(tiny_store, result, folder, summary.ranked[:1], "valid", "worst")
     figures = [
@@ -146,7 +146,7 @@ def test_in_metres_every_table_figure_and_page_shows_their_metrics(
         changed = change_tables(result, result, protocol)[0]
         assert [row[0] for row in changed.rows if row[0]] == wanted
         assert json.loads(run_as_json(summary))["top"][0].keys() >= set(metrics_of(protocol))
-        run = open_run(folder, str(tiny_store.path))
+        run = open_saved_run(folder, str(tiny_store.path))
         figures = [
             score_figure(result, protocol),
             panel_figure(store, result, folder, summary.ranked[:1], protocol, "worst"),

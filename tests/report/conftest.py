@@ -13,7 +13,7 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.method import Method
 from dfdbench.results.record_file import RESULT
-from dfdbench.results.saved_run import SavedRun, open_run
+from dfdbench.results.saved_run import SavedRun, open_saved_run
 from tests.once import made_once
 
 HOSTILE = """<img src=x onerror=alert(1)> "q" 'p' | </script> $x$ _ 🐟"""
@@ -35,7 +35,7 @@ def saved_runs(demo_store: Dataset, tmp_path_factory: pytest.TempPathFactory) ->
             run_method(demo_store, method, "Kitchen", folder / name)
 
     folder = made_once(tmp_path_factory, "runs", run)
-    return [open_run(folder / name / RESULT, str(demo_store.path)) for name in methods]
+    return [open_saved_run(folder / name / RESULT, str(demo_store.path)) for name in methods]
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ from dfdbench.errors import UnknownNameError
 from dfdbench.report.page import (
     Content,
     Section,
-    depth_map,
+    depth_picture,
     gather,
     inline_svg,
     photo,
@@ -182,11 +182,13 @@ def test_a_photo_keeps_its_colours() -> None:
 def test_unknown_depth_is_grey_and_no_error_is_white() -> None:
     depth = np.full((32, 32), 50.0)
     depth[:, :16] = np.nan
-    assert decoded(depth_map(depth, {"cmap": "viridis", "vmin": 0, "vmax": 100}))[
+    assert decoded(depth_picture(depth, {"cmap": "viridis", "vmin": 0, "vmax": 100}))[
         16, 4
     ] == pytest.approx(191, abs=8)
     assert (
-        decoded(depth_map(np.zeros((32, 32)), {"cmap": "PuOr", "vmin": -50, "vmax": 50}))[16, 16]
+        decoded(depth_picture(np.zeros((32, 32)), {"cmap": "PuOr", "vmin": -50, "vmax": 50}))[
+            16, 16
+        ]
         > 235
     ).all()
 

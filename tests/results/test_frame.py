@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dfdbench.errors import UnknownNameError
-from dfdbench.results.frame import frame_of, mean_scores, scores_of, track_means, tracks_table
+from dfdbench.results.frame import frame_of, group_means, scores_of, severities_table, track_means
 from dfdbench.results.record import Result
 from tests.board.made_tracks import make_tracks
 from tests.made_results import limited, make_demo_result, make_result
@@ -58,10 +58,10 @@ def test_any_number_of_runs_are_one_long_table() -> None:
 
 
 def test_a_mean_leaves_out_what_is_undefined_and_needs_every_pair() -> None:
-    whole = mean_scores(scores_of([make_result(SCORES)]), "metric")
+    whole = group_means(scores_of([make_result(SCORES)]), "metric")
     assert whole["nrmse"] == pytest.approx(0.15)
     stopped = scores_of([limited(make_demo_result(lambda pair: 0.1), 53)])
-    means = mean_scores(stopped[stopped["metric"] == "nrmse"], "scene")
+    means = group_means(stopped[stopped["metric"] == "nrmse"], "scene")
     assert means.isna().tolist() == [False, False, True]
 
 
@@ -84,7 +84,7 @@ RUNS = {
 
 
 def test_a_row_has_clean_the_severities_and_their_mean_without_clean() -> None:
-    table = tracks_table(list(RUNS.values()), "thesis")
+    table = severities_table(list(RUNS.values()), "thesis")
     assert table.columns == ("track", "clean", "1", "2", "3", "mean of severities")
     assert table.rows[0] == ("gain", "0.1250", "0.2500", "0.5000", "0.7500", "0.5000")
     assert table.rows[1] == ("noise", "0.1250", "0.5000", "0.5000", "0.5000", "0.5000")
@@ -93,7 +93,7 @@ def test_a_row_has_clean_the_severities_and_their_mean_without_clean() -> None:
 
 
 def test_what_was_told_is_said_of_clean_and_of_tracks() -> None:
-    assert tracks_table(list(RUNS.values()), "thesis").notes[:2] == (
+    assert severities_table(list(RUNS.values()), "thesis").notes[:2] == (
         "clean: the blur",
         "on tracks: blur fitted",
     )
@@ -102,7 +102,7 @@ def test_what_was_told_is_said_of_clean_and_of_tracks() -> None:
 def test_a_severity_that_is_incomplete_or_was_not_run_leaves_no_mean() -> None:
     runs = {**RUNS, "gain-2": limited(RUNS["gain-2"], 3)}
     del runs["noise-3"]
-    table = tracks_table(list(runs.values()), "thesis")
+    table = severities_table(list(runs.values()), "thesis")
     assert table.rows[0][2:] == ("0.2500", "–", "0.7500", "–")
     assert table.rows[1][2:] == ("0.5000", "0.5000", "–", "–")
     assert any(note.startswith("gain-2: 3 of 54 pairs") for note in table.notes)

@@ -9,24 +9,24 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.results.folder import open_run_folder
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import save_result
-from dfdbench.results.saved_run import SavedRun, open_run, told_apart, without_previous
+from dfdbench.results.run_folder import open_run_folder
+from dfdbench.results.saved_run import SavedRun, open_saved_run, told_apart, without_previous
 from tests.made_results import make_demo_result, make_result
 
 
 def test_a_folder_of_runs_names_them(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="`dfdbench run` makes one"):
-        open_run(tmp_path)
+        open_saved_run(tmp_path)
     for name in ("a", "b"):
         save_result(
             make_result({("a", 1, 1, 0): 0.1}), tmp_path / f"demo-1-test/{name}/result.json"
         )
-    assert open_run(tmp_path / "demo-1-test/a").label == "mine"
+    assert open_saved_run(tmp_path / "demo-1-test/a").label == "mine"
     for folder in (tmp_path, tmp_path / "demo-1-test"):
         with pytest.raises(ResultError, match=r"name the runs: .*demo-1-test/a, .*demo-1-test/b"):
-            open_run(folder)
+            open_saved_run(folder)
 
 
 def test_a_run_on_a_path_finds_its_store_again(
@@ -37,7 +37,7 @@ def test_a_run_on_a_path_finds_its_store_again(
         Dataset(Path("tiny.zarr")), load_for(tiny_store, "constant", {}), "test", Path("out")
     )
     monkeypatch.chdir("/")
-    found = open_run(tmp_path / "out")
+    found = open_saved_run(tmp_path / "out")
     assert found.store is not None
     assert found.without == ""
     assert found.images(found.result.pairs[0]) is not None
@@ -45,19 +45,19 @@ def test_a_run_on_a_path_finds_its_store_again(
         found.images(0)  # type: ignore[arg-type]
     # Elsewhere, or overwritten by another build: told, not shown.
     (tmp_path / "tiny.zarr").rename(tmp_path / "moved.zarr")
-    moved = open_run(tmp_path / "out")
+    moved = open_saved_run(tmp_path / "out")
     assert moved.store is None
     assert "--dataset" in moved.without
     assert "<img" not in moved._repr_html_()
-    assert open_run(tmp_path / "out", str(tmp_path / "moved.zarr")).store is not None
+    assert open_saved_run(tmp_path / "out", str(tmp_path / "moved.zarr")).store is not None
     (tmp_path / "out/store.txt").unlink()
-    assert "unknown data set" in open_run(tmp_path / "out").without
+    assert "unknown data set" in open_saved_run(tmp_path / "out").without
 
 
 def test_a_run_that_was_stopped_is_told_as_one(tmp_path: Path) -> None:
     open_run_folder(tmp_path / "run", {"entry": "mine:predict"}, goes_on=False)
     with pytest.raises(ResultError, match="stopped before its end") as told:
-        open_run(tmp_path / "run")
+        open_saved_run(tmp_path / "run")
     assert "the same command" in str(told.value)
 
 

@@ -11,6 +11,7 @@ from dfdbench.building.sources.interface import SceneError, SceneImages, Source
 from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.building.sources.middlebury_download import Download, download_middlebury
 from dfdbench.building.sources.realworld import RealworldFolder
+from dfdbench.building.sources.rooms import Rooms
 from dfdbench.building.sources.simulated_rig import SimulatedRig
 from dfdbench.datasets.captured_checks import FOLDER
 from dfdbench.datasets.manifest import Manifest
@@ -33,6 +34,7 @@ ENTRY_POINT_GROUP = "dfdbench.sources"
 _MADE: Mapping[str, Callable[[Manifest], Source]] = {
     "demo": DemoScenes,
     "realworld-sim": SimulatedRig,
+    "unseen": Rooms,
 }
 _BUILT_IN = (*_MADE, FOLDER, "middlebury", "realworld")
 
@@ -85,7 +87,7 @@ def open_source(
         if folder is None:
             raise SourceError(
                 f"{manifest.short} is read from a folder, and none is named",
-                expected=manifest.files.infocus if manifest.files else "",
+                expected=", ".join(manifest.files.patterns.values()) if manifest.files else "",
                 fix="name the folder: --source DIR",
             )
         return FolderScenes(manifest, folder, checksums)

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from dfdbench.errors import MethodError, Problem, reason_of
 from dfdbench.methods.networks.architectures import DfDNet, UNet
 from dfdbench.system.files import require_file, write_whole
-from dfdbench.system.record import Record, problems_of
+from dfdbench.system.strict import Record, problems_of
 
 NETWORKS: dict[str, type[nn.Module]] = {"dfd-net": DfDNet, "u-net": UNet}
 _VARIANCE = "running_var"

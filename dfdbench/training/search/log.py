@@ -48,7 +48,7 @@ Place = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Row:
+class LogRow:
     """A position and what its training came to."""
 
     place: Place
@@ -67,7 +67,7 @@ class SearchFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._rows: dict[Place, Row] = {}
+        self._rows: dict[Place, LogRow] = {}
 
     def open(self, identity: Mapping[str, Any]) -> None:
         """Begin, or read what was done before.
@@ -100,7 +100,7 @@ class SearchFolder:
         # Without the line that a kill may have cut short.
         write_whole(log, _as_csv(rows, header=True))
 
-    def __getitem__(self, place: Place) -> Row | None:
+    def __getitem__(self, place: Place) -> LogRow | None:
         """Return what is known of a particle in an iteration."""
         return self._rows.get(place)
 
@@ -108,7 +108,7 @@ class SearchFolder:
         """Return how many trainings are known."""
         return len(self._rows)
 
-    def note(self, row: Row) -> None:
+    def note(self, row: LogRow) -> None:
         """Keep what a training came to: once this returns, a kill does not lose it."""
         self._rows[row.place] = row
         with (self.path / POSITIONS).open("a", encoding="utf-8") as file:
@@ -153,12 +153,12 @@ def _read_identity(file: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def _read_rows(log: Path) -> list[Row]:
+def _read_rows(log: Path) -> list[LogRow]:
     try:
         lines = log.read_bytes().decode("utf-8").split("\n")
     except UnicodeDecodeError as error:
         raise InputError.of(_damaged("the log is no text", str(log), str(error))) from error
-    found: dict[Place, Row] = {}
+    found: dict[Place, LogRow] = {}
     problems: list[Problem] = []
     # What follows the last line break is empty, or was cut short by a kill.
     for number, values in enumerate(csv.DictReader(lines[:-1]), 2):
@@ -181,7 +181,7 @@ def _damaged(what: str, where: str, got: str) -> Problem:
     return Problem(what, where=where, got=got, fix=fix)
 
 
-def _row_of(values: Mapping[str, str]) -> Row:
+def _row_of(values: Mapping[str, str]) -> LogRow:
     if None in values or None in values.values():
         raise ValueError(f"not {len(_COLUMNS)} values")
     scores = [
@@ -201,10 +201,10 @@ def _row_of(values: Mapping[str, str]) -> Row:
         float(values["seconds"]),
     )
     position = np.array([float(values[name]) for name in COMPONENTS])
-    return Row((int(values["iteration"]), int(values["particle"])), position, outcome)
+    return LogRow((int(values["iteration"]), int(values["particle"])), position, outcome)
 
 
-def _as_csv(rows: Iterable[Row], header: bool) -> str:
+def _as_csv(rows: Iterable[LogRow], header: bool) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     if header:
@@ -409,7 +409,7 @@ def training_seed(seed: int, iteration: int, particle: int) -> int:
     return int(sequence.generate_state(1)[0])
 
 
-def evaluate(job: Job) -> Outcome | None:
+def evaluate_job(job: Job) -> Outcome | None:
     """Train a particle's network and score it; None if time was up before.
 
     A training that diverges, or that the machine cannot do, is a failed one. What concerns the

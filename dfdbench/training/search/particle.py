@@ -23,7 +23,7 @@ from dfdbench.methods.networks.choices import (
     checked_normalized,
 )
 from dfdbench.methods.networks.layers import ACTIVATIONS
-from dfdbench.system.record import Record, problems_of
+from dfdbench.system.strict import Record, problems_of
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
 from dfdbench.tables.table import Table
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.search.log import PARTS, Job, Outcome, Row, SearchFolder, evaluate
+from dfdbench.training.search.log import PARTS, Job, LogRow, Outcome, SearchFolder, evaluate_job
 from dfdbench.training.search.particle import (
     Numbers,
     Particle,
@@ -38,9 +38,9 @@ class SearchOutcome:
         After the last iteration that is whole; None if not even the start is.
     course : tuple of Iteration
         The start, and each iteration that is whole.
-    best : Row or None
+    best : LogRow or None
         The best position of `swarm`, and its training; None if all failed.
-    failures : tuple of Row
+    failures : tuple of LogRow
         Trainings that failed or diverged.
     trainings : int
         Done so far.
@@ -50,8 +50,8 @@ class SearchOutcome:
 
     swarm: Swarm | None
     course: tuple[Iteration, ...]
-    best: Row | None
-    failures: tuple[Row, ...]
+    best: LogRow | None
+    failures: tuple[LogRow, ...]
     trainings: int
     finished: bool
 
@@ -146,7 +146,7 @@ class _Judge:
         self._values: Numbers = np.empty(0)
         self.swarm: Swarm | None = None
         self.course: list[Iteration] = []
-        self.failures: list[Row] = []
+        self.failures: list[LogRow] = []
         self._tell()
 
     def __call__(self, swarm: Swarm) -> Numbers:
@@ -162,14 +162,14 @@ class _Judge:
         def note(job: Job, outcome: Outcome | None) -> None:
             if outcome is not None:
                 place = (job.iteration, job.particle)
-                self._log.note(Row(place, swarm.positions[job.particle], outcome))
+                self._log.note(LogRow(place, swarm.positions[job.particle], outcome))
                 self._tell()
 
         if self._pool is None:
             for job in jobs:
-                note(job, evaluate(job))
+                note(job, evaluate_job(job))
         elif jobs:
-            self._pool.map(evaluate, jobs, on_outcome=note)
+            self._pool.map(evaluate_job, jobs, on_outcome=note)
         rows = [self._log[place] for place in places]
         known = [row for row in rows if row is not None]
         if len(known) < len(rows):
@@ -242,7 +242,9 @@ def iteration_of(swarm: Swarm, values: Numbers) -> Iteration:
     return Iteration(swarm.iteration, swarm.best_value, least, mean, failed, float(alike.mean()))
 
 
-def course_table(plan: SearchPlan, course: Sequence[Iteration], failures: Sequence[Row]) -> Table:
+def course_table(
+    plan: SearchPlan, course: Sequence[Iteration], failures: Sequence[LogRow]
+) -> Table:
     """Return a row an iteration: best and mean objective, failures, convergence."""
     rows = tuple(
         (
@@ -269,7 +271,7 @@ def course_table(plan: SearchPlan, course: Sequence[Iteration], failures: Sequen
     )
 
 
-def network_table(plan: SearchPlan, best: Row) -> Table:
+def network_table(plan: SearchPlan, best: LogRow) -> Table:
     """Return the network found, layer by layer, the baseline's widths beside it."""
     particle = particle_at(best.position)
     sizes = dict(zip(SIZED, particle.kernels, strict=True))
@@ -310,7 +312,7 @@ def _site_of(layer: int, particle: Particle) -> tuple[str, str]:
     return "yes" if particle.normalized[place] else "no", particle.activations[place]
 
 
-def best_as_toml(plan: SearchPlan, best: Row) -> str:
+def best_as_toml(plan: SearchPlan, best: LogRow) -> str:
     """Return the best network as a configuration that ``dfdbench train dfd-net`` takes."""
     fields = TrainingConfiguration.model_fields
     found = plan.configuration_of(particle_at(best.position))

@@ -9,7 +9,7 @@ import numpy as np
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.search.log import Outcome, Row
+from dfdbench.training.search.log import LogRow, Outcome
 from dfdbench.training.search.particle import begun, bounds_of
 from dfdbench.training.search.plan import Choices, SearchPlan, plan_search
 
@@ -31,14 +31,14 @@ def small_plan(
     return plan_search(store, base, {}, Choices(**asked), "cpu")
 
 
-def some_rows(plan: SearchPlan) -> list[Row]:
+def some_rows(plan: SearchPlan) -> list[LogRow]:
     """Return rows of a start whose last training failed."""
     rows = []
     for number, position in enumerate(begun(plan.box, 3, 0).positions):
         scores = {"nrmse": 0.1 + number / 10, "nmae": 0.1, "ssim": 0.7}
         outcome = Outcome(0.5 + number / 10, "", scores, scores, 1000, 2, 0.5)
-        rows.append(Row((0, number), np.asarray(position), outcome))
-    rows[-1] = Row((0, 2), rows[-1].position, Outcome(failed="diverged: at\nstep 3"))
+        rows.append(LogRow((0, number), np.asarray(position), outcome))
+    rows[-1] = LogRow((0, 2), rows[-1].position, Outcome(failed="diverged: at\nstep 3"))
     return rows
 
 

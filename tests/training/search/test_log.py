@@ -18,7 +18,14 @@ from dfdbench.methods.networks.inference import Predictor
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.system.files import hold
 from dfdbench.training.search import log as module
-from dfdbench.training.search.log import Job, Row, SearchFolder, evaluate, mean_parts, objective
+from dfdbench.training.search.log import (
+    Job,
+    LogRow,
+    SearchFolder,
+    evaluate_job,
+    mean_parts,
+    objective,
+)
 from dfdbench.training.search.particle import COMPONENTS, position_of
 from dfdbench.training.search.plan import SearchPlan
 from dfdbench.training.task import mean_scores
@@ -57,7 +64,7 @@ def test_what_is_noted_is_read_again_bit_for_bit(plan: SearchPlan, path: Path) -
     assert failed is not None
     assert (failed.outcome.value, failed.outcome.failed) == (np.inf, "diverged: at step 3")
     whole = again[0, 0]
-    assert isinstance(whole, Row)
+    assert isinstance(whole, LogRow)
     assert whole.outcome == some_rows(plan)[0].outcome
     assert again[1, 0] is None
 
@@ -165,14 +172,14 @@ def job(store: Dataset, folder: Path, until: float = math.inf, **configuration: 
 
 def test_a_particle_is_trained_and_scored_on_both_sets(tiny_store: Dataset, tmp_path: Path) -> None:
     asked = job(tiny_store, tmp_path)
-    outcome = evaluate(asked)
+    outcome = evaluate_job(asked)
     assert outcome is not None
     assert (outcome.failed, outcome.steps) == ("", 2)
     assert outcome.value == objective(outcome.train, outcome.other, 0.3) < math.inf
     card = load_weights(asked.folder / "weights.safetensors", "dfd-net")[1]
     assert (card.seed, card.parameters) == (asked.seed, outcome.parameters)
     assert "less " in card.trained_on
-    assert evaluate(asked) == outcome  # gone on with, nothing is left to train
+    assert evaluate_job(asked) == outcome  # gone on with, nothing is left to train
 
 
 @pytest.mark.parametrize(
@@ -196,7 +203,7 @@ def test_a_training_that_fails_is_infinitely_bad(
 
     if raised:
         monkeypatch.setattr(module, "train", fail)
-    outcome = evaluate(job(tiny_store, tmp_path, learning_rate=1e30, steps=5))
+    outcome = evaluate_job(job(tiny_store, tmp_path, learning_rate=1e30, steps=5))
     assert outcome is not None
     assert outcome.value == math.inf
     assert outcome.failed.startswith(told)
@@ -210,14 +217,14 @@ def test_what_says_nothing_of_the_network_is_raised(
 
     monkeypatch.setattr(module, "train", fail)
     with pytest.raises(ResultError, match="No space left"):
-        evaluate(job(tiny_store, tmp_path))
+        evaluate_job(job(tiny_store, tmp_path))
 
 
 def test_time_is_up_before_and_within_a_training(tiny_store: Dataset, tmp_path: Path) -> None:
-    assert evaluate(job(tiny_store, tmp_path, until=time.time())) is None
+    assert evaluate_job(job(tiny_store, tmp_path, until=time.time())) is None
     assert not (tmp_path / "000-001").exists()
     late = job(tiny_store, tmp_path, until=time.time() + 0.5, steps=100_000)
-    assert evaluate(late) is None
+    assert evaluate_job(late) is None
     assert (tmp_path / "000-001/checkpoint.pt").exists()
 
 
@@ -227,7 +234,7 @@ def test_no_two_processes_train_the_same_particle(tiny_store: Dataset, tmp_path:
         hold(tmp_path / ".000-001.lock", taken),
         pytest.raises(InputError, match="another process is training this particle"),
     ):
-        evaluate(job(tiny_store, tmp_path))
+        evaluate_job(job(tiny_store, tmp_path))
 
 
 CPU = torch.device("cpu")

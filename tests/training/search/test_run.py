@@ -19,7 +19,7 @@ from dfdbench.system.files import hold
 from dfdbench.system.parallel import Cluster, Processes
 from dfdbench.training.configuration import read_configuration
 from dfdbench.training.search import run as module
-from dfdbench.training.search.log import Job, Outcome, Row, evaluate
+from dfdbench.training.search.log import Job, LogRow, Outcome, evaluate_job
 from dfdbench.training.search.particle import begun, judged, particle_at, position_of
 from dfdbench.training.search.run import (
     SearchOutcome,
@@ -153,16 +153,16 @@ def test_a_failed_training_is_told_and_searched_past(
     def sometimes(job: Job) -> Outcome | None:
         if job.particle == 0:
             return Outcome(failed="diverged: the loss became nan, step 2")
-        return evaluate(job)
+        return evaluate_job(job)
 
-    monkeypatch.setattr(module, "evaluate", sometimes)
+    monkeypatch.setattr(module, "evaluate_job", sometimes)
     outcome = searched(tiny_store, tmp_path / "s")
     assert [row.place for row in outcome.failures] == [(0, 0), (1, 0), (2, 0)]
     assert [item.failed for item in outcome.course] == [1, 1, 1]
     assert outcome.best is not None
     assert outcome.best.place[1] == 1
     assert same(searched(tiny_store, tmp_path / "s"), outcome)
-    monkeypatch.setattr(module, "evaluate", lambda job: Outcome(failed="failed: no memory"))
+    monkeypatch.setattr(module, "evaluate_job", lambda job: Outcome(failed="failed: no memory"))
     nothing = searched(tiny_store, tmp_path / "t")
     assert (nothing.best, nothing.finished) == (None, True)
 
@@ -178,9 +178,9 @@ def test_time_is_up_and_more_time_goes_on(
 
     def three(job: Job) -> Outcome | None:
         asked.append(job)
-        return evaluate(job) if len(asked) <= 3 else None
+        return evaluate_job(job) if len(asked) <= 3 else None
 
-    monkeypatch.setattr(module, "evaluate", three)
+    monkeypatch.setattr(module, "evaluate_job", three)
     some = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
     assert (some.finished, len(some.course), some.trainings) == (False, 1, 3)
     monkeypatch.undo()
@@ -229,10 +229,10 @@ def test_tables_say_what_selected_and_what_failed(tiny_store: Dataset) -> None:
     assert any(note.startswith("iteration 0, particle 2: diverged") for note in table.notes)
 
 
-def swarm_s(value: float = 0.5) -> Row:
+def swarm_s(value: float = 0.5) -> LogRow:
     scores = {"nrmse": 0.1, "nmae": 0.1, "ssim": 0.7}
     position = position_of(FILTERS["pso"], first_activation="sigmoid", crop=16)
-    return Row((4, 2), position, Outcome(value, "", scores, scores, 1234, 2, 0.5))
+    return LogRow((4, 2), position, Outcome(value, "", scores, scores, 1234, 2, 0.5))
 
 
 def test_the_network_found_stands_beside_the_baseline(tiny_store: Dataset) -> None:

@@ -8,7 +8,7 @@ import zarr
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
-from dfdbench.results.folder import PREDICTIONS, keep_prediction, read_prediction
+from dfdbench.results.run_folder import PREDICTIONS, keep_prediction, read_prediction
 
 
 def other_dtype(place: Path) -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from pydantic import Field, ValidationError, model_validator
 
-from dfdbench.system.record import Record, problems_of
+from dfdbench.system.strict import Record, problems_of
 
 
 class Shelf(Record):

@@ -17,7 +17,7 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.errors import InputError, ResultError
 from dfdbench.metrics.protocol import ranked_by
 from dfdbench.results.differences import change_tables
-from dfdbench.results.frame import scores_of, track_means, tracks_table
+from dfdbench.results.frame import scores_of, severities_table, track_means
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result, first_protocol, shown_protocol
 from dfdbench.results.run_tables import all_tables, run_as_csv, run_as_json, run_score_table
@@ -128,7 +128,7 @@ class Run:
     def tables(self) -> list[Table]:
         """Return all tables of the run, as the command line prints them."""
         if self._on_tracks:
-            return [tracks_table(list(self.results.values()), self.protocol)]
+            return [severities_table(list(self.results.values()), self.protocol)]
         store = self._first.store
         scenes, splits = (store.manifest.scenes, store.manifest.splits) if store else ((), ())
         return all_tables(summarise(self.result, self.protocol), scenes, splits)

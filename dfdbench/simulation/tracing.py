@@ -1,0 +1,571 @@
+"""Trace rays through a scene of flat and round surfaces, compiled with numba.
+
+Only ``+ - * /``, square roots and `floor` are used, without `fastmath`: IEEE 754 fixes the result
+of each, so that a scene gives the same light on every machine and with any number of threads.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from dfdbench.system.compiled import compiled
+
+#: Kinds of surfaces, as the column `kind` of a scene has them.
+RECTANGLE: Final = 0
+DISC: Final = 1
+LATTICE: Final = 2
+SPHERE: Final = 3
+CYLINDER: Final = 4
+
+#: Columns of a surface's row. CENTRE, ACROSS, DOWN and AWAY are the first of three. The last three
+#: are a frame: ACROSS and DOWN measure the place on the surface, AWAY is a plane's normal.
+CENTRE: Final = 0
+ACROSS: Final = 3
+DOWN: Final = 6
+AWAY: Final = 9
+HALF_WIDTH: Final = 12  # of a sphere or a cylinder: the radius
+HALF_HEIGHT: Final = 13
+PITCH: Final = 14  # of a lattice's bars, in metres
+BAR: Final = 15  # a bar's share of the pitch
+TEXELS: Final = 16  # per metre
+TINT: Final = 17
+COLUMNS: Final = 20
+
+_LEAST = 1e-6  # metres that a ray goes before it meets anything
+_OFF = 2e-3  # metres off the surface on which a ray of light begins
+_RUN = 16  # neighbouring places whose light is worked out with the same few surfaces
+_LEAST_SKY = 0.35  # share of even light that reaches a corner, in place of reflected light
+_FINEST = 0.5  # pixels: where all is sharp, no texel is larger than this
+_SPREAD = 0.7  # distance between neighbouring rays, by the blur's diameter and their number
+
+
+@compiled(inline="always")
+def _along(rows, item, first, x, y, z):  # type: ignore[no-untyped-def]
+    return rows[item, first] * x + rows[item, first + 1] * y + rows[item, first + 2] * z
+
+
+@compiled(inline="always")
+def _meet_flat(kind, rows, item, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+    falling = _along(rows, item, AWAY, dx, dy, dz)
+    if falling == 0.0:
+        return math.inf
+    x, y, z = rows[item, 0] - ox, rows[item, 1] - oy, rows[item, 2] - oz
+    t = _along(rows, item, AWAY, x, y, z) / falling
+    if t < _LEAST:
+        return math.inf
+    x, y, z = t * dx - x, t * dy - y, t * dz - z
+    u = _along(rows, item, ACROSS, x, y, z)
+    if abs(u) > rows[item, HALF_WIDTH]:
+        return math.inf
+    v = _along(rows, item, DOWN, x, y, z)
+    if abs(v) > rows[item, HALF_HEIGHT]:
+        return math.inf
+    if kind == DISC:
+        a, b = u / rows[item, HALF_WIDTH], v / rows[item, HALF_HEIGHT]
+        if a * a + b * b > 1.0:
+            return math.inf
+    elif kind == LATTICE:
+        a, b = (
+            (u + rows[item, HALF_WIDTH]) / rows[item, PITCH],
+            (v + rows[item, HALF_HEIGHT]) / rows[item, PITCH],
+        )
+        if a - math.floor(a) > rows[item, BAR] and b - math.floor(b) > rows[item, BAR]:
+            return math.inf
+    return t
+
+
+@compiled(inline="always")
+def _meet_round(kind, rows, item, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+    x, y, z = ox - rows[item, 0], oy - rows[item, 1], oz - rows[item, 2]
+    a = dx * dx + dy * dy + dz * dz
+    b = dx * x + dy * y + dz * z
+    c = x * x + y * y + z * z - rows[item, HALF_WIDTH] * rows[item, HALF_WIDTH]
+    rise, height = 0.0, 0.0
+    if kind == CYLINDER:
+        rise, height = _along(rows, item, DOWN, dx, dy, dz), _along(rows, item, DOWN, x, y, z)
+        a -= rise * rise
+        b -= rise * height
+        c -= height * height
+    root = b * b - a * c
+    if root < 0.0 or a < 1e-12:
+        return math.inf
+    root = math.sqrt(root)
+    t = (-b - root) / a
+    if t > _LEAST and (kind == SPHERE or abs(height + t * rise) <= rows[item, HALF_HEIGHT]):
+        return t
+    t = (-b + root) / a
+    if t > _LEAST and (kind == SPHERE or abs(height + t * rise) <= rows[item, HALF_HEIGHT]):
+        return t
+    return math.inf
+
+
+@compiled(inline="always")
+def meet(kind, rows, item, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+    """Return how far along a ray a surface is, in lengths of its direction; infinity if it misses.
+
+    Parameters
+    ----------
+    kind : int
+        The surface's kind.
+    row : ndarray of float64, shape (COLUMNS,)
+        Its numbers.
+    ox, oy, oz, dx, dy, dz : float
+        The ray's origin and direction.
+    """
+    if kind <= LATTICE:
+        return _meet_flat(kind, rows, item, ox, oy, oz, dx, dy, dz)
+    return _meet_round(kind, rows, item, ox, oy, oz, dx, dy, dz)
+
+
+@compiled(inline="always")
+def arctan2(y, x):  # type: ignore[no-untyped-def]
+    """Return the angle of (x, y) to 1e-5 radians, the same on every machine.
+
+    The polynomial is the first terms of the series of Abramowitz and Stegun, 4.4.49.
+    """
+    if x == 0.0 and y == 0.0:
+        return 0.0
+    swapped = abs(y) > abs(x)
+    r = abs(x) / abs(y) if swapped else abs(y) / abs(x)
+    s = r * r
+    p = 0.0208351 * s - 0.0851330
+    p = p * s + 0.1801410
+    p = p * s - 0.3302995
+    angle = (p * s + 0.9998660) * r
+    if swapped:
+        angle = math.pi / 2 - angle
+    if x < 0.0:
+        angle = math.pi - angle
+    return -angle if y < 0.0 else angle
+
+
+@compiled(inline="always")
+def place_on(kind, rows, item, x, y, z):  # type: ignore[no-untyped-def]
+    """Return a point's place on a surface in metres, (across, down): round ones are unrolled."""
+    x, y, z = x - rows[item, 0], y - rows[item, 1], z - rows[item, 2]
+    u, v = _along(rows, item, ACROSS, x, y, z), _along(rows, item, DOWN, x, y, z)
+    if kind >= SPHERE:
+        u = arctan2(u, _along(rows, item, AWAY, x, y, z)) * rows[item, HALF_WIDTH]
+    return u, v
+
+
+@compiled(inline="always")
+def _bilinear(values, first, width, height, x, y):  # type: ignore[no-untyped-def]
+    i, j = int(x), int(y)
+    i, j = max(0, min(i, width - 1)), max(0, min(j, height - 1))
+    fx, fy = min(max(x - i, 0.0), 1.0), min(max(y - j, 0.0), 1.0)
+    right = 1 if i + 1 < width else 0
+    below = width if j + 1 < height else 0
+    a = first + j * width + i
+    b, c = a + right, a + below
+    d = c + right
+    wa, wb = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy)
+    wc, wd = (1.0 - fx) * fy, fx * fy
+    return a, b, c, d, wa, wb, wc, wd
+
+
+@compiled(inline="always")
+def _mirrored(position, last):  # type: ignore[no-untyped-def]
+    if 0.0 <= position <= last:
+        return position
+    if last <= 0.0:
+        return 0.0
+    period = 2.0 * last
+    rest = position - period * math.floor(position / period)
+    return last - abs(rest - last)
+
+
+@compiled(inline="always")
+def colour_at(atlas, levels, first, end, u, v, texels, finest):  # type: ignore[no-untyped-def]
+    """Return a texture's linear red, green and blue at a place.
+
+    Parameters
+    ----------
+    atlas : ndarray of float32, shape (texel, 3)
+        All textures, each as a pyramid.
+    levels : ndarray of int64, shape (level, 3)
+        First texel, width and height of each level of this texture.
+    u, v : float
+        The place in metres; past its edge a texture is mirrored.
+    texels : float
+        Texels per metre.
+    finest : float
+        Detail smaller than this, in metres, is left out.
+    """
+    width, height = levels[first, 1], levels[first, 2]
+    x = _mirrored(u * texels + 0.5 * width, width - 1.0)
+    y = _mirrored(v * texels + 0.5 * height, height - 1.0)
+    level, size, ratio = first, 1.0, finest * texels
+    while ratio >= 2.0 and level + 1 < end:
+        level, size, ratio = level + 1, size * 2.0, ratio * 0.5
+    if level > first:
+        x, y = (x - 0.5 * (size - 1.0)) / size, (y - 0.5 * (size - 1.0)) / size
+    a, b, c, d, wa, wb, wc, wd = _bilinear(
+        atlas, levels[level, 0], levels[level, 1], levels[level, 2], x, y
+    )
+    red = wa * atlas[a, 0] + wb * atlas[b, 0] + wc * atlas[c, 0] + wd * atlas[d, 0]
+    green = wa * atlas[a, 1] + wb * atlas[b, 1] + wc * atlas[c, 1] + wd * atlas[d, 1]
+    blue = wa * atlas[a, 2] + wb * atlas[b, 2] + wc * atlas[c, 2] + wd * atlas[d, 2]
+    return red, green, blue
+
+
+@compiled(inline="always")
+def light_at(lightmap, charts, item, u, v):  # type: ignore[no-untyped-def]
+    """Return the light that falls on a place of a surface.
+
+    Parameters
+    ----------
+    lightmap : ndarray of float32, shape (node,)
+        The charts of all surfaces.
+    chart : ndarray of float64, shape (5,)
+        This surface's: first node, nodes across and down, half extents in metres.
+    u, v : float
+        The place in metres.
+    """
+    width, height = int(charts[item, 1]), int(charts[item, 2])
+    x = (u / charts[item, 3] + 1.0) * (0.5 * (width - 1))
+    y = (v / charts[item, 4] + 1.0) * (0.5 * (height - 1))
+    a, b, c, d, wa, wb, wc, wd = _bilinear(lightmap, int(charts[item, 0]), width, height, x, y)
+    return wa * lightmap[a] + wb * lightmap[b] + wc * lightmap[c] + wd * lightmap[d]
+
+
+@compiled()
+def list_tiles(kinds, rows, near, bounds, tile, shape, view, items, nears):  # type: ignore[no-untyped-def]
+    """List the surfaces that the rays of each tile may meet, the nearest first; return the ends.
+
+    Parameters
+    ----------
+    kinds, rows, near : ndarray
+        The scene's surfaces, and the smallest z of each.
+    bounds : ndarray of float64, shape (surface, 8)
+        Least x / z and y / z of the rays that may meet it, and the largest; a direction (x, y), and
+        the least and the largest part along it.
+    tile : int
+        A tile's side in pixels.
+    shape : tuple of int
+        Height and width in pixels.
+    view : tuple of float
+        Focal length in pixels; half the side of a square around the lens, and the focus distance,
+        in metres.
+    items : ndarray of int64
+        Gets the surfaces, one tile after the other.
+    nears : ndarray of float64
+        Gets the least z at which a ray of the tile may meet each.
+
+    Notes
+    -----
+    A plane maps tile and lens projectively, so what holds for rays between the corners of both
+    holds for all: past which edge of a surface they go, and that they meet it. What begins behind a
+    surface that every ray of a tile meets is left out.
+    """
+    height, width = shape
+    down, across = (height + tile - 1) // tile, (width + tile - 1) // tile
+    ends = np.zeros(down * across + 1, np.int64)
+    end = 0
+    corners = np.empty(7)
+    for number in range(down * across):
+        first, limit = end, math.inf
+        left = ((number % across) * tile - 0.5 - 0.5 * (width - 1)) / view[0] - 1e-6
+        top = ((number // across) * tile - 0.5 - 0.5 * (height - 1)) / view[0] - 1e-6
+        right, bottom = left + tile / view[0] + 2e-6, top + tile / view[0] + 2e-6
+        for item in range(len(kinds)):
+            if near[item] >= limit or left > bounds[item, 2] or right < bounds[item, 0]:
+                continue
+            if top > bounds[item, 3] or bottom < bounds[item, 1]:
+                continue
+            n, m = bounds[item, 4], bounds[item, 5]
+            middle = 0.5 * (n * (left + right) + m * (top + bottom))
+            half = 0.5 * (abs(n) * (right - left) + abs(m) * (bottom - top))
+            if middle - half > bounds[item, 7] or middle + half < bounds[item, 6]:
+                continue
+            least = near[item]
+            if kinds[item] <= LATTICE:
+                _corners(rows, item, left, top, right, bottom, view, corners)
+                w, h = rows[item, HALF_WIDTH], rows[item, HALF_HEIGHT]
+                if corners[6] > 0.0:
+                    if corners[1] < 0.0 or corners[2] > w or corners[3] < -w:
+                        continue
+                    if corners[4] > h or corners[5] < -h:
+                        continue
+                    least = max(least, corners[0])
+                    inside = corners[2] >= -w and corners[3] <= w
+                    inside = inside and corners[4] >= -h and corners[5] <= h
+                    if inside and corners[0] > 0.0 and kinds[item] == RECTANGLE:
+                        limit = min(limit, corners[1])
+            place = end
+            while place > first and nears[place - 1] > least:
+                items[place], nears[place] = items[place - 1], nears[place - 1]
+                place -= 1
+            items[place], nears[place] = item, least
+            end += 1
+        while end > first and nears[end - 1] > limit:
+            end -= 1
+        ends[number + 1] = end
+    return ends
+
+
+@compiled()
+def _corners(rows, item, left, top, right, bottom, view, out):  # type: ignore[no-untyped-def]
+    # Least and largest z, across, and down, over the rays between a tile's corners and the lens's;
+    # last 1, or 0 if the plane lies along some of the rays.
+    out[0], out[2], out[4] = math.inf, math.inf, math.inf
+    out[1], out[3], out[5] = -math.inf, -math.inf, -math.inf
+    sign = 0.0
+    for corner in range(16):
+        ox = view[1] if corner & 1 else -view[1]
+        oy = view[1] if corner & 2 else -view[1]
+        dx = (right if corner & 4 else left) - ox / view[2]
+        dy = (bottom if corner & 8 else top) - oy / view[2]
+        falling = _along(rows, item, AWAY, dx, dy, 1.0)
+        if falling == 0.0 or falling * sign < 0.0:
+            out[6] = 0.0
+            return
+        sign = falling
+        x, y, z = rows[item, 0] - ox, rows[item, 1] - oy, rows[item, 2]
+        t = _along(rows, item, AWAY, x, y, z) / falling
+        x, y, z = t * dx - x, t * dy - y, t - z
+        u, v = _along(rows, item, ACROSS, x, y, z), _along(rows, item, DOWN, x, y, z)
+        out[0], out[1] = min(out[0], t), max(out[1], t)
+        out[2], out[3] = min(out[2], u), max(out[3], u)
+        out[4], out[5] = min(out[4], v), max(out[5], v)
+    out[6] = 1.0
+
+
+@compiled(inline="always")
+def nearest(kinds, rows, items, nears, begin, end, dx, dy, ox, oy):  # type: ignore[no-untyped-def]
+    """Return the first surface that a ray meets and its z; -1 and infinity if there is none.
+
+    Parameters
+    ----------
+    kinds, rows : ndarray
+        The scene's surfaces.
+    items, nears : ndarray
+        Of `list_tiles`.
+    begin, end : int
+        The part of them to try.
+    dx, dy, ox, oy : float
+        The ray goes from (ox, oy, 0) along (dx, dy, 1).
+    """
+    found, best = -1, math.inf
+    for place in range(begin, end):
+        if nears[place] >= best:
+            break
+        item = items[place]
+        t = meet(kinds[item], rows, item, ox, oy, 0.0, dx, dy, 1.0)
+        if t < best:
+            found, best = item, t
+    return found, best
+
+
+@compiled()
+def gather(  # type: ignore[no-untyped-def]
+    scene, tiles, tile_size, points, picks, view, ring, channel, begin, end, out
+):
+    """Add up the light of rows `begin` to `end` of an image, a mean over the lens and the pixel.
+
+    Parameters
+    ----------
+    scene : tuple
+        Kinds, rows, near ends, textures' numbers, first levels, levels, atlas, charts, lightmap.
+    tiles : tuple of ndarray
+        Where each tile's surfaces end, and what `list_tiles` filled.
+    tile_size : int
+        In pixels.
+    points : ndarray of float64, shape (set, sample, 4)
+        A ray's place on the lens, (x, y) with a round lens's radius as 1, and in its pixel, from
+        -1/2 to 1/2.
+    picks : ndarray, shape (y, x)
+        The set that a pixel uses.
+    view : tuple of float
+        Focal length in pixels; lens radius and focus distance in metres.
+    ring : tuple of float
+        Distance and radius in metres of a second stop before the lens; radius 0 for none.
+    channel : int
+        The channel to fill; -1 for all.
+    begin, end : int
+        Rows.
+    out : ndarray of float64, shape (y, x, 3)
+        Gets the light.
+    """
+    kinds, rows, _, textures, starts, levels, atlas, charts, lightmap = scene
+    ends, items, nears = tiles
+    focal, radius, focus = view
+    height, width = out.shape[:2]
+    count = points.shape[1]
+    spread = _SPREAD * 2.0 * radius / math.sqrt(count)
+    for y in range(begin, end):
+        for x in range(width):
+            tile = (y // tile_size) * ((width + tile_size - 1) // tile_size) + x // tile_size
+            first, last = ends[tile], ends[tile + 1]
+            own = points[picks[y, x]]
+            red, green, blue = 0.0, 0.0, 0.0
+            for sample in range(count):
+                ox, oy = radius * own[sample, 0], radius * own[sample, 1]
+                dx = (x - 0.5 * (width - 1) + own[sample, 2]) / focal - ox / focus
+                dy = (y - 0.5 * (height - 1) + own[sample, 3]) / focal - oy / focus
+                if ring[1] > 0.0:
+                    a, b = ox + ring[0] * dx, oy + ring[0] * dy
+                    if a * a + b * b > ring[1] * ring[1]:
+                        continue
+                item, z = nearest(kinds, rows, items, nears, first, last, dx, dy, ox, oy)
+                if item < 0:
+                    continue
+                u, v = place_on(kinds[item], rows, item, ox + z * dx, oy + z * dy, z)
+                light = light_at(lightmap, charts, item, u, v)
+                finest = max(_FINEST * z / focal, spread * abs(1.0 - z / focus))
+                texture = textures[item]
+                r, g, b = colour_at(
+                    atlas,
+                    levels,
+                    starts[texture],
+                    starts[texture + 1],
+                    u,
+                    v,
+                    rows[item, TEXELS],
+                    finest,
+                )
+                red += light * r * rows[item, TINT]
+                green += light * g * rows[item, TINT + 1]
+                blue += light * b * rows[item, TINT + 2]
+            if channel < 0 or channel == 0:
+                out[y, x, 0] = red / count
+            if channel < 0 or channel == 1:
+                out[y, x, 1] = green / count
+            if channel < 0 or channel == 2:
+                out[y, x, 2] = blue / count
+
+
+@compiled()
+def distances(scene, tiles, tile_size, focal, out):  # type: ignore[no-untyped-def]
+    """Fill `out` with the z in metres that a pinhole sees at each pixel's centre.
+
+    All parameters are as of `gather`.
+    """
+    kinds, rows = scene[0], scene[1]
+    ends, items, nears = tiles
+    height, width = out.shape
+    for y in range(height):
+        for x in range(width):
+            tile = (y // tile_size) * ((width + tile_size - 1) // tile_size) + x // tile_size
+            dx, dy = (x - 0.5 * (width - 1)) / focal, (y - 0.5 * (height - 1)) / focal
+            first, last = ends[tile], ends[tile + 1]
+            z = nearest(kinds, rows, items, nears, first, last, dx, dy, 0.0, 0.0)[1]
+            out[y, x] = z
+
+
+@compiled()
+def fall(  # type: ignore[no-untyped-def]
+    kinds, rows, hulls, places, normals, lamps, ball, ambient, reach, sky, out
+):
+    """Fill `out` with the light that falls on places, as `dfdbench.simulation.lighting.lit` says.
+
+    Parameters
+    ----------
+    kinds, rows : ndarray
+        The scene's surfaces.
+    hulls : ndarray of float64, shape (surface, 4)
+        Middle and radius of a ball around each.
+    places, normals : ndarray of float64, shape (node, 3)
+        Where, and the side that light comes from.
+    lamps : ndarray of float64, shape (lamp, 5)
+        Place, radius, strength.
+    ball : ndarray of float64, shape (point, 3)
+        Points of a lamp's surface, of radius 1.
+    ambient, reach : float
+        The even light, and how far away a surface keeps it off, in metres.
+    sky : ndarray of float64, shape (ray, 3)
+        Directions around (0, 0, 1), as dense as their cosine.
+    out : ndarray of float64, shape (node,)
+        Gets the light.
+    """
+    for begin in range(0, len(places), _RUN):
+        run = places[begin : begin + _RUN]
+        x, y, z = run[len(run) // 2]
+        reached = 0.0
+        for node in range(len(run)):
+            a, b, c = run[node, 0] - x, run[node, 1] - y, run[node, 2] - z
+            reached = max(reached, math.sqrt(a * a + b * b + c * c))
+        reached += 2 * _OFF
+        close = _between(hulls, x, y, z, x, y, z, reached + reach)
+        for node in range(begin, begin + len(run)):
+            _add_sky(
+                kinds, rows, close, places[node], normals[node], ambient, reach, sky, out, node
+            )
+        for lamp in lamps:
+            wide = max(reached, lamp[3])
+            close = _between(hulls, x, y, z, lamp[0], lamp[1], lamp[2], wide)
+            for node in range(begin, begin + len(run)):
+                _add_lamp(kinds, rows, close, places[node], normals[node], lamp, ball, out, node)
+
+
+@compiled()
+def _between(hulls, ax, ay, az, bx, by, bz, wide):  # type: ignore[no-untyped-def]
+    # The surfaces whose balls come within a distance of the line from a to b.
+    found = np.empty(len(hulls), np.int64)
+    count = 0
+    x, y, z = bx - ax, by - ay, bz - az
+    square = x * x + y * y + z * z
+    for item in range(len(hulls)):
+        p, q, r = hulls[item, 0] - ax, hulls[item, 1] - ay, hulls[item, 2] - az
+        along = (p * x + q * y + r * z) / square if square > 0.0 else 0.0
+        along = min(max(along, 0.0), 1.0)
+        p, q, r = p - along * x, q - along * y, r - along * z
+        limit = wide + hulls[item, 3]
+        if p * p + q * q + r * r <= limit * limit:
+            found[count] = item
+            count += 1
+    return found[:count]
+
+
+@compiled()
+def _add_lamp(kinds, rows, close, place, normal, lamp, ball, out, node):  # type: ignore[no-untyped-def]
+    nx, ny, nz = normal
+    x, y, z = place[0] + _OFF * nx, place[1] + _OFF * ny, place[2] + _OFF * nz
+    seen = 0.0
+    for point in range(len(ball)):
+        dx = lamp[0] + lamp[3] * ball[point, 0] - x
+        dy = lamp[1] + lamp[3] * ball[point, 1] - y
+        dz = lamp[2] + lamp[3] * ball[point, 2] - z
+        facing = dx * nx + dy * ny + dz * nz
+        if facing > 0.0 and not _hidden(kinds, rows, close, x, y, z, dx, dy, dz):
+            square = dx * dx + dy * dy + dz * dz
+            seen += facing / (square * math.sqrt(square))
+    out[node] += lamp[4] * seen / len(ball)
+
+
+@compiled()
+def _add_sky(  # type: ignore[no-untyped-def]
+    kinds, rows, close, place, normal, ambient, reach, sky, out, node
+):
+    nx, ny, nz = normal
+    x, y, z = place[0] + _OFF * nx, place[1] + _OFF * ny, place[2] + _OFF * nz
+    # Two directions at right angles to the normal and to each other.
+    if abs(nx) < 0.6:
+        ax, ay, az = 0.0, nz, -ny
+    else:
+        ax, ay, az = -nz, 0.0, nx
+    length = math.sqrt(ax * ax + ay * ay + az * az)
+    ax, ay, az = ax / length, ay / length, az / length
+    bx, by, bz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
+    free = 0
+    for ray in range(len(sky)):
+        p, q, r = reach * sky[ray, 0], reach * sky[ray, 1], reach * sky[ray, 2]
+        dx = p * ax + q * bx + r * nx
+        dy = p * ay + q * by + r * ny
+        dz = p * az + q * bz + r * nz
+        if not _hidden(kinds, rows, close, x, y, z, dx, dy, dz):
+            free += 1
+    out[node] = ambient * (_LEAST_SKY + (1.0 - _LEAST_SKY) * free / len(sky))
+
+
+@compiled()
+def _hidden(kinds, rows, close, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+    found = False
+    for item in close:
+        if meet(kinds[item], rows, item, ox, oy, oz, dx, dy, dz) < 1.0:
+            found = True
+            break
+    return found

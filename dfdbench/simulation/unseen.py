@@ -1,0 +1,239 @@
+"""Draw cameras and photograph rooms by seed: pairs and focus stacks that nobody has seen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, replace
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.datasets.unseen import FAR, GENERATOR, NEAR
+from dfdbench.errors import InputError
+from dfdbench.optics.thin_lens import ThinLens
+from dfdbench.simulation.draws import Draws
+from dfdbench.simulation.lens import Camera, depth, develop, render
+from dfdbench.simulation.rooms import WIDEST, draw_room
+from dfdbench.simulation.shapes import Scene
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+#: What a camera is drawn from: the least and the most of each number, all in between as likely.
+RANGES = {
+    "field_of_view": (40.0, 58.0),  # degrees, across
+    "focal_length": (0.020, 0.035),  # metres
+    "f_number": (1.8, 2.8),  # of the defocus image and of stacks
+    "focus_near": (0.6, 0.75),  # metres; half of the cameras focus at the near end,
+    "focus_inside": (0.9, 1.8),  # the others inside the scene
+    "full_well": (8_000.0, 40_000.0),  # electrons
+    "read_noise": (0.0003, 0.0015),  # of white
+    "lateral": (-0.0006, 0.0006),  # a third of the cameras have both colour errors
+    "longitudinal": (-0.03, 0.03),  # dioptres
+    "jpeg": (90.0, 98.0),  # half of the cameras; the others do not compress
+    "white": (0.7, 0.95),  # light of the brightest fiftieth of the in-focus image
+}
+_INFOCUS_F_NUMBER = 8.0
+_SHAPE = (480, 640)
+_STACK_ENDS = (0.65, 5.0)  # metres
+# Rays a pixel; a small aperture needs fewer.
+_RAYS, _INFOCUS_RAYS, _STACK_RAYS = 128, 64, 64
+_BRIGHTEST = 0.98
+_TEXTURE_WINDOW, _TEXTURE_LEVELS = 9, 4.0
+
+
+class Pair(NamedTuple):
+    """Two photographs of a room, its depth and what is known of the camera.
+
+    `infocus` and `defocus` are RGB, shape (y, x, 3); `depth` is float32 in metres along the axis,
+    shape (y, x); `facts` fit for JSON.
+    """
+
+    infocus: Image
+    defocus: Image
+    depth: NDArray[np.float32]
+    facts: dict[str, Any]
+
+
+class Stack(NamedTuple):
+    """Photographs of a room, each with its focus distance, beside what a `Pair` has.
+
+    `images` has shape (image, y, x, 3); `focus_distances` are in metres, ascending.
+    """
+
+    images: Image
+    focus_distances: tuple[float, ...]
+    infocus: Image
+    depth: NDArray[np.float32]
+    facts: dict[str, Any]
+
+
+def draw_camera(seed: int, scene: int | None = None) -> Camera:
+    """Draw the camera that takes the defocus images of a seed.
+
+    Parameters
+    ----------
+    seed : int
+        0 or more.
+    scene : int, optional
+        Draw another camera for each scene; by default a seed has one.
+
+    Raises
+    ------
+    InputError
+        If the seed is negative.
+
+    Examples
+    --------
+    >>> camera = draw_camera(7)
+    >>> 1.8 <= camera.lens.f_number <= 2.8
+    True
+    """
+    if seed < 0:
+        raise InputError("a seed is a whole number from 0 on", got=str(seed))
+    d = Draws("camera", seed, -1 if scene is None else scene)
+    focal_length = d.between(*RANGES["focal_length"])
+    focus = d.between(*RANGES["focus_near" if d.chance(0.5) else "focus_inside"])
+    angle = math.radians(d.between(*RANGES["field_of_view"]))
+    sensor = focal_length * focus / (focus - focal_length)
+    pitch = 2 * sensor * math.tan(angle / 2) / _SHAPE[1]
+    f_number = d.between(*RANGES["f_number"])
+    radius = focal_length / f_number / 2
+    coloured, compressed = d.chance(1 / 3), d.chance(0.5)
+    red, blue = d.between(*RANGES["lateral"]), d.between(*RANGES["lateral"])
+    warm, cold = d.between(*RANGES["longitudinal"]), d.between(*RANGES["longitudinal"])
+    # Five significant digits are what a fact sheet says, and the same on every machine.
+    return Camera(
+        ThinLens(_short(f_number), _short(focal_length), _short(focus), _short(pitch)),
+        _SHAPE,
+        blades=d.one_of((0, 0, 5, 6, 7, 9)),
+        cos4=True,
+        ring=(0.03, _short(radius * d.between(1.0, 1.6) + 0.01)) if d.chance(0.5) else None,
+        lateral=(_short(red), 0.0, _short(blue)) if coloured else (0.0, 0.0, 0.0),
+        longitudinal=(_short(warm), 0.0, _short(cold)) if coloured else (0.0, 0.0, 0.0),
+        full_well=_short(d.between(*RANGES["full_well"])),
+        read_noise=_short(d.between(*RANGES["read_noise"])),
+        jpeg=d.whole(*map(int, RANGES["jpeg"])) if compressed else 0,
+    )
+
+
+def render_pair(
+    seed: int, scene: int, camera: Camera | None = None, rays: int = _RAYS, threads: int = 1
+) -> Pair:
+    """Photograph a room twice: at f/8, and with the wide aperture of a camera.
+
+    Parameters
+    ----------
+    seed : int
+        Of the camera, the room and the noise.
+    scene : int
+        The room's number.
+    camera : Camera, optional
+        Another than the seed's, for the same rooms in the same light.
+    rays : int
+        A pixel of the defocus image; half as many at f/8.
+    threads : int
+        The images do not depend on it.
+
+    Raises
+    ------
+    InputError
+        If the camera sees more than rooms are made for.
+    """
+    wide = camera or draw_camera(seed)
+    slope = wide.shape[1] / 2 / wide.focal_pixels
+    if slope > WIDEST[0]:
+        angle = 2 * math.degrees(math.atan(slope))
+        raise InputError("the camera sees more than rooms are made for", got=f"{angle:.0f} degrees")
+    small = _stopped_down(wide)
+    room = draw_room(seed, scene)
+    sharp = render(room, small, max(rays // 2, 1), (seed, scene, 0), threads)
+    blurred = render(room, wide, rays, (seed, scene, 1), threads)
+    gain = _gain(sharp, seed, scene)
+    infocus = develop(gain * sharp, small, (seed, scene, 2))
+    defocus = develop(gain * blurred, wide, (seed, scene, 3))
+    facts = _facts(wide, room, infocus) | {"infocus_f_number": small.lens.f_number}
+    return Pair(infocus, defocus, depth(room, small), facts)
+
+
+def render_stack(
+    seed: int,
+    scene: int,
+    planes: int = 9,
+    breathing: bool = False,
+    rays: int = _STACK_RAYS,
+    threads: int = 1,
+) -> Stack:
+    """Photograph a room at several focus distances with one aperture, and once at f/8.
+
+    Parameters
+    ----------
+    seed, scene, rays, threads
+        As of `render_pair`.
+    planes : int
+        Focus distances, evenly spread in dioptres.
+    breathing : bool
+        Let the view grow as the lens focuses nearer. By default the images are in register, as
+        after an alignment, and so is the depth map.
+    """
+    near, far = (1 / end for end in _STACK_ENDS)
+    wide = draw_camera(seed)
+    distances = tuple(_short(1 / power) for power in np.linspace(near, far, planes).tolist())
+    small = _stopped_down(wide)
+    room = draw_room(seed, scene)
+    sharp = render(room, small, _INFOCUS_RAYS, (seed, scene, 0), threads)
+    gain = _gain(sharp, seed, scene)
+    infocus = develop(gain * sharp, small, (seed, scene, 2))
+    images = np.empty((planes, *_SHAPE, 3), np.uint8)
+    view = None if breathing else wide.lens.focus_distance
+    for plane, distance in enumerate(distances):
+        lens = replace(wide.lens, focus_distance=distance)
+        camera = replace(wide, lens=lens, view_focus=view)
+        light = render(room, camera, rays, (seed, scene, 4, plane), threads)
+        images[plane] = develop(gain * light, camera, (seed, scene, 5, plane))
+    facts = _facts(wide, room, infocus) | {"infocus_f_number": small.lens.f_number}
+    return Stack(images, distances, infocus, depth(room, small), facts)
+
+
+def textured(image: Image) -> NDArray[np.bool_]:
+    """Return where an image has texture, shape (y, x).
+
+    A pixel has texture if the grey levels of the 9 x 9 pixels around it have a standard deviation
+    of at least 4. The mean of the map is what a scene's difficulty is stated by.
+    """
+    grey = image.astype(np.float64).mean(axis=2)
+    window = (_TEXTURE_WINDOW, _TEXTURE_WINDOW)
+    variance = cv2.blur(grey * grey, window) - np.square(cv2.blur(grey, window))
+    return np.asarray(variance >= _TEXTURE_LEVELS**2)
+
+
+def _stopped_down(camera: Camera) -> Camera:
+    return replace(camera, lens=replace(camera.lens, f_number=_INFOCUS_F_NUMBER))
+
+
+def _gain(light: Floats, seed: int, scene: int) -> float:
+    white = Draws("white", seed, scene).between(*RANGES["white"])
+    return float(white / np.quantile(light, _BRIGHTEST))
+
+
+def _facts(camera: Camera, room: Scene, infocus: Image) -> dict[str, Any]:
+    known = asdict(camera)
+    lens = known.pop("lens")
+    return {
+        "focal_length": lens["focal_length"],
+        "f_number": lens["f_number"],
+        "focus_distance": lens["focus_distance"],
+        "pixel_pitch": lens["pixel_size"],
+        "near": NEAR,
+        "far": FAR,
+        "camera": known,
+        "surfaces": len(room.kinds),
+        "textured": round(float(textured(infocus).mean()), 4),
+        "generator": GENERATOR,
+    }
+
+
+def _short(number: float) -> float:
+    return float(f"{number:.5g}")

@@ -1,0 +1,23 @@
+import numpy as np
+import pytest
+
+from dfdbench.blur.formation import encode
+from dfdbench.simulation.draws import Draws
+from dfdbench.simulation.photographs import photograph
+from dfdbench.simulation.textures import PATTERNS, PHOTOGRAPHS, pattern
+
+
+@pytest.mark.parametrize("kind", list(PATTERNS))
+def test_a_pattern_is_reflectance_in_whole_grey_levels_and_follows_its_key(kind: str) -> None:
+    first, again, other = (pattern(kind, Draws("test", kind, key)) for key in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert first.shape == (384, 384, 3)
+    grey = encode(first)
+    assert np.abs(grey - np.rint(grey)).max() < 1e-6
+    texture = grey.std(axis=(0, 1)).max()
+    assert texture < 2 if kind == "plain" else texture > 4
+
+
+def test_every_photograph_is_shipped() -> None:
+    assert all(photograph(name).ndim == 3 for name in PHOTOGRAPHS)

@@ -1,0 +1,110 @@
+import hashlib
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dfdbench.datasets.unseen import FAR, GENERATOR, NEAR
+from dfdbench.errors import InputError
+from dfdbench.simulation import unseen
+from dfdbench.simulation.lens import Camera, depth
+from dfdbench.simulation.rooms import draw_room
+from dfdbench.simulation.unseen import RANGES, draw_camera, render_pair, render_stack, textured
+
+
+def small(seed: int) -> Camera:
+    """The seed's camera with a tenth of the pixels across, and the same view."""
+    camera = draw_camera(seed)
+    lens = replace(camera.lens, pixel_size=10 * camera.lens.pixel_size)
+    return replace(camera, lens=lens, shape=(48, 64))
+
+
+def test_cameras_are_drawn_from_the_stated_ranges() -> None:
+    cameras = [draw_camera(seed) for seed in range(60)]
+    for name, values in {
+        "focal_length": [c.lens.focal_length for c in cameras],
+        "f_number": [c.lens.f_number for c in cameras],
+        "full_well": [c.full_well for c in cameras],
+        "lateral": [c.lateral[0] for c in cameras if c.lateral[0]],
+    }.items():
+        low, high = RANGES[name]
+        assert low <= min(values) < max(values) <= high
+    at_near_end = [c.lens.focus_distance < 0.8 for c in cameras]
+    assert 15 < sum(at_near_end) < 45
+    assert draw_camera(5) == draw_camera(5) != draw_camera(6)
+    assert draw_camera(5, scene=1) != draw_camera(5, scene=2)
+    with pytest.raises(InputError, match="a seed is a whole number"):
+        draw_camera(-1)
+
+
+def test_a_pair_differs_in_the_aperture_alone_and_says_what_took_it() -> None:
+    camera = replace(small(8), full_well=0.0, read_noise=0.0, jpeg=0)
+    pair = render_pair(8, 0, camera, rays=64)
+    assert pair.infocus.shape == pair.defocus.shape == (48, 64, 3)
+    assert pair.infocus.dtype == pair.defocus.dtype == np.uint8
+    assert pair.depth.dtype == np.float32
+    assert NEAR <= pair.depth.min() < pair.depth.max() <= FAR
+    apart = np.abs(pair.infocus.astype(int) - pair.defocus).mean()
+    assert 0.1 < apart < 20
+    assert abs(pair.infocus.mean() - pair.defocus.mean()) < 3
+    facts = json.loads(json.dumps(pair.facts))
+    assert facts["focus_distance"] == camera.lens.focus_distance
+    assert (facts["infocus_f_number"], facts["f_number"]) == (8, camera.lens.f_number)
+    assert 0 <= facts["textured"] <= 1
+
+
+def test_a_pair_is_the_same_again_and_with_two_threads() -> None:
+    one, two = (render_pair(9, 1, small(9), rays=8, threads=threads) for threads in (1, 2))
+    for name in ("infocus", "defocus", "depth"):
+        assert np.array_equal(getattr(one, name), getattr(two, name))
+    other = render_pair(9, 2, small(9), rays=8)
+    assert other.depth.tobytes() != one.depth.tobytes()
+
+
+def test_a_seed_gives_these_images_everywhere() -> None:
+    # Raise GENERATOR when it changes: the same seed is then another set.
+    camera = replace(small(9), jpeg=0)
+    pair = render_pair(9, 0, camera, rays=8)
+    digest = hashlib.sha256(pair.infocus.tobytes() + pair.defocus.tobytes() + pair.depth.tobytes())
+    assert (GENERATOR, digest.hexdigest()[:16]) == (1, "acb520198b2586b6")
+
+
+def test_a_stack_is_in_register_and_sharpest_where_it_is_focused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plain = replace(draw_camera(3), full_well=0.0, read_noise=0.0, jpeg=0, ring=None)
+    plain = replace(plain, shape=(120, 160))
+    plain = replace(plain, lens=replace(plain.lens, pixel_size=4 * plain.lens.pixel_size))
+    monkeypatch.setattr(unseen, "draw_camera", lambda _: plain)
+    monkeypatch.setattr(unseen, "_SHAPE", plain.shape)
+    stack = render_stack(3, 4, planes=5)
+    assert stack.images.shape == (5, 120, 160, 3)
+    assert list(stack.focus_distances) == sorted(stack.focus_distances)
+    assert np.diff(1 / np.array(stack.focus_distances)) == pytest.approx(-0.3346, abs=1e-3)
+    apart = np.abs(stack.images.astype(int) - stack.infocus).mean(axis=-1)
+    powers = 1 / np.array(stack.focus_distances)
+    nearest = np.abs(powers[:, np.newaxis, np.newaxis] - 1 / stack.depth).argmin(axis=0)
+    own = np.take_along_axis(apart, nearest[np.newaxis], 0)[0]
+    seen = textured(stack.infocus)
+    assert own[seen].mean() < 0.75 * apart[:, seen].mean()
+
+
+def test_depth_is_of_the_in_focus_view() -> None:
+    camera = small(8)
+    pair = render_pair(8, 0, camera, rays=1)
+    assert pair.depth.tobytes() == depth(draw_room(8, 0), camera).tobytes()
+
+
+def test_a_camera_that_sees_past_the_room_is_refused() -> None:
+    lens = replace(draw_camera(8).lens, pixel_size=1e-4)
+    with pytest.raises(InputError, match="sees more than rooms are made for"):
+        render_pair(8, 0, replace(draw_camera(8), lens=lens))
+
+
+def test_texture_is_where_grey_levels_vary() -> None:
+    image = np.full((40, 40, 3), 100, np.uint8)
+    image[:, 20:] += np.random.default_rng(1).integers(0, 40, (40, 20, 1)).astype(np.uint8)
+    found = textured(image)
+    assert not found[:, :14].any()
+    assert found[:, 26:].all()
