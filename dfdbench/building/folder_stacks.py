@@ -21,7 +21,7 @@ from dfdbench.building.folder_layout import (
 from dfdbench.building.sources.image_table import read_table
 from dfdbench.datasets.captured_files import BY_IMAGE, IMAGE, places_in
 from dfdbench.errors import SourceError
-from dfdbench.tables.wording import listed
+from dfdbench.tables.table import listed
 
 #: Photographs that differ by a number alone are a stack from so many on.
 _FEWEST = 3
