@@ -108,14 +108,13 @@ class FolderScenes:
             except SourceError as error:
                 problems += error.problems
         kinds = {
-            pair.id: (found.images.shape, [image.role for image in taken[pair]])
+            pair.id: (found.images.shape, found.images.dtype, [one.role for one in taken[pair]])
             for pair, found in captured.items()
         }
         if any(kind != next(iter(kinds.values())) for kind in kinds.values()):
-            got = "; ".join(f"{name} {shape[:3]}" for name, (shape, _) in kinds.items())
-            problems.append(
-                Problem("captures of a scene differ in size, number or roles", where=scene, got=got)
-            )
+            got = "; ".join(f"{name} {kind[0][:3]}, {kind[1]}" for name, kind in kinds.items())
+            what = "captures of a scene differ in the number, size, bits or roles of their images"
+            problems.append(Problem(what, where=scene, got=got))
         if problems:
             raise SceneError.of(dict.fromkeys(problems))
         return self._gathered(captured, taken)

@@ -148,6 +148,22 @@ def test_images_of_16_bits_are_kept_and_those_of_8_join_them(folder: Path) -> No
     np.testing.assert_array_equal(images[0, 0], eight * 257)
 
 
+def test_captures_of_a_scene_have_images_alike(folder: Path) -> None:
+    text = STACK_TOML.replace("capture = [1]", "capture = [1, 2]").replace("pairs = 2", "pairs = 4")
+    text = text.replace("pair_count = 4", "pair_count = 8").replace(
+        "f_{image}", "{capture}_{image}"
+    )
+    text = text.replace('metadata = "{scene}/focus.csv"\n', "")
+    for capture in (1, 2):
+        for number in (1, 2, 3):
+            image = photograph(number)[8:-8, 8:-8].astype(np.uint8 if capture == 1 else np.uint16)
+            write_image(
+                folder / f"desk/{capture}_{number}.png", image * (257 if capture == 2 else 1)
+            )
+    with pytest.raises(SourceError, match="differ in the number, size, bits or roles"):
+        open_source(parse_manifest(text.encode(), "mine-1.toml"), folder).read("desk")
+
+
 def test_each_image_of_a_stack_is_laid_on_the_first_one(folder: Path) -> None:
     sharp = photograph(0)
     write_image(folder / "desk/f_002.png", (0.9 * sharp[7:-9, 6:-10]).astype(np.uint8)[..., ::-1])
