@@ -11,7 +11,6 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.board.board import LEADERBOARD
@@ -24,6 +23,8 @@ from dfdbench.results.wording import plain
 from dfdbench.system.text import parse_json
 
 _FAMILIES = {"pair": "unseen", "stack": "unseen-stack"}
+#: Scores alone, no figures and no depth maps.
+_ALONE = ("--no-predictions", "--no-figures")
 _TRACKS = [
     f"{track.name}-{severity}"
     for track in TRACKS.values()
@@ -52,7 +53,7 @@ def run_seed(seed: str | None, limit: float) -> Iterator[str]:
             yield f"{family}: not built, see above"
             continue
         for name, card in methods.items():
-            run = ("run", "--no-predictions", "--dataset", f"{family}-{draw.seed}")
+            run = ("run", *_ALONE, "--dataset", f"{family}-{draw.seed}")
             if why := _run(run, card, limit):
                 yield f"{family}, {name}: {why}"
 

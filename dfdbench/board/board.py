@@ -197,7 +197,7 @@ class Board:
             whole=whole,
             draw=draw,
             newest=[self._context(board) for board in newest],
-            cards=as_markdown(cards_table(self.cards)),
+            cards=as_markdown(cards_table(self.cards, in_repository=not whole)),
             note=_text(self.folder / NOTE).rstrip(),
             boards=[c for c in contexts if c["suite"] == CLEAN and not c["scored"]],
             tracks=[c for c in contexts if c["suite"] != CLEAN],

@@ -86,24 +86,19 @@ def load_cards(folder: Path) -> dict[str, Card]:
     return cards
 
 
-def cards_table(cards: Mapping[str, Card]) -> Table:
-    """Return who wrote the methods, where their code is, and what they are given."""
+def cards_table(cards: Mapping[str, Card], in_repository: bool = True) -> Table:
+    """Return who wrote the methods, where their code is, and what they are given.
+
+    Files of this repository are linked only from within it.
+    """
     rows = []
     for name, card in cards.items():
         learned = (("trained on", card.trained_on), ("fitted on", card.fitted_on))
         given = [card.given, *(f"{verb} {data}" for verb, data in learned if data)]
-        address = card.code if "://" in card.code else f"../{card.code}"
-        paper = card.paper or NOTHING
-        rows.append(
-            (
-                Link(name, address),
-                card.title,
-                listed(card.authors),
-                paper,
-                card.licence,
-                "; ".join(given),
-            )
-        )
+        ours = "://" not in card.code
+        linked = Link(name, f"../{card.code}" if ours else card.code)
+        facts = (card.title, listed(card.authors), card.paper or NOTHING, card.licence)
+        rows.append((name if ours and not in_repository else linked, *facts, "; ".join(given)))
     columns = ("method and its code", "title", "authors", "paper", "licence", "given")
     return Table("methods", columns, tuple(rows), "l" * len(columns))
 
