@@ -17,8 +17,8 @@ from dfdbench.system.files import read_whole, write_whole
 from dfdbench.system.strict import Record
 
 SEEDS = "seeds.json"
-#: Seeds are drawn below this: nobody renders that many sets beforehand.
-_MOST = 10**12
+#: Seeds are drawn below this: nobody can try so many.
+_MOST = 10**18
 
 
 class Draw(Record):

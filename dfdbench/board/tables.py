@@ -242,7 +242,7 @@ def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
                 "protocol": board.protocol,
                 "fingerprint": data.fingerprint,
                 "rank": standing.rank,
-                "method": entry.result.method.name,
+                "method": entry.label,
                 "parameters": parameters_of(entry.result),
                 **_knowledge(board, entry),
                 **standing.scores,
