@@ -19,7 +19,7 @@ DEMO_NETS := u-net,--param,weights=demo dfd-net,--param,weights=demo
 DEMO_SPLIT := Market
 DEMO := results/demo-1-$(DEMO_SPLIT)
 
-.PHONY: help demo demo-nets test test-slow test-all fuzz kills docs browser benchmark size leaderboard clean
+.PHONY: help demo demo-nets test test-slow test-all fuzz kills mutants docs browser benchmark size leaderboard clean
 .DEFAULT_GOAL := help
 
 help: ## Say what there is to make
@@ -92,6 +92,10 @@ fuzz: $(STAMPS)/tested-with ## Spoiled files and strange command lines, SECONDS=
 kills: $(STAMPS)/tested-with ## Kill each verb COUNT=100 times and ask for the same again
 	@DFDBENCH_KILLS=$(or $(COUNT),100) $(BIN)/python -m pytest -m slow tests/kills \
 	  tests/building/test_kill.py tests/training/search/test_run.py
+
+mutants: $(STAMPS)/tested-with ## Change ROOM=metrics in COUNT=25 places, one at a time: which do its tests miss?
+	@$(BIN)/python -m tests.mutants $(or $(ROOM),metrics) --count $(or $(COUNT),25) \
+	  --seed $(or $(SEED),31)
 
 size: ## Count lines of code by room, without docstrings, comments and blank lines
 	@$(PYTHON) -m tests.size

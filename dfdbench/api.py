@@ -168,6 +168,7 @@ def load_method(name: str, **parameters: Any) -> Method:
 
     Examples
     --------
+    >>> import numpy as np
     >>> method = load_method("constant", training_mean=80.0)
     >>> image = np.zeros((2, 3, 3), np.uint8)
     >>> method(image, image).tolist()
@@ -188,6 +189,7 @@ def run(
     out: Path | str | None = None,
     keep_predictions: bool = True,
     fresh: bool = False,
+    fitted: Path | str | None = None,
     pool: Pool | None = None,
     for_board: bool = False,
     cache: Path | None = None,
@@ -221,6 +223,8 @@ def run(
         Keep the depth maps; figures need them.
     fresh : bool
         Evaluate all pairs anew.
+    fitted : Path or str, optional
+        A run's folder: use what its fit learned, on this camera or another, and fit nothing here.
     pool : Pool, optional
         Other processes to evaluate pairs in, several at once; times are then not comparable.
     for_board : bool
@@ -250,11 +254,15 @@ def run(
         raise InputError("no number of pairs", where="limit", expected="1 or more", got=str(limit))
     if for_board:
         require_submittable(limit)
+        if fitted is not None:
+            what = "the leaderboard takes no run with the fit of another"
+            raise InputError(what, where="fitted", fix="let the method be fitted here")
     store = _opened(dataset, cache)
     store.manifest.scenes_of(split)
     shown = protocol_on(store.manifest, protocol)
     check = partial(require_fit_to_submit, split=split) if for_board else None
-    options = RunOptions(limit, keep_predictions, fresh, seed)
+    learned = None if fitted is None else Path(fitted)
+    options = RunOptions(limit, keep_predictions, fresh, seed, learned)
     with _folder(out, str(store.path)) as folder:
         done, calibration = evaluate(
             method,

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from dfdbench.datasets.captures import BY_IMAGE
+from dfdbench.datasets.captured_files import BY_IMAGE
 from dfdbench.datasets.dataset import WHOLE, Region, open_dataset
 from dfdbench.errors import InputError
 from dfdbench.system.location import Place

@@ -57,7 +57,7 @@ def camera(f_number: float | None = None) -> Camera:
     return Camera(lens, SHAPE)
 
 
-def compare(scene: str) -> tuple[dict[str, tuple[float, ...]], list[Floats]]:
+def compare(scene: str) -> tuple[dict[str, tuple[float, float]], list[Floats]]:
     """Return rms at jumps and away by formation; the lens's image, and the formations'."""
     surfaces = SCENES[scene]
     photographs = {s.texture.photograph: photograph(s.texture.photograph) for s in surfaces}
@@ -74,7 +74,7 @@ def compare(scene: str) -> tuple[dict[str, tuple[float, ...]], list[Floats]]:
         made = blur(light, levels, RECIPE, formation)
         images.append(encode(made) if formation.linear else made)
         errors = np.square(images[-1] - by_lens)[inner]
-        found[name] = tuple(float(np.sqrt(errors[where].mean())) for where in (at, ~at))
+        found[name] = (float(np.sqrt(errors[at].mean())), float(np.sqrt(errors[~at].mean())))
     return found, images
 
 

@@ -16,7 +16,8 @@ from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.building.plan import NamedRecipe, refuse_another_set, refuse_recipe_on_track
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
-from dfdbench.datasets.captures import BY_IMAGE, OF_CAMERA, PAIR, ROLES, ImageFacts, Role
+from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
+from dfdbench.datasets.captures import PAIR, ROLES, ImageFacts, Role
 from dfdbench.datasets.depth_scale import Rig
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
@@ -227,7 +228,7 @@ def _known(facts: ImageFacts, manifest: Manifest) -> dict[str, Any]:
     known: dict[str, Any] = {}
     for name, value in stated.items():
         own = getattr(facts, name)
-        known[name] = np.where(np.isfinite(own), own, value)
+        known[name] = np.where(np.isnan(own), value, own)
     if manifest.depth.scale is not None:
         focused = manifest.depth.of_metres(known["focus_distance"])
         known["focus_depth"] = np.where(

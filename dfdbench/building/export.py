@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.sources.middlebury import depth_name, image_name
-from dfdbench.datasets.captures import BY_IMAGE, Capture
+from dfdbench.datasets.captured_files import BY_IMAGE
+from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import StoreError, reason_of

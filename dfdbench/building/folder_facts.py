@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.folder_layout import ARRAY, DEPTH, Group, Key, Layout, unread_files
+from dfdbench.building.folder_layout import DEPTH, Group, Key, Layout, unread_files
 from dfdbench.building.folder_matching import Matching, matching_of
 from dfdbench.building.sources.image_files import (
+    ARRAYS,
     SUFFIXES,
     decode_depth,
     likely_bits,
@@ -45,7 +46,7 @@ class Facts:
     Parameters
     ----------
     roles : dict of str to Group
-        The files of ``infocus``, ``defocus`` and ``depth``.
+        The files of ``infocus``, ``defocus`` and ``depth``; of stacks ``images``, ``metadata``.
     shapes : dict
         Rows and columns of the photographs of each scene that was looked at.
     depth_unit, near, far : float or None
@@ -53,6 +54,12 @@ class Facts:
         almost all depths lie; None where the files hold levels.
     missing : list of int
         Values that stand for no depth.
+    depth_ends : tuple of float or None
+        The nearest and the farthest value of files that hold neither metres nor levels.
+    metres : bool
+        Whether the set keeps metres, and does not turn them into levels.
+    more : list of str
+        Lines for the section `files`.
     image_bits : int or None
         How many of 16 bits are used, where it is less.
     matching : Matching
@@ -67,6 +74,9 @@ class Facts:
     near: float | None = None
     far: float | None = None
     missing: list[int] = field(default_factory=list)
+    depth_ends: tuple[float, float] | None = None
+    metres: bool = False
+    more: list[str] = field(default_factory=list)
     image_bits: int | None = None
     matching: Matching = field(default_factory=Matching)
     found: list[str] = field(default_factory=list)
@@ -94,27 +104,27 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     # Photographs may be grey and have 16 bits, too: a name says more.
     depths = [group for group in depths if DEPTH.search(group.pattern.lower())] or depths
     photographs = [group for group in layout.groups if group not in depths]
-    photographs = [group for group in photographs if not group.pattern.lower().endswith(ARRAY)]
+    photographs = [group for group in photographs if not group.pattern.lower().endswith(ARRAYS)]
     if not depths or len(photographs) < 2:
         there = ", ".join(group.pattern for group in layout.groups)
         raise InputError(
             "no depth map and two photographs a scene can be told",
             where=str(folder),
             expected="two photographs, and a depth file that is grey and says so in its name, or "
-            f"has 16 or 32 bits ({', '.join(SUFFIXES)}; {ARRAY} for depth)",
+            f"has 16 or 32 bits ({', '.join(SUFFIXES)}; for depth also {', '.join(ARRAYS)})",
             got="; ".join(filter(None, (there, unread_files(folder)))),
             fix="rename them, or write the manifest by hand: docs/your_own_data.md",
         )
     depth, fitting = _of_one_size(folder, depths, photographs, layout.scenes)
     facts, scenes = Facts({"depth": depth}), _shared(layout.scenes, depth)
     keys = _spread(scenes, max(_FEWEST, min(_LOOKED_AT, _PHOTOGRAPHS // len(fitting))))
-    _tell_photographs(folder, fitting, keys, facts)
+    tell_photographs(folder, fitting, keys, facts)
     _tell_focus(folder, fitting, keys, facts)
     if len(depths) > 1:
         facts.open.append(f"depth is read from {depth.pattern}; {_also(depths, [depth])}")
     if len(photographs) > len(fitting):
         facts.open.append(f"photographs of the depth's size; {_also(photographs, fitting)}")
-    _tell_depth(folder, _spread(scenes, _DEPTH_MAPS), facts)
+    tell_depth(folder, scenes, facts)
     facts.matching = matching_of(
         (
             key[1],
@@ -168,7 +178,7 @@ def _is_depth(folder: Path, group: Group) -> bool:
     return flat and (bool(DEPTH.search(group.pattern.lower())) or image.dtype != np.uint8)
 
 
-def _spread(keys: tuple[Key, ...], most: int) -> list[Key]:
+def _spread(keys: Sequence[Key], most: int) -> list[Key]:
     return list(keys[:: max(1, math.ceil(len(keys) / most))])
 
 
@@ -184,7 +194,8 @@ def _photograph(folder: Path, group: Group, key: Key, facts: Facts) -> NDArray[n
     return read_photograph(path.read_bytes(), str(path), facts.image_bits or 16, "ignore")
 
 
-def _tell_photographs(folder: Path, groups: list[Group], keys: list[Key], facts: Facts) -> None:
+def tell_photographs(folder: Path, groups: list[Group], keys: list[Key], facts: Facts) -> None:
+    """Add the photographs' sizes, bits and rotation."""
     greatest, deep, turned, count = 0, True, 0, 0
     for group in groups:
         for key, content, image in _decoded(folder, group, keys):
@@ -228,8 +239,8 @@ def _tell_focus(folder: Path, groups: list[Group], keys: list[Key], facts: Facts
     if len(order) > 2:
         others = listed([group.pattern for group in order[1:-1]], _NAMED)
         facts.open.append(
-            f"which defocus image to take: a manifest describes pairs, not focal stacks, and "
-            f"{len(order) - 2} more kinds of photographs are there: {others}"
+            f"which defocus image to take: {len(order) - 2} more kinds of photographs are there: "
+            f"{others}"
         )
 
 
@@ -242,11 +253,12 @@ def _smallest_aperture_first(order: list[Group]) -> list[Group]:
     return first + rest if len(first) == 1 and len(rest) > 1 else order
 
 
-def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
+def tell_depth(folder: Path, keys: Sequence[Key], facts: Facts, metres: bool = False) -> None:
+    """Add what the depth files hold; `metres` keeps those in metres as they are."""
     group = facts.roles["depth"]
     some: list[NDArray[Any]] = []
     sizes: dict[Key, tuple[int, ...]] = {}
-    for key, _, image in _decoded(folder, group, keys):
+    for key, _, image in _decoded(folder, group, _spread(keys, _DEPTH_MAPS)):
         flat = (image if image.ndim == 2 else image[..., 0]).ravel()
         some.append(flat[:: max(1, flat.size // _PIXELS)].copy())
         sizes[key] = image.shape[:2]
@@ -256,6 +268,9 @@ def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
     stand = [0] if (values == 0).any() else []
     stand += [last] if last and last > 255 and (values == last).any() else []
     facts.missing = stand
+    if kind.kind == "f" and ("disp" in group.pattern.lower() or (values < 0).any()):
+        _tell_ends(values[np.isfinite(values)], facts)
+        return
     told = values[np.isfinite(values) & (values > 0) & ~np.isin(values, stand)]
     if not told.size:
         raise SourceError("depth maps tell no depths", where=str(folder / group.pattern))
@@ -266,6 +281,7 @@ def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
         facts.open.append("8-bit depth is taken for levels: whether brighter is nearer, and what")
         return
     median = float(np.median(told))
+    facts.metres = metres
     facts.depth_unit = next(u for u in (1.0, 0.001, 1e-6) if median * u < _PLAUSIBLE[1])
     ends = np.percentile(told * facts.depth_unit, [_SHARE, 100 - _SHARE])
     facts.near, facts.far = _rounded(float(ends[0]), False), _rounded(float(ends[1]), True)
@@ -277,6 +293,20 @@ def _tell_depth(folder: Path, keys: list[Key], facts: Facts) -> None:
         f"whether near {facts.near:g} m and far {facts.far:g} m are right: they hold "
         f"{100 - 2 * _SHARE:g} % of the depths of {len(some)} scenes"
     )
+
+
+def _tell_ends(values: NDArray[np.float64], facts: Facts) -> None:
+    """Add the ends of what is neither metres nor levels, such as disparity."""
+    if not values.size:
+        raise SourceError("depth maps tell no depths", where=facts.roles["depth"].pattern)
+    room = 0.01 * float(np.ptp(values)) or 1.0
+    low, high = float(values.min()) - room, float(values.max()) + room
+    facts.depth_ends, facts.missing = (float(f"{high:.4g}"), float(f"{low:.4g}")), []
+    facts.found.append(
+        f"depth {facts.roles['depth'].pattern}, neither metres nor levels: {low + room:.4g} to "
+        f"{high - room:.4g}"
+    )
+    facts.open.append("whether greater depth values are nearer, as in disparity: depth_ends")
 
 
 def _tell_sizes(sizes: dict[Key, tuple[int, ...]], facts: Facts) -> None:

@@ -8,14 +8,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from dfdbench.building.sources.image_files import SUFFIXES
+from dfdbench.building.sources.image_files import ARRAYS, SUFFIXES
 from dfdbench.datasets.captured_files import ANY_ENDING
 from dfdbench.errors import InputError, reason_of
 
 #: What a depth file's path says.
 DEPTH = re.compile(r"depth|disp|dist|range|lidar|tof|kinect|xtion|truth|(?<![a-z])gt(?![a-z])")
-#: Ending of the arrays that are read as depth, if their path says so.
-ARRAY = ".npy"
 _SPLITS = ("train", "training", "test", "testing", "val", "validation")
 # With more kinds of files than this, or more kinds of depth if there is any, the guess is wrong.
 _MOST_GROUPS = 10
@@ -70,12 +68,12 @@ class Layout:
 
 def image_files(folder: Path) -> tuple[str, ...]:
     """Return the images and depth arrays below a folder, sorted, hidden ones left out."""
-    return tuple(sorted(p.as_posix() for p in _shown_files(folder) if _is_read(p)))
+    return tuple(sorted(p.as_posix() for p in shown_files(folder) if _is_read(p)))
 
 
 def _is_read(path: PurePosixPath) -> bool:
     end = path.suffix.lower()
-    return end in SUFFIXES or (end == ARRAY and bool(DEPTH.search(path.as_posix().lower())))
+    return end in SUFFIXES or (end in ARRAYS and bool(DEPTH.search(path.as_posix().lower())))
 
 
 def unread_files(folder: Path) -> str:
@@ -90,13 +88,14 @@ def unread_files(folder: Path) -> str:
     ...     unread_files(Path(place))
     'not read: 2 .npy, 1 without an ending'
     """
-    ends = Counter(path.suffix.lower() for path in _shown_files(folder) if not _is_read(path))
+    ends = Counter(path.suffix.lower() for path in shown_files(folder) if not _is_read(path))
     others = ends.most_common(_NAMED)
     named = ", ".join(f"{count} {end or 'without an ending'}" for end, count in others)
     return f"not read: {named}" if named else ""
 
 
-def _shown_files(folder: Path) -> Iterator[PurePosixPath]:
+def shown_files(folder: Path) -> Iterator[PurePosixPath]:
+    """Yield the files below a folder, as paths below it, hidden ones left out."""
     try:
         for path in folder.rglob("*"):
             below = path.relative_to(folder)
@@ -133,13 +132,24 @@ def find_layout(paths: tuple[str, ...]) -> Layout | None:
     >>> [group.pattern for group in layout.groups], layout.scenes
     (['d/{scene}.png', 'f2/{scene}.jpg', 'f8/{scene}.jpg'], (('', '1'), ('', '2')))
     """
-    depth = max((path.count("/") for path in paths), default=0)
-    readings = [_folder_reading(level) for level in range(depth)]
-    layouts = [_layout(paths, reading) for reading in (*readings, _stem, _start_of, _end_of)]
-    whole = [layout for layout in layouts if layout]
+    layouts = [_layout(paths, reading) for reading in (_stem, _start_of, _end_of)]
+    whole = [*folder_layouts(paths), *(layout for layout in layouts if layout)]
     if whole:
         return max(whole, key=_likelihood)
     return _by_order(paths)
+
+
+def folder_layouts(paths: tuple[str, ...], least: int = _ROLES) -> list[Layout]:
+    """Return how files go together if a folder's name tells the scene, of `least` files or more."""
+    depth = max((path.count("/") for path in paths), default=0)
+    layouts = [_layout(paths, _folder_reading(level), least) for level in range(depth)]
+    return [layout for layout in layouts if layout]
+
+
+def single_scene(paths: tuple[str, ...], name: str) -> Layout:
+    """Return a layout of one scene that all files belong to."""
+    key = ("", name)
+    return Layout(tuple(Group(path, {key: path}) for path in paths), (key,), False, ())
 
 
 def _likelihood(layout: Layout) -> tuple[int, int, int]:
@@ -196,7 +206,7 @@ def _split_of(path: str) -> tuple[PurePosixPath, str]:
     return PurePosixPath(path), ""
 
 
-def _layout(paths: tuple[str, ...], reading: Reading) -> Layout | None:
+def _layout(paths: tuple[str, ...], reading: Reading, least: int = _ROLES) -> Layout | None:
     found: dict[str, dict[Key, str]] = defaultdict(dict)
     for path in paths:
         told, split = _split_of(path)
@@ -205,7 +215,7 @@ def _layout(paths: tuple[str, ...], reading: Reading) -> Layout | None:
             found[read[0]][split, read[1]] = path
     found = _endings_joined(found)
     times = Counter(key for files in found.values() for key in files)
-    scenes = tuple(sorted(key for key, count in times.items() if count >= _ROLES))
+    scenes = tuple(sorted(key for key, count in times.items() if count >= least))
     groups = {
         pattern: {key: files[key] for key in scenes if key in files}
         for pattern, files in found.items()
@@ -222,7 +232,7 @@ def _endings_joined(found: dict[str, dict[Key, str]]) -> dict[str, dict[Key, str
     alike: dict[str, list[str]] = defaultdict(list)
     for pattern in found:
         path = PurePosixPath(pattern)
-        alike[pattern if path.suffix.lower() == ARRAY else str(path.with_suffix(""))].append(
+        alike[pattern if path.suffix.lower() in ARRAYS else str(path.with_suffix(""))].append(
             pattern
         )
     joined: dict[str, dict[Key, str]] = {}

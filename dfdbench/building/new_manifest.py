@@ -12,14 +12,16 @@ from typing import get_args
 from dfdbench.building.folder_facts import Facts, look_into
 from dfdbench.building.folder_layout import Key, Layout, find_layout, image_files, unread_files
 from dfdbench.building.folder_matching import Align
+from dfdbench.building.folder_stacks import find_stacks, look_into_stacks
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.datasets.captured_files import ROLES
 from dfdbench.errors import InputError
-from dfdbench.tables.table import listed
+from dfdbench.tables.table import counted, listed
 
-_TEST = 4  # without splits of its own, every fourth scene of a set tests
+_TEST = 4  # without splits of its own, every fourth scene or place of a set tests
 _NAMED = 6
 _SAFE = re.compile(r"[^A-Za-z0-9._-]+")
+_COUNTED = re.compile(r"[-_.]?\d+$")
 _ROW = 96
 _TAIL = """\
 # What is known of lens and camera, lengths in metres; methods may ask for it.
@@ -68,7 +70,8 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
     ----------
     folder : Path
         Two photographs and a depth map a scene: in a folder a scene, in a folder a kind, or told
-        by the start or the end of their names.
+        by the start or the end of their names; or a folder a scene with photographs that differ by
+        a number, a depth map, and a table of their focus distances.
     name : str, optional
         The data set's; the folder's by default.
 
@@ -82,17 +85,7 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
     if not folder.is_dir():
         raise InputError("no such folder", where=str(folder))
     paths = image_files(folder)
-    layout = find_layout(paths)
-    if layout is None:
-        raise InputError(
-            "no scene with two photographs and a depth map",
-            where=str(folder),
-            expected=f"three files a scene ({', '.join(SUFFIXES)}) that share a name or a folder",
-            got="; ".join(
-                filter(None, (listed(paths, _NAMED) or "no such file", unread_files(folder)))
-            ),
-        )
-    facts = look_into(folder, layout)
+    layout, facts = _look(folder, paths)
     stem = _safe(name or folder.resolve().name) or "captures"
     scenes = _scenes(layout, facts)
     _tell_layout(layout, facts, scenes)
@@ -100,6 +93,28 @@ def new_manifest(folder: Path, name: str | None = None) -> NewManifest:
         (_head(stem, facts, scenes), *_splits(scenes), *(scene.toml for scene in scenes))
     )
     return NewManifest(f"{stem}-1.toml", text, tuple(facts.found), tuple(facts.open))
+
+
+def _look(folder: Path, paths: tuple[str, ...]) -> tuple[Layout, Facts]:
+    """Return how files go together and what they are: pairs, or stacks where no pairs are."""
+    stacks, layout = find_stacks(folder, paths), find_layout(paths)
+    if layout is not None and not (stacks and stacks.has_depth):
+        try:
+            return layout, look_into(folder, layout)
+        except InputError:
+            if stacks is None:
+                raise
+    if stacks is not None:
+        return stacks.layout, look_into_stacks(folder, stacks)
+    raise InputError(
+        "no scene with two photographs and a depth map, and no stack",
+        where=str(folder),
+        expected=f"three files a scene ({', '.join(SUFFIXES)}) that share a name or a folder, or "
+        "photographs that differ by a number",
+        got="; ".join(
+            filter(None, (listed(paths, _NAMED) or "no such file", unread_files(folder)))
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -162,10 +177,10 @@ def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
     if not scenes:
         raise InputError(
             "no scene has all three files",
-            where=", ".join(facts.roles[role].pattern for role in ROLES),
-            got=", ".join(f"{len(facts.roles[role].files)} of {role}" for role in ROLES),
+            where=", ".join(group.pattern for group in facts.roles.values()),
+            got=", ".join(f"{len(group.files)} of {role}" for role, group in facts.roles.items()),
         )
-    facts.found.insert(0, f"{len(scenes)} scenes")
+    facts.found.insert(0, counted(len(scenes), "scene"))
     if any("file" in scene.names for scene in scenes):
         for scene in scenes:
             scene.names.setdefault("file", scene.name)
@@ -181,7 +196,7 @@ def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
         facts.open.append(f"{len(layout.left)} image files belong to no scene: {named}")
     if not _are_told(scenes):
         facts.open.append(
-            "which scenes test: every fourth does; those of one place belong together"
+            "which scenes test: every fourth place does; scenes of one place belong together"
         )
     facts.open.append("title, licence, whom to cite; lens and camera under [rig]")
 
@@ -189,17 +204,32 @@ def _tell_layout(layout: Layout, facts: Facts, scenes: list[_Scene]) -> None:
 def _splits(scenes: list[_Scene]) -> list[str]:
     chosen: dict[str, list[str]] = {}
     told = _are_told(scenes)
-    for number, scene in enumerate(scenes, 1):
-        counted = "test" if number % _TEST == 0 else "train"
+    places = list(dict.fromkeys(map(_place_of, scenes)))
+    if len(places) < _TEST:
+        places = [scene.name for scene in scenes]
+    for scene in scenes:
+        place = _place_of(scene) if _place_of(scene) in places else scene.name
+        counted = "train" if (places.index(place) + 1) % _TEST else "test"
         split = (told and _split_name(scene.split)) or counted
         chosen.setdefault(split, []).append(scene.name)
+    if len(scenes) == 1 and not told:
+        return _split_toml({"test": chosen["train"]})
     if "test" not in chosen and len(scenes) > 1:
         chosen["test"] = [chosen["train"].pop()]
+    return _split_toml(chosen)
+
+
+def _split_toml(chosen: dict[str, list[str]]) -> list[str]:
     return [
         f'[[splits]]\nname = "{split}"\npartition = "own"\npairs = {len(names)}\n'
         f"scenes = [\n{_rows(names)}]\n"
         for split, names in sorted(chosen.items(), key=lambda item: item[0] != "train")
     ]
+
+
+def _place_of(scene: _Scene) -> str:
+    # Cameras and people count the pictures of a place: Kitchen_1, Kitchen_2.
+    return _COUNTED.sub("", scene.name) or scene.name
 
 
 def _are_told(scenes: list[_Scene]) -> bool:
@@ -231,7 +261,13 @@ def _head(name: str, facts: Facts, scenes: list[_Scene]) -> str:
     """Return the manifest up to its splits; what nobody can tell from files says so."""
     count, shortest = len(scenes), min(map(min, facts.shapes.values()))
     unit = "levels, as in the files"
-    if facts.near is not None:
+    if facts.depth_ends is not None:
+        unit = "levels, linear in the files' values"
+    elif "depth" not in facts.roles:
+        unit = "none is known"
+    elif facts.metres:
+        unit = "metres"
+    elif facts.near is not None:
         unit = f"linear in 1/z from {facts.near:g} m (255) to {facts.far:g} m (1)"
     parts = [
         f"""\
@@ -241,15 +277,15 @@ name = "{name}"
 short = "{name}"
 version = 1
 title = "{name}" # what people read in lists
-description = "Two photographs and a depth map of {count} scenes."
+description = "{_described(facts)} of {counted(count, "scene")}."
 reader = "folder"
 degradation = "clean"
 network_crop = {shortest} # the square that protocol thesis-networks scores
 scene_count = {count}
 pair_count = {count}
-
+{_pair_images(facts)}
 [axes]
-capture = [1] # several defocus images a scene: list them, and put {{capture}} into the pattern
+capture = [1] # several captures a scene: list them, and put {{capture}} into the pattern
 
 [depth]
 axes = []
@@ -262,6 +298,18 @@ unit = "{unit}"
     parts.append(_files(facts, scenes))
     parts.append(_TAIL)
     return "\n".join(parts)
+
+
+def _described(facts: Facts) -> str:
+    what = "A focal stack" if "images" in facts.roles else "Two photographs"
+    return f"{what} and a depth map" if "depth" in facts.roles else what
+
+
+def _pair_images(facts: Facts) -> str:
+    if "images" not in facts.roles:
+        return ""
+    first = "in focus all over" if "infocus" in facts.roles else "focused farthest"
+    return f"pair_images = [0, 1] # for methods of pairs; 0 is {first}, the others go on to near\n"
 
 
 def _scale(facts: Facts) -> list[str]:
@@ -280,10 +328,14 @@ far = {facts.far}
 
 def _files(facts: Facts, scenes: list[_Scene]) -> str:
     lines = ["[files]"]
-    lines += [f"{role} = {_text(_pattern(role, facts, scenes))}" for role in ROLES]
+    lines += [f"{role} = {_text(_pattern(role, facts, scenes))}" for role in facts.roles]
+    lines += facts.more
+    if facts.depth_ends is not None:
+        lines.append(f"depth_ends = {list(facts.depth_ends)} # the nearest, the farthest")
     if facts.depth_unit is not None:
         lines.append(f"depth_unit = {facts.depth_unit} # metres")
-    lines.append(f"depth_missing = {facts.missing}")
+    if "depth" in facts.roles:
+        lines.append(f"depth_missing = {facts.missing}")
     if facts.image_bits:
         lines.append(f"image_bits = {facts.image_bits}")
     others = ", ".join(f'"{name}"' for name in get_args(Align) if name != facts.matching.align)

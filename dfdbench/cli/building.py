@@ -218,7 +218,7 @@ def _spans(names: list[str], known: tuple[str, ...]) -> list[str]:
 
 def new_dataset(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Two photographs and a depth map a scene.")
+        Path, typer.Argument(metavar="DIR", help="Pairs or stacks of photographs, and depth maps.")
     ],
     out: Annotated[
         Path | None, typer.Option(help="The manifest to write; default: NAME-1.toml, here.")

@@ -45,6 +45,10 @@ def run(
         str | None,
         typer.Option(metavar="I,J", help="Of stacks: the two images that make a pair, from 0."),
     ] = None,
+    fitted: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN", help="Use what this run's fit learned; fit nothing here."),
+    ] = None,
     out: Out = None,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Run only this many pairs, from the first.")
@@ -97,6 +101,7 @@ def run(
             out=out or Path("results", f"{data.path.stem}-{split}", folder_name(method, param)),
             keep_predictions=not no_predictions,
             fresh=fresh,
+            fitted=fitted,
             pool=pool_of_processes(workers, scheduler),
             for_board=submit,
             on_pair=step,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import PurePosixPath
 from typing import Any
 
-from dfdbench.datasets.captured_files import ROLES, fill, places_in
+from dfdbench.datasets.captured_files import BY_IMAGE, IMAGE, CapturedFiles, fill_known, places_in
 from dfdbench.datasets.manifest import grid_of_pairs
 from dfdbench.errors import Problem
 
@@ -57,19 +57,59 @@ def check_reader(sections: dict[str, Any], file: str) -> Iterator[Problem]:
     if files is None:
         yield Problem("section is missing", where=f"{file}: files")
         return
-    if files.depth_unit is not None and sections["depth"].scale is None:
-        yield Problem(
-            "nothing says how metres become levels",
-            where=f"{file}: depth",
-            expected="[depth.scale] with near and far, in metres",
-            fix="state them, or leave out files.depth_unit where the files hold levels",
-        )
+    yield from _unit_problems(files, sections["depth"], file)
+    yield from _image_problems(files, f"{file}: files")
     if sections["recipe"] is not None:
         yield Problem(
             "captured defocus has no blur recipe",
             where=f"{file}: recipe",
             got=sections["recipe"],
             fix="leave it out",
+        )
+
+
+def _unit_problems(files: CapturedFiles, depth: Any, file: str) -> Iterator[Problem]:
+    metres = depth.kind == "metres"
+    if depth.scale is None and (metres or files.depth_unit is not None):
+        yield Problem(
+            "nothing says how metres become levels",
+            where=f"{file}: depth",
+            expected="[depth.scale] with near and far, in metres",
+            fix="state them, or leave out files.depth_unit where the files hold levels",
+        )
+    ends = files.depth_ends
+    if ends and (metres or files.depth_unit is not None or ends[0] == ends[1]):
+        yield Problem(
+            "depth_ends are the values of two levels, in files that hold neither levels nor metres",
+            where=f"{file}: files.depth_ends",
+            expected="two values that differ, and no other unit",
+            got=str(ends),
+        )
+
+
+def _image_problems(files: CapturedFiles, field: str) -> Iterator[Problem]:
+    there = set(files.patterns)
+    if ("images" in there) == ("defocus" in there) or not {"images", "infocus"} & there:
+        yield Problem(
+            "neither a pair nor a stack",
+            where=field,
+            expected="infocus and defocus, or images",
+            got=", ".join(sorted(there)) or "none of them",
+        )
+    if "images" not in there:
+        return
+    if files.metadata is not None and files.image:
+        yield Problem("two tables of the images", where=field, got="metadata and [[files.image]]")
+    if files.moved == "infocus":
+        yield Problem("images of a stack are laid on the first", where=f"{field}.moved")
+    places = set(places_in(files.images or ""))
+    columns = files.table_columns
+    if not places & {IMAGE, *(places if columns is None else columns)} - {"scene"}:
+        yield Problem(
+            "the pattern names one file, and not several",
+            where=f"{field}.images",
+            expected=f"{{{IMAGE}}}, or a column of the table, in braces",
+            got=files.images or "",
         )
 
 
@@ -81,8 +121,15 @@ def check_patterns(sections: dict[str, Any], file: str) -> Iterator[Problem]:
     found: list[Problem] = []
     if files.inside:
         found += _outside(files.inside, f"{file}: files.inside")
-    for role in ROLES:
-        found += _pattern_problems(sections, role, f"{file}: files.{role}")
+    for name, pattern in files.patterns.items():
+        found += _outside(pattern, f"{file}: files.{name}")
+        found += _pattern_problems(sections, name, pattern, f"{file}: files.{name}")
+    for name in BY_IMAGE:
+        pattern = str(getattr(files, name) or "")
+        found += _pattern_problems(sections, name, pattern, f"{file}: files.{name}")
+    for axis in files.axis_names:
+        if axis not in sections["axes"]:
+            found.append(Problem("no such axis", where=f"{file}: files.axis_names", got=axis))
     for number, scene in enumerate(sections["scenes"]):
         for name in scene.names:
             if name == "scene" or name in sections["axes"]:
@@ -99,19 +146,24 @@ def check_patterns(sections: dict[str, Any], file: str) -> Iterator[Problem]:
         yield from _shared_files(sections, file)
 
 
-def _pattern_problems(sections: dict[str, Any], role: str, field: str) -> Iterator[Problem]:
-    pattern = sections["files"].pattern_of(role)
-    yield from _outside(pattern, field)
-    axes = sections["axes"] if role != "depth" else sections["depth"].axes
+def _pattern_problems(
+    sections: dict[str, Any], what: str, pattern: str, field: str
+) -> Iterator[Problem]:
+    axes = sections["depth"].axes if what == "depth" else sections["axes"]
+    columns: set[str] | None = set()
+    if what in ("images", *BY_IMAGE):
+        columns = sections["files"].table_columns
     for name in dict.fromkeys(places_in(pattern)):
-        if name == "scene" or name in axes:
+        if columns is None or name in ("scene", *axes, *columns):
+            continue
+        if name == IMAGE and what == "images":
             continue
         lacking = [scene.name for scene in sections["scenes"] if name not in scene.names]
         if lacking:
             yield Problem(
                 f"nothing is known by the name {{{name}}}",
                 where=field,
-                expected=f"{{scene}}, an axis of the {'depth' if role == 'depth' else 'pairs'}, "
+                expected=f"{{scene}}, an axis of the {'depth' if what == 'depth' else 'pairs'}, "
                 "or a name that each scene gives under names",
                 got=f"{len(lacking)} scenes without it: {', '.join(lacking[:3])}"
                 + (" ..." if len(lacking) > 3 else ""),
@@ -130,28 +182,27 @@ def _outside(pattern: str, field: str) -> Iterator[Problem]:
 
 
 def _shared_files(sections: dict[str, Any], file: str) -> Iterator[Problem]:
-    # Two pairs of the same two images would count one capture twice.
-    seen: dict[tuple[str, str], str] = {}
+    # Two captures of the same images would count one twice.
+    seen: dict[tuple[str, ...], str] = {}
+    patterns = [p for n, p in sections["files"].patterns.items() if n not in ("depth", "metadata")]
     for scene in sections["scenes"]:
         for pair in grid_of_pairs((scene.name,), sections["axes"]):
-            values = {**scene.names, "scene": scene.name}
-            values |= {axis: str(value) for axis, value in pair.coordinates}
-            files = sections["files"]
-            both = (fill(files.infocus, values), fill(files.defocus, values))
-            if both[0] == both[1]:
+            values = sections["files"].values_of(scene.name, scene.names, pair.at)
+            images = tuple(fill_known(pattern, values) for pattern in patterns)
+            if len(set(images)) < len(images):
                 yield Problem(
                     "in-focus and defocus image are one file",
                     where=f"{file}: files, {pair.id}",
-                    got=both[0],
+                    got=images[0],
                 )
                 return
-            other = seen.setdefault(both, pair.id)
+            other = seen.setdefault(images, pair.id)
             if other != pair.id:
                 yield Problem(
                     "two pairs have the same images",
                     where=f"{file}: files, {other} and {pair.id}",
                     expected="{scene} in the patterns, and each axis that has several values",
-                    got=" and ".join(both),
+                    got=" and ".join(images),
                 )
                 return
 

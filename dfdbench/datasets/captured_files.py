@@ -1,4 +1,4 @@
-"""Where the files of a captured set lie, what they hold, and how a pair is made of them."""
+"""Where the files of a captured set lie, what they hold, and how captures are made of them."""
 
 from __future__ import annotations
 
@@ -16,6 +16,12 @@ ANY_ENDING = ".*"
 _PLACE = re.compile(r"\{([^{}]*)\}")
 #: What the files of a pair are.
 ROLES = ("infocus", "defocus", "depth")
+#: What is known of each image; NaN if it is not.
+BY_IMAGE = ("focus_distance", "focus_depth", "f_number")
+#: What is known of the camera.
+OF_CAMERA = ("focal_length", "pixel_pitch")
+#: What stands for an image's number in the pattern of a stack.
+IMAGE = "image"
 
 Index = Annotated[int, Field(ge=0)]
 Extent = Annotated[int, Field(ge=1)]
@@ -31,20 +37,42 @@ class Crop(StrictRecord):
 
 
 class CapturedFiles(StrictRecord):
-    """The files of a captured set, for the reader ``folder``.
+    """The files of a captured set, for the reader ``folder``: of pairs or of stacks.
+
+    Patterns are paths below the folder that is named when the set is built. ``{scene}`` stands for
+    the scene's name, the name of an axis in braces for the capture's value on it, any other for
+    what the scene gives under `names`; in `images` and the facts also for a column of the table. A
+    pattern that ends in ``.*`` finds images with any ending, such as ``.JPG`` beside ``.png``.
 
     Parameters
     ----------
-    infocus, defocus, depth : str
-        Paths below the folder that is named when the set is built: PNG, JPEG or TIFF, and for
-        depth also npy. ``{scene}`` stands for the scene's name, the name of an axis in braces for
-        the pair's value on it, any other for what the scene gives under `names`. A pattern that
-        ends in ``.*`` finds images with any ending, such as ``.JPG`` beside ``.png``.
+    infocus, defocus : str, optional
+        The patterns of a pair's photographs: PNG, JPEG or TIFF. A stack may have `infocus`, too.
+    images : str, optional
+        The pattern of a stack's photographs, in place of `defocus`. ``{image}`` finds those that
+        differ in this number alone.
+    depth : str, optional
+        The pattern of the depth map: an image, npy, npz or pfm. Left out, the set has no truth.
+    metadata : str, optional
+        The pattern of a table with a row per image: text, or JSON with lists or records.
+    columns : list of str
+        What its columns are called, if it has no heading.
+    image : list of dict
+        The table itself, if there is no file.
+    focus_distance, focus_depth, f_number : str or float, optional
+        Of the defocus images: a number, or a pattern that becomes one; the table's column of that
+        name by default. Focus distances are in metres, focus depths in the depth file's own unit.
+    axis_names : dict
+        What files call an axis's values, by axis and value.
     inside : str, optional
         A folder that the patterns lead on from where the named folder has it, such as the place of
         the set in a clone of its repository.
     depth_unit : float, optional
-        How many metres one unit of a depth file is; left out, the files hold levels 0 to 255.
+        How many metres one unit of a depth file is; left out, the files hold levels 0 to 255, or
+        metres if the set is in metres.
+    depth_ends : list of float, optional
+        The file's values at the nearest and the farthest level, for files in another unit, such as
+        disparity: levels are linear in them.
     depth_missing : list of float
         Values of pixels whose depth is not known; what is not finite never is.
     image_bits : int, optional
@@ -55,18 +83,27 @@ class CapturedFiles(StrictRecord):
     crop : Crop, optional
         Kept of each image once it is aligned; all of it by default.
     align : {"none", "translation", "euclidean"}
-        By which motion one image is laid on the other (ECC).
+        By which motion each image is laid on the first (ECC).
     moved : {"defocus", "infocus"}
-        Which image is moved; the depth map lies on the other.
+        Which image of a pair is moved; the depth map lies on the other.
     match_gain : bool
-        Whether the defocus image gets the in-focus image's brightness.
+        Whether the other images get the first one's brightness.
     """
 
-    infocus: str
-    defocus: str
-    depth: str
+    infocus: str | None = None
+    defocus: str | None = None
+    images: str | None = None
+    depth: str | None = None
+    metadata: str | None = None
+    columns: list[str] = Field(default_factory=list)
+    image: list[dict[str, str | int | float]] = Field(default_factory=list)
+    focus_distance: str | int | float | None = None
+    focus_depth: str | int | float | None = None
+    f_number: str | int | float | None = None
+    axis_names: dict[str, dict[str, str]] = Field(default_factory=dict)
     inside: str | None = None
     depth_unit: Positive | None = None
+    depth_ends: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
     depth_missing: list[float] = Field(default=[0])
     image_bits: Annotated[int, Field(ge=9, le=16)] | None = None
     exif_rotation: Literal["apply", "ignore"] | None = None
@@ -75,9 +112,25 @@ class CapturedFiles(StrictRecord):
     moved: Literal["defocus", "infocus"] = "defocus"
     match_gain: bool = False
 
-    def pattern_of(self, role: str) -> str:
-        """Return the pattern of the in-focus image, the defocus image or the depth map."""
-        return {"infocus": self.infocus, "defocus": self.defocus, "depth": self.depth}[role]
+    @property
+    def patterns(self) -> dict[str, str]:
+        """The patterns of images, depth and table, by the field's name; those that are there."""
+        named = ("infocus", "defocus", "images", "depth", "metadata")
+        return {name: pattern for name in named if (pattern := getattr(self, name)) is not None}
+
+    def values_of(
+        self, scene: str, names: Mapping[str, str], axes: Mapping[str, int]
+    ) -> dict[str, str]:
+        """Return what stands in a capture's patterns: its scene, its axes, the scene's names."""
+        told = {axis: self.axis_names.get(axis, {}).get(str(v), str(v)) for axis, v in axes.items()}
+        return {**names, "scene": scene, **told}
+
+    @property
+    def table_columns(self) -> set[str] | None:
+        """The names that the table gives; None if only its file tells."""
+        if self.metadata is not None and not self.columns:
+            return None
+        return {*self.columns, *(name for row in self.image for name in row)}
 
 
 def places_in(pattern: str) -> tuple[str, ...]:
@@ -85,8 +138,8 @@ def places_in(pattern: str) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> places_in("{scene}/f{f_number}.png")
-    ('scene', 'f_number')
+    >>> places_in("{scene}/f{aperture}.png")
+    ('scene', 'aperture')
     """
     return tuple(_PLACE.findall(pattern))
 
@@ -96,7 +149,18 @@ def fill(pattern: str, values: Mapping[str, str]) -> str:
 
     Examples
     --------
-    >>> fill("{scene}/f{f_number}.png", {"scene": "desk", "f_number": "2"})
+    >>> fill("{scene}/f{aperture}.png", {"scene": "desk", "aperture": "2"})
     'desk/f2.png'
     """
     return _PLACE.sub(lambda match: values[match[1]], pattern)
+
+
+def fill_known(pattern: str, values: Mapping[str, str]) -> str:
+    """Return a pattern with what is known replaced, and the rest left in its braces.
+
+    Examples
+    --------
+    >>> fill_known("{scene}/focus_{image}.png", {"scene": "desk"})
+    'desk/focus_{image}.png'
+    """
+    return _PLACE.sub(lambda match: values.get(match[1], match[0]), pattern)

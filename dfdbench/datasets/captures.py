@@ -10,6 +10,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
+from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth, Pair
 from dfdbench.errors import InputError
@@ -20,9 +21,6 @@ Role = Literal["infocus", "defocus"]
 ROLES: tuple[Role, ...] = ("infocus", "defocus")
 #: The roles of a pair's images.
 PAIR: tuple[Role, ...] = ("infocus", "defocus")
-#: What is known of each image, and of the camera; NaN if it is not.
-BY_IMAGE = ("focus_distance", "focus_depth", "f_number")
-OF_CAMERA = ("focal_length", "pixel_pitch")
 #: Of a stack so many images are shown as thumbnails.
 _SHOWN = 4
 
@@ -112,6 +110,11 @@ class Capture:
     def levels(self) -> NDArray[np.uint8]:
         """The depth as levels 0 to 255, the manifest's unknown level where it is not known."""
         return self.about.levels_of(self.depth)
+
+    @property
+    def truth(self) -> NDArray[Any]:
+        """What protocols score: metres, or levels with the unknown level where there is none."""
+        return self.about.scored(self.depth)
 
     @property
     def is_pair(self) -> bool:

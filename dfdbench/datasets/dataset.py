@@ -17,7 +17,8 @@ from upath import UPath
 from zarr.errors import GroupNotFoundError
 
 from dfdbench.blur.recipe import BlurRecipe, find_recipe
-from dfdbench.datasets.captures import BY_IMAGE, OF_CAMERA, ROLES, Capture, ImageFacts
+from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
+from dfdbench.datasets.captures import ROLES, Capture, ImageFacts
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.damage import DAMAGED, LONGEST, check_attributes, require_fit
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair

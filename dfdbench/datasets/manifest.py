@@ -6,7 +6,7 @@ import hashlib
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +107,13 @@ class Depth(StrictRecord):
         """Return depth of this kind, NaN where unknown, as levels; `unknown` where unknown."""
         if self.kind == "metres" and self.scale is not None:
             return self.scale.to_levels(depth, self.unknown)
-        return np.where(np.isfinite(depth), depth, self.unknown).astype(np.uint8)
+        return np.where(np.isfinite(depth), np.rint(depth), self.unknown).astype(np.uint8)
+
+    def scored(self, depth: NDArray[np.float32]) -> NDArray[Any]:
+        """Return what protocols score: metres as they are, levels with their fractions, if any."""
+        if self.kind == "metres" or not (np.rint(depth) != depth)[np.isfinite(depth)].any():
+            return depth if self.kind == "metres" else self.levels_of(depth)
+        return np.where(np.isfinite(depth), depth, np.float32(self.unknown))
 
     @property
     def direction(self) -> str:
@@ -260,6 +266,11 @@ class Manifest(StrictRecord):
     def label(self) -> str:
         """What tables and figures call it: captures that are none say so."""
         return simulated_label(self.stem, self.simulated)
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether there is depth to score against."""
+        return self.files is None or self.files.depth is not None
 
     @property
     def on_track(self) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from dfdbench.datasets.captured_checks import check_patterns, check_reader, check_rig, check_scale
-from dfdbench.datasets.captures import BY_IMAGE, OF_CAMERA
+from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.manifest import ALL_PAIRS, Pair, excluded_pairs, grid_of_pairs
 from dfdbench.errors import Problem, unknown_name
 

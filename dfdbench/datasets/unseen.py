@@ -97,7 +97,6 @@ degradation = "clean"
 network_crop = 480
 scene_count = {train + TEST}
 pair_count = {train + TEST}
-simulated = true
 {pair_images}
 [axes]
 capture = [1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import math
 from collections.abc import Sequence
@@ -154,6 +155,41 @@ def fit_method(store: Dataset, method: Method, split: str, seed: int) -> Fit | N
         stopped.add_note(f"{method.name} was being fitted: the same command begins the fit anew")
         raise
     return Fit(fitted_on, lesson.seconds, lesson.learned)
+
+
+def fit_sha256(folder: Path) -> str:
+    """Return the SHA-256 of what a run's fit learned.
+
+    Raises
+    ------
+    MethodError
+        If the run kept none.
+    """
+    try:
+        return hashlib.sha256((folder / FIT).read_bytes()).hexdigest()
+    except OSError as error:
+        raise MethodError(
+            "the run kept nothing that a method learned",
+            where=str(folder),
+            fix="name the folder of a run of a method that is fitted",
+        ) from error
+
+
+def fit_from(method: Method, folder: Path) -> Fit:
+    """Give a method what it learned for another run, on the same camera or on another.
+
+    Raises
+    ------
+    MethodError
+        If the method has no fit, or the run kept none that it takes back.
+    """
+    if method.fit is None:
+        raise MethodError("the method has no fit", where=method.entry, fix="leave out --fitted")
+    fit_sha256(folder)
+    fit = read_fit(folder)
+    if fit.learned is not None:
+        restore(method, fit.learned)
+    return fit
 
 
 def fit_again(method: Method, folder: Path) -> Fit | None:

@@ -217,7 +217,7 @@ def record_of(
     if prediction.depth is None:
         return blank.model_copy(update={"error": prediction.error, "warnings": warnings})
     about = store.manifest.depth
-    truth = images.depth if about.kind == "metres" else images.levels
+    truth = images.truth
     likeness = correlation(truth[images.valid], prediction.depth[images.valid])
     if likeness < AGAINST:
         warnings.append(f"{TURNED}: correlation {likeness:.2f} over the known pixels")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import StoreError
-from dfdbench.evaluation.fitting import Fit
+from dfdbench.evaluation.fitting import Fit, fit_sha256
 from dfdbench.methods.method import Method
 from dfdbench.methods.sources import ABSENT, changes
 from dfdbench.metrics.protocol import Protocol, protocols_of
@@ -38,12 +39,15 @@ class RunOptions:
         Evaluate all pairs anew.
     seed : int
         Set in `random` and `numpy.random` before each pair; kept in the result.
+    fitted : Path, optional
+        A run's folder: use what its fit learned, and fit nothing here.
     """
 
     limit: int | None = None
     keep_predictions: bool = True
     fresh: bool = False
     seed: int = 0
+    fitted: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -93,10 +97,10 @@ class RunPlan:
             "seed": self.options.seed,
             "software": software(),
             "used": self.method.used,
+            # The same method, parameters and data without them are another run.
+            "given_blur": self.store.manifest.on_track and "recipe" in self.method.uses,
+            "fitted_sha256": fit_sha256(self.options.fitted) if self.options.fitted else None,
         }
-        if self.store.manifest.on_track and "recipe" in self.method.uses:
-            # The same method, parameters and data without it are another run.
-            identity["told"] = True
         return dict(json.loads(json.dumps(identity)))
 
     def differs_from(self, before: Mapping[str, Any]) -> list[str]:
@@ -149,6 +153,7 @@ def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) ->
     StoreError
         Where the store holds no pair of the split, or has lost what was built.
     """
+    require_truth(store)
     require_what_was_built(store, split)
     available = store.pairs(split)
     if not available:
@@ -160,6 +165,17 @@ def plan_run(store: Dataset, method: Method, split: str, options: RunOptions) ->
     expected = store.manifest.pairs(split)
     chosen = available[: options.limit]
     return RunPlan(store, method, split, options, expected, available, chosen)
+
+
+def require_truth(store: Dataset) -> None:
+    """Refuse a data set that has no depth to score against."""
+    if not store.manifest.has_truth:
+        raise StoreError(
+            f"{store.manifest.short} has no depth to score against",
+            where=str(store.path),
+            fix=f"dfdbench export {store.manifest.short} --images-only --out IMAGES, then dfdbench "
+            "predict IMAGES --out MAPS",
+        )
 
 
 def require_what_was_built(store: Dataset, split: str) -> None:

@@ -17,7 +17,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.building.export import STACK_FILE
 from dfdbench.building.folder_matching import matching_of
-from dfdbench.building.sources.captured_pair import matched
+from dfdbench.building.sources.captured_images import matched
 from dfdbench.building.sources.image_files import read_photograph
 from dfdbench.datasets.captures import ROLES, Capture, capture_of
 from dfdbench.datasets.catalog import find_manifest

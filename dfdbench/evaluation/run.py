@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import MethodError
-from dfdbench.evaluation.fitting import Fit, fit_again, fit_method, keep_fit
+from dfdbench.evaluation.fitting import Fit, fit_again, fit_from, fit_method, keep_fit
 from dfdbench.evaluation.pair import (
     DIFFERS,
     PRINTED,
@@ -214,6 +214,8 @@ class _Known:
 
 def _fitted(plan: RunPlan, before: Path | None, pool: Pool | None) -> Fit | None:
     fit = fit_again(plan.method, before) if before else None
+    if fit is None and plan.options.fitted is not None:
+        fit = fit_from(plan.method, plan.options.fitted)
     fit = fit or fit_method(plan.store, plan.method, plan.split, plan.options.seed)
     if fit and fit.learned is None and pool is not None:
         raise MethodError(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import Calibrated
-from dfdbench.methods.law_cost import blurred_by
+from dfdbench.methods.fitted import Solver
+from dfdbench.methods.law_cost import all_blurred
 
 Image = NDArray[np.uint8]
 Cost = NDArray[np.float32]
@@ -60,7 +61,7 @@ class ConstantMedian(Constant):
         super().__init__(training_median)
 
 
-class Local(Calibrated):
+class Local(Solver):
     """Depth from a small window: the blur level that explains the defocus image best.
 
     The in-focus image is blurred at every level; the squared difference to the defocus image,
@@ -95,15 +96,14 @@ class Local(Calibrated):
         super().__init__(recipe)
         self._window = (window, window)
 
-    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
-        """Return depth levels for two RGB images of uint8, shape (y, x, 3)."""
+    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         blur = self.blur
         best = np.full(infocus.shape[:2], np.inf, np.float32)
         level = np.zeros(infocus.shape[:2], np.int64)
         if isinstance(blur, BlurLaw):
-            squares = _by_law(blur, infocus, defocus)
+            squares = _by_laws(self.blurs, infocus, images)
         else:
-            squares = _by_recipe(blur, infocus, defocus)
+            squares = _by_recipe(blur, infocus, images[0])
         for candidate, single in enumerate(squares):
             cost = cv2.boxFilter(single, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE)
             better = cost < best
@@ -121,15 +121,18 @@ def _by_recipe(recipe: BlurRecipe, infocus: Image, defocus: Image) -> Iterator[C
         yield np.asarray(cv2.transform(cv2.multiply(residual, residual), channel_sum))
 
 
-def _by_law(law: BlurLaw, infocus: Image, defocus: Image) -> Iterator[Cost]:
+def _by_laws(laws: Sequence[Any], infocus: Image, images: Sequence[Image]) -> Iterator[Cost]:
     # For Gaussian noise: of two levels that leave as much, the one that has to show more of it.
-    blurred = blurred_by(law, infocus, defocus)
+    blurred = list(all_blurred(laws, infocus, images))
     channel_sum = np.ones((1, infocus.shape[2]), np.float32)
-    for level, spread in enumerate(blurred.spread):
-        residual = (blurred.of_level(level) - blurred.aim) / blurred.noise
-        squares = cv2.transform(cv2.multiply(residual, residual), channel_sum)
-        entry = infocus.shape[2] * math.log(spread)
-        yield np.asarray(squares / np.float32(spread) + np.float32(entry))
+    for level in range(laws[0].levels):
+        total = np.zeros(infocus.shape[:2], np.float32)
+        for one in blurred:
+            residual = (one.of_level(level) - one.aim) / one.noise
+            squares = cv2.transform(cv2.multiply(residual, residual), channel_sum)
+            entry = infocus.shape[2] * math.log(one.spread[level])
+            total += squares / np.float32(one.spread[level]) + np.float32(entry)
+        yield total
 
 
 def _separable(image: NDArray[np.float32], kernel: NDArray[np.float64], sigma: float) -> Image:

@@ -30,6 +30,7 @@ from dfdbench.methods.alignment import (
 )
 from dfdbench.methods.fit import Learned, TrainingPair
 from dfdbench.methods.law_cost import blur
+from dfdbench.methods.stacks import is_pair, sharp_and_blurred
 from dfdbench.methods.width_curve import LADDER, best_widths, held_at_ends, left_at, width_curve
 
 #: Side of the kernels that are tried, in pixels.
@@ -49,6 +50,9 @@ _LEAST_TEXTURE = 1.0
 # A level with less texture, as a part of its pixels, does not count; few pixels mislead nobody.
 _TEXTURED = 0.1
 _MANY_PIXELS = 200
+
+
+Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -120,14 +124,22 @@ def parts_of(pairs: Sequence[TrainingPair]) -> list[Part]:
 
     Of a depth level that is seen on bare surfaces alone no pixel counts: how grey levels happen to
     be rounded there looks like a width, the same one in every pixel.
-
-    Parameters
-    ----------
-    pairs : sequence of TrainingPair
-        One or more.
     """
-    places = np.unique(np.linspace(0, len(pairs) - 1, min(_PAIRS, len(pairs))).round().astype(int))
-    parts = [_part(pairs[int(place)], number) for number, place in enumerate(places)]
+    parts = []
+    for number, place in enumerate(_places(len(pairs))):
+        pair = pairs[place]
+        region = _region(pair.levels.shape, number)
+        images = (pair.infocus, pair.defocus, pair.levels, pair.valid)
+        parts.append(_part(*(image[region] for image in images)))
+    return _without_bare(parts)
+
+
+def _places(count: int) -> list[int]:
+    even = np.linspace(0, count - 1, min(_PAIRS, count)).round()
+    return sorted(set(even.astype(int).tolist()))
+
+
+def _without_bare(parts: Sequence[Part]) -> list[Part]:
     bare = _bare_levels(parts)
     return [replace(part, counts=part.counts & ~bare[part.depth]) for part in parts]
 
@@ -144,15 +156,16 @@ def _bare_levels(parts: Sequence[Part]) -> NDArray[np.bool_]:
     return np.asarray((pixels >= _MANY_PIXELS) & (textured < _TEXTURED * pixels))
 
 
-def _part(pair: TrainingPair, number: int) -> Part:
+def _region(shape: tuple[int, ...], number: int) -> tuple[slice, slice]:
     # Of a large image one part, another of each pair: left, middle, right, and so on.
-    where = []
-    for size, turn in zip(pair.levels.shape, (number // 3, number), strict=True):
-        start = (size - min(size, _SIDE)) * (turn % 3) // 2
-        where.append(slice(start, start + _SIDE))
-    rows, columns = where
-    infocus, defocus = pair.infocus[rows, columns], pair.defocus[rows, columns]
-    depth, valid = pair.levels[rows, columns], pair.valid[rows, columns]
+    rows, columns = (
+        (size - min(size, _SIDE)) * (turn % 3) // 2
+        for size, turn in zip(shape, (number // 3, number), strict=True)
+    )
+    return slice(rows, rows + _SIDE), slice(columns, columns + _SIDE)
+
+
+def _part(infocus: Array, defocus: Array, depth: Array, valid: Array) -> Part:
     # One channel, the least noisy of a camera, tells as much of the blur as three.
     middle = slice(infocus.shape[2] // 2, infocus.shape[2] // 2 + 1)
     defocus = defocus[..., middle]
@@ -170,8 +183,6 @@ def _flat(depth: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.bool
     flat[:margin], flat[-margin:], flat[:, :margin], flat[:, -margin:] = False, False, False, False
     return np.asarray(flat)
 
-
-Array = NDArray[Any]
 
 # Of them, about those from which the shape is chosen.
 _FEW = 4
@@ -219,6 +230,24 @@ class Calibration:
         }
 
     @classmethod
+    def all_as_learned(cls, found: Sequence[Calibration]) -> Learned:
+        """Return those of a stack's defocus images, stacked; a single one as `as_learned` does."""
+        each = [calibration.as_learned() for calibration in found]
+        if len(each) == 1:
+            return each[0]
+        return {name: np.stack([np.asarray(one[name]) for one in each]) for name in each[0]}
+
+    @classmethod
+    def all_of(cls, learned: Learned) -> tuple[Calibration, ...]:
+        """Return what `all_as_learned` was given."""
+        if np.ndim(learned["sigmas"]) == 1:
+            return (cls.of(learned),)
+        names, columns = learned.keys(), map(np.asarray, learned.values())
+        return tuple(
+            cls.of(dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)
+        )
+
+    @classmethod
     def of(cls, learned: Learned) -> Calibration:
         """Return what `as_learned` gave."""
         fields = dict(learned)
@@ -256,7 +285,40 @@ def calibrate(pairs: Sequence[TrainingPair]) -> Calibration:
     """
     if not len(pairs):
         raise MethodError("no pair to calibrate with", expected="one training pair or more")
-    parts = parts_of(pairs)
+    return _calibrated(parts_of(pairs))
+
+
+def calibrate_images(captures: Sequence[TrainingPair]) -> list[Calibration]:
+    """Measure the blur law of each defocus image of training captures: pairs, or stacks.
+
+    Without an in-focus image it is that against the sharpest pixels of the others.
+
+    Raises
+    ------
+    MethodError
+        As for `calibrate`; if not all captures are focused at the same depths.
+    """
+    if not len(captures) or is_pair(captures[0].stack):
+        return [calibrate(captures)]
+    stack = captures[0].stack
+    where = stack["role"] != "infocus"
+    focus = stack["focus_depth"].values[where]
+    parts = [list[Part]() for _ in focus]
+    for number, place in enumerate(_places(len(captures))):
+        capture = captures[place]
+        stack, levels, valid = capture.stack, capture.levels, capture.valid
+        there = stack["focus_depth"].values[stack["role"] != "infocus"]
+        if there.size != focus.size or not np.allclose(there, focus, rtol=1e-3, equal_nan=True):
+            what = f"the training stacks are not focused alike, {focus} and {there}"
+            raise MethodError(what, where="focus_depth")
+        rows, columns = _region(levels.shape, number)
+        infocus, images = sharp_and_blurred(stack[:, rows, columns])
+        for found, image in zip(parts, images, strict=True):
+            found.append(_part(infocus, image, levels[rows, columns], valid[rows, columns]))
+    return [_calibrated(_without_bare(each)) for each in parts]
+
+
+def _calibrated(parts: Sequence[Part]) -> Calibration:
     few = parts[:: max(1, len(parts) // _FEW)]
     way = _way(few)
     if way.even and not way.linear:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -25,7 +25,11 @@ from dfdbench.methods.fitted import (
     require_window_fits,
     wrong,
 )
+from dfdbench.methods.stacks import sharp_and_blurred
 from dfdbench.system.compiled import compiled
+
+if TYPE_CHECKING:
+    from xarray import DataArray
 
 _NAME = "favaro-soatto"
 _LEVELS = 256
@@ -41,8 +45,9 @@ Array = NDArray[Any]
 class FavaroSoatto:
     """Depth by the operators of training patches: no point-spread function is known or estimated.
 
-    A sharp patch and the blurred patch at its middle, stacked to one vector, lie in a subspace
-    that belongs to the depth, since the one determines the other. Of each group of depth levels
+    A sharp patch and the blurred patches at its middle, one of each defocus image, stacked to one
+    vector, lie in a subspace
+    that belongs to the depth, since the one determines the others. Of each group of depth levels
     the training pairs' vectors give, by a singular value decomposition, the orthogonal
     complement of that subspace. A pixel takes the group whose complement has the least part of
     its own vector, summed over a window, and the minimum of a parabola through that and its
@@ -68,18 +73,20 @@ class FavaroSoatto:
     -----
     Favaro and Soatto 2005, sections 3 and 4. There both images are blurred and patches of one
     size; here one is sharp, so that it may be taken larger, and the complement has as many
-    dimensions as the blurred patch has pixels: that many numbers follow from the sharp patch.
+    dimensions as the blurred patches have pixels: that many numbers follow from the sharp patch.
+    Of a focal stack without an in-focus image the sharp patch is of its sharpest pixels. The time
+    grows with the square of the number of images.
     The mean of the sharp patch is taken from both. Groups of which the training pairs show
     hardly a patch are never answered.
 
     Examples
     --------
-    >>> from types import SimpleNamespace
     >>> from dfdbench.blur import RECIPES, synthesize
     >>> image = np.random.default_rng(0).integers(0, 256, (64, 120, 3)).astype(np.uint8)
     >>> depth = np.repeat(np.array([[40, 120, 200]], np.uint8), 64, 0).repeat(40, 1)
     >>> defocus = synthesize(image, depth, RECIPES["published"])
-    >>> pair = SimpleNamespace(infocus=image, defocus=defocus, levels=depth, valid=depth > 0)
+    >>> from dfdbench.methods.check import MadePair
+    >>> pair = MadePair(image, defocus, depth, depth > 0)
     >>> method = FavaroSoatto()
     >>> method.restore(method.fit([pair]))
     >>> bool(np.abs(method(image, defocus)[32, 20::40] - [40, 120, 200]).max() < 5)
@@ -104,6 +111,7 @@ class FavaroSoatto:
         self._sides = sharp_patch, blurred_patch
         self._groups, self._window = groups, window
         self._operators: NDArray[np.float32] | None = None
+        self._images = 1
 
     def fit(self, pairs: Sequence[TrainingPair]) -> Learned:
         """Learn the operators: ``operators``, (group, dimension, pixel), and each one's ``depth``.
@@ -114,29 +122,31 @@ class FavaroSoatto:
             Where no group of levels has patches enough.
         """
         sharp, blurred = self._sides
-        size = sharp**2 + blurred**2
-        moments = np.zeros((self._groups, size, size))
+        size, moments = 0, np.zeros((self._groups, 0, 0))
         counts, depths = np.zeros(self._groups, np.int64), np.zeros(self._groups, np.int64)
         for index in evenly_spread(len(pairs)):
             pair = pairs[index]
-            vectors = self._vectors(pair.infocus, pair.defocus)
+            infocus, images = sharp_and_blurred(pair.stack)
+            vectors = [_patches(infocus, sharp), *(_patches(image, blurred) for image in images)]
+            if not size:
+                size = sharp**2 + len(images) * blurred**2
+                moments = np.zeros((self._groups, size, size))
+            if size != sharp**2 + len(images) * blurred**2:
+                what = "the training captures have different numbers of defocus images"
+                raise MethodError(what, where=_NAME)
             groups = pair.levels.astype(np.int64) * self._groups // _LEVELS
-            known = np.zeros_like(pair.valid)
+            known, inside = np.zeros_like(pair.valid), (slice(sharp // 2, -(sharp // 2)),) * 2
             # Patches that lie within the image.
-            inside = (slice(sharp // 2, -(sharp // 2)),) * 2
             known[inside] = pair.valid[inside]
             for group in np.unique(groups[known]):
                 rows, columns = np.nonzero(known & (groups == group))
                 taken = evenly_spread(rows.size, _PATCHES)
                 rows, columns = rows[taken], columns[taken]
-                stacked = np.concatenate(
-                    [patches[rows, columns].reshape(rows.size, -1) for patches in vectors], axis=1
-                )
-                # Whole numbers: the sharp patch's mean is taken away, times its pixels.
-                stacked = sharp**2 * stacked - stacked[:, : sharp**2].sum(1, keepdims=True)
+                stacked = _stacked([patches[rows, columns] for patches in vectors])
                 moments[group] += stacked.T @ stacked
                 counts[group] += rows.size
                 depths[group] += pair.levels[rows, columns].sum(dtype=np.int64)
+        size = size or sharp**2 + blurred**2
         enough = np.flatnonzero(counts >= 2 * size)
         if not enough.size:
             raise nothing_to_fit(
@@ -144,7 +154,8 @@ class FavaroSoatto:
                 f"a group of levels with {2 * size} patches of known depth",
                 f"at most {counts.max()}",
             )
-        operators = [_complement(moments[group], *self._sides) for group in enough]
+        dimensions = size - sharp**2 - 1
+        operators = [_complement(moments[group], sharp, dimensions) for group in enough]
         return {
             "operators": np.array(operators, np.float32),
             "depth": depths[enough] / counts[enough],
@@ -155,7 +166,9 @@ class FavaroSoatto:
         operators = learned_array(learned, "operators", _NAME, 3).astype(np.float32)
         self._depths = learned_array(learned, "depth", _NAME, 1)
         sharp, blurred = self._sides
-        if operators.shape != (self._depths.size, blurred**2 - 1, sharp**2 + blurred**2):
+        self._images = max((operators.shape[1] + 1) // blurred**2, 1)
+        pixels = self._images * blurred**2
+        if operators.shape != (self._depths.size, pixels - 1, sharp**2 + pixels):
             raise MethodError(
                 "operators of other patches", where=_NAME, got=f"shape {operators.shape}", fix=REFIT
             )
@@ -166,21 +179,32 @@ class FavaroSoatto:
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
         extent = max(32, self._window)
-        self(infocus[:extent, :extent].copy(), defocus[:extent, :extent].copy())
+        part = [defocus[:extent, :extent].copy()] * self._images
+        self._solve(infocus[:extent, :extent].copy(), part)
 
     def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
+        return self._solve(infocus, [defocus])
+
+    def from_stack(self, stack: DataArray) -> NDArray[np.float32]:
+        """Return depth levels, shape (y, x)."""
+        return self._solve(*sharp_and_blurred(stack))
+
+    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         if self._operators is None:
             raise not_fitted(_NAME)
+        if len(images) != self._images:
+            what = f"{len(images)} defocus images, but {self._images} were fitted"
+            raise MethodError(what, where=_NAME, fix=REFIT)
         require_window_fits(self._window, infocus, _NAME)
         side, small = self._sides
-        sharp, blurred = (
+        sharp, *blurred = (
             np.pad(_grey(image), width // 2, mode="edge").astype(np.float32)
-            for image, width in ((infocus, side), (defocus, small))
+            for image, width in ((infocus, side), *((image, small) for image in images))
         )
         shape = infocus.shape[:2]
         costs = np.empty((len(self._operators), *shape), np.float32)
-        _residuals(sharp, blurred, side, small, self._operators, costs)
+        _residuals(sharp, np.stack(blurred), side, small, self._operators, costs)
         window = (self._window, self._window)
         for cost in costs:
             cv2.boxFilter(cost, cv2.CV_32F, window, cost, borderType=cv2.BORDER_REPLICATE)
@@ -190,11 +214,16 @@ class FavaroSoatto:
         depth = np.interp(best, np.arange(self._depths.size), self._depths)
         return np.clip(depth, own - width, own + width).astype(np.float32)
 
-    def _vectors(self, infocus: Image, defocus: Image) -> list[NDArray[np.float64]]:
-        return [
-            sliding_window_view(np.pad(_grey(image), side // 2, mode="edge"), (side, side))
-            for image, side in zip((infocus, defocus), self._sides, strict=True)
-        ]
+
+def _stacked(patches: Sequence[Array]) -> Array:
+    """Return patches as rows, the first ones' mean taken away; whole, times its pixels."""
+    stacked = np.concatenate([each.reshape(len(each), -1) for each in patches], axis=1)
+    pixels = patches[0][0].size if len(patches[0]) else 1
+    return np.asarray(pixels * stacked - stacked[:, :pixels].sum(1, keepdims=True))
+
+
+def _patches(image: Image, side: int) -> NDArray[np.float64]:
+    return sliding_window_view(np.pad(_grey(image), side // 2, mode="edge"), (side, side))
 
 
 def _grey(image: Image) -> NDArray[np.float64]:
@@ -203,9 +232,9 @@ def _grey(image: Image) -> NDArray[np.float64]:
     return np.asarray(channels.sum(2) * (3 // channels.shape[2]))
 
 
-def _complement(moment: Array, side: int, small: int) -> Array:
+def _complement(moment: Array, side: int, dimensions: int) -> Array:
     """Return the directions in which the vectors have least, as rows for images with their mean."""
-    sharp, dimensions = side**2, small**2 - 1
+    sharp = side**2
     # Without its mean a sharp patch has nothing along its ones: no property of the depth.
     ones = np.zeros(len(moment))
     ones[:sharp] = 1 / math.sqrt(sharp)
@@ -236,9 +265,11 @@ def _residuals(
         for pixel in range(side * side):
             row, column = pixel // side, pixel % side
             vectors[pixel] = sharp[y + row, column : column + width]
-        for pixel in range(small * small):
-            row, column = pixel // small, pixel % small
-            vectors[side * side + pixel] = blurred[y + row, column : column + width]
+        for image in range(len(blurred)):
+            start = side * side + image * small * small
+            for pixel in range(small * small):
+                row, column = pixel // small, pixel % small
+                vectors[start + pixel] = blurred[image, y + row, column : column + width]
         for group in range(groups):
             total = out[group, y]
             total[:] = 0

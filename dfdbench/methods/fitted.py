@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,8 @@ from dfdbench.errors import MethodError, Problem
 from dfdbench.methods.fit import Learned, TrainingPair
 
 if TYPE_CHECKING:
+    from xarray import DataArray
+
     from dfdbench.methods.calibration import Calibration
 
 
@@ -63,8 +66,13 @@ class Calibrated:
 
     def __init__(self, recipe: BlurRecipe | BlurLaw | None) -> None:
         self._told = recipe
-        #: What the fit measured; None if the blur was given, or before the fit.
-        self.calibration: Calibration | None = None
+        #: What the fit measured of each defocus image; nothing if the blur was given, or before.
+        self.calibrations: tuple[Calibration, ...] = ()
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """What the fit measured on pairs."""
+        return self.calibrations[0] if len(self.calibrations) == 1 else None
 
     @property
     def fit(self) -> Callable[[Sequence[TrainingPair]], Learned] | None:
@@ -76,7 +84,7 @@ class Calibrated:
         # Imported here and in the fit: it loads half of scipy, for the fit alone.
         from dfdbench.methods.calibration import Calibration
 
-        self.calibration = Calibration.of(learned)
+        self.calibrations = Calibration.all_of(learned)
 
     @property
     def levels(self) -> int:
@@ -84,8 +92,8 @@ class Calibrated:
         return LEVELS if self._told is None else self._told.levels
 
     @property
-    def blur(self) -> BlurRecipe | BlurLaw:
-        """The blur that is solved with.
+    def blurs(self) -> tuple[BlurRecipe | BlurLaw, ...]:
+        """The blur of each defocus image.
 
         Raises
         ------
@@ -93,15 +101,67 @@ class Calibrated:
             If it was neither given nor measured.
         """
         if self._told is not None:
-            return self._told
-        if self.calibration is None:
+            return (self._told,)
+        if not self.calibrations:
             raise not_fitted(type(self).__name__)
-        return self.calibration.law
+        return tuple(found.law for found in self.calibrations)
+
+    @property
+    def blur(self) -> BlurRecipe | BlurLaw:
+        """The blur of the only defocus image, or of the first."""
+        return self.blurs[0]
 
     def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
         from dfdbench.methods.calibration import calibrate
 
         return calibrate(pairs).as_learned()
+
+
+class Solver(Calibrated, ABC):
+    """What solves with the blur of any number of defocus images: pairs, and focal stacks.
+
+    Of a stack the fit measures one law for each defocus image, against the in-focus image, or if
+    there is none, against the sharpest pixels of the others.
+    """
+
+    @abstractmethod
+    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
+        """Return depth levels from an image in focus and the defocus images, shape (y, x)."""
+
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return depth levels, shape (y, x), of two images of uint8, (y, x, 3) or (y, x)."""
+        self._require(1)
+        return self._solve(infocus, [defocus])
+
+    def from_stack(self, stack: DataArray) -> NDArray[np.float32]:
+        """Return depth levels, shape (y, x).
+
+        Raises
+        ------
+        MethodError
+            If there are more or fewer defocus images than were fitted.
+        """
+        from dfdbench.methods.stacks import sharp_and_blurred
+
+        infocus, images = sharp_and_blurred(stack)
+        self._require(len(images))
+        return self._solve(infocus, images)
+
+    def warm_up(self, infocus: Image, defocus: Image) -> None:
+        """Compile what the first call would compile."""
+        self._solve(infocus[:32, :32].copy(), [defocus[:32, :32].copy()] * len(self.blurs))
+
+    def _require(self, count: int) -> None:
+        known = len(self.blurs)
+        if count != known:
+            what = f"{count} defocus images, but the blur is known of {known}"
+            fix = "leave recipe out, and fit the method to stacks like those that it gets"
+            raise MethodError(what, where=type(self).__name__, fix=fix)
+
+    def _fit(self, pairs: Sequence[TrainingPair]) -> Learned:
+        from dfdbench.methods.calibration import Calibration, calibrate_images
+
+        return Calibration.all_as_learned(calibrate_images(pairs))
 
 
 Array = NDArray[Any]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Any, get_args
 
@@ -17,8 +18,8 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError, Problem, unknown_name
 from dfdbench.methods import mrf
 from dfdbench.methods.data_cost import data_cost
-from dfdbench.methods.fitted import Calibrated
-from dfdbench.methods.law_cost import blurred_by, information, law_cost
+from dfdbench.methods.fitted import Solver
+from dfdbench.methods.law_cost import all_blurred, information, law_cost
 
 Image = NDArray[np.uint8]
 
@@ -43,11 +44,12 @@ _PER_NAT = 3
 # would choose by themselves, the more a nat costs, as total variation is weighted by the noise
 # that it is to remove.
 _PER_ERROR = 24
-# What no pixel may say more: of those that the law does not explain, where surfaces end.
+# What no pixel may say more, a stack's images together: of those that the law does not explain,
+# where surfaces end.
 _MOST_NATS = 10
 
 
-class GraphCuts(Calibrated):
+class GraphCuts(Solver):
     """Depth by minimising the thesis's energy: fit of the blur, and smoothness.
 
     The in-focus image is blurred at every level. A level costs a pixel ``weight`` times the
@@ -158,32 +160,21 @@ class GraphCuts(Calibrated):
         numbers: Mapping[str, float] = getattr(self._memory, "numbers", {})
         return numbers
 
-    def warm_up(self, infocus: Image, defocus: Image) -> None:
-        """Compile what the first call would compile."""
-        self(infocus[:32, :32].copy(), defocus[:32, :32].copy())
-
-    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
-        """Return depth levels, shape (y, x); `numbers` then holds the energy reached.
-
-        Parameters
-        ----------
-        infocus, defocus : ndarray of uint8, shape (y, x, 3) or, grey, (y, x)
-            The pair.
-        """
-        solution = self.solve(infocus, defocus)
+    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
+        solution = self.solve(infocus, *images)
         self._memory.numbers = {"energy": float(solution.energy)}
         depth = self.blur.depth_of_level(self._levels[solution.labels])
         return np.asarray(np.minimum(depth + self._offset, 255), np.float32)
 
-    def solve(self, infocus: Image, defocus: Image) -> mrf.Solution:
+    def solve(self, infocus: Image, *images: Image) -> mrf.Solution:
         """Return the solver's labels, energy and history."""
-        energy = self.energy(infocus, defocus)
+        energy = self.energy(infocus, *images)
         if self._solver == "expansion":
             return mrf.expansion(energy)
         return mrf.split(energy, self._quality)  # type: ignore[arg-type]
 
-    def energy(self, infocus: Image, defocus: Image) -> mrf.Energy:
-        """Return what is minimised for a pair: Eq. 4.2 with integer costs.
+    def energy(self, infocus: Image, *images: Image) -> mrf.Energy:
+        """Return what is minimised for a pair, or a stack: Eq. 4.2 with integer costs.
 
         Its costs lie in memory that the next call in this thread writes over.
         """
@@ -194,17 +185,22 @@ class GraphCuts(Calibrated):
             self._memory.costs = memory = np.empty(shape, np.uint16)
         blur = self.blur
         if isinstance(blur, BlurLaw):
-            sharp, soft = (
-                image if image.ndim == 3 else image[..., np.newaxis] for image in (infocus, defocus)
-            )
-            blurred = blurred_by(blur, sharp, soft, self._levels)
-            nat = self._nat(information(blurred, self._levels))
-            limit = min(math.ceil(_MOST_NATS * nat), self._limit)
-            unary, offset = law_cost(blurred, nat, limit, memory)
+            blurred = partial(all_blurred, self.blurs, infocus, images, self._levels)
+            # Of a stack it is made twice, as nobody could hold it all.
+            held = list(blurred()) if len(images) == 1 else []
+            told = math.fsum(map(partial(information, levels=self._levels), held or blurred()))
+            nat = self._nat(told)
+            limit = min(math.ceil(_MOST_NATS * nat / len(images)), self._limit)
+            unary, offset, add = memory, 0, False
+            for one in held or blurred():
+                offset += law_cost(one, nat, limit, memory, add)[1]
+                add = True
+                # Before the next is made: they are large.
+                del one
         else:
             unary, offset = data_cost(
                 self._channels(infocus),
-                self._channels(defocus),
+                self._channels(images[0]),
                 blur.sigmas[self._levels],
                 self._weight,
                 self._limit,

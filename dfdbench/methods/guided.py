@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -12,8 +13,8 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import (
-    Calibrated,
     Image,
+    Solver,
     channels_of,
     least_label,
     number_within,
@@ -23,7 +24,7 @@ from dfdbench.methods.fitted import (
 from dfdbench.methods.law_cost import level_costs
 
 
-class Guided(Calibrated):
+class Guided(Solver):
     """Depth by the least cost, each level's costs smoothed but for the in-focus image's edges.
 
     What a level costs a pixel is the squared difference between the defocus image and the
@@ -87,12 +88,12 @@ class Guided(Calibrated):
     def warm_up(self, infocus: Image, defocus: Image) -> None:
         """Compile what the first call would compile."""
         side = max(32, self._window[0])
-        self(infocus[:side, :side].copy(), defocus[:side, :side].copy())
+        part = [defocus[:side, :side].copy()] * len(self.blurs)
+        self._solve(infocus[:side, :side].copy(), part)
 
-    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
-        """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
+    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         require_window_fits(self._window[0], infocus, "guided")
-        costs = level_costs(self.blur, infocus, defocus, self._limit)
+        costs = level_costs(self.blurs, infocus, images, self._limit)
         guide = channels_of(infocus).mean(2)
         mean = self._box(guide)
         spread = self._box(guide * guide) - mean * mean + self._flatness

@@ -10,6 +10,7 @@ as large to either side, which the sRGB curve makes it not.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -29,9 +30,12 @@ UNIT = 4
 
 
 def level_costs(
-    blur: BlurRecipe | BlurLaw, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8], limit: float
+    blurs: Sequence[BlurRecipe | BlurLaw],
+    infocus: NDArray[np.uint8],
+    images: Sequence[NDArray[np.uint8]],
+    limit: float,
 ) -> NDArray[np.uint16]:
-    """Return a pair's cost volume: minus the logarithm of each level's probability, cut off.
+    """Return a capture's cost volume: minus the logarithm of each level's probability, cut off.
 
     A level costs the squared difference between the defocus image and the in-focus image blurred
     at it, summed over the channels, over twice its variance: of a recipe, that of rounding; of a
@@ -40,33 +44,54 @@ def level_costs(
 
     Parameters
     ----------
-    blur : BlurRecipe or BlurLaw
-        How the defocus image was made.
-    infocus, defocus : ndarray of uint8, shape (y, x, channel) or (y, x)
-        The pair.
+    blurs : sequence of BlurRecipe or BlurLaw
+        How each defocus image was made; of several, laws.
+    infocus : ndarray of uint8, shape (y, x, channel) or (y, x)
+        What they are blurred from.
+    images : sequence of ndarray of uint8, of that shape
+        The defocus images, whose costs are summed.
     limit : float
-        Nats above a pixel's least cost at which costs are cut off.
+        Nats above a pixel's least cost at which costs are cut off, shared among the images: where
+        surfaces end, many of them explain nothing.
 
     Returns
     -------
     ndarray of uint16, shape (y, x, label)
-        `UNIT` a nat, each pixel's least 0. The blur's ``depth_of_level`` gives a label's depth.
+        `UNIT` a nat; of a single image each pixel's least is 0. The blur's
+        ``depth_of_level`` gives a label's depth.
 
     Examples
     --------
     >>> from dfdbench.blur.recipe import RECIPES
     >>> flat = np.full((2, 3), 90, np.uint8)
-    >>> costs = level_costs(RECIPES["published"], flat, flat, 20)
+    >>> costs = level_costs([RECIPES["published"]], flat, [flat], 20)
     >>> costs.shape, int(costs.max())
     ((2, 3, 256), 0)
     """
-    sharp, blurred = np.atleast_3d(infocus), np.atleast_3d(defocus)
-    most = round(UNIT * limit)
-    if isinstance(blur, BlurLaw):
-        return law_cost(blurred_by(blur, sharp, blurred), UNIT, most)[0]
-    # Of a recipe's residuals nothing is known but that images are rounded.
-    weight = UNIT / (2 * ROUNDING_VARIANCE)
-    return data_cost(sharp, blurred, blur.sigmas, weight, most, blur.kernel_size)[0]
+    most = max(round(UNIT * limit / len(images)), 1)
+    if isinstance(blurs[0], BlurRecipe):
+        # Of a recipe's residuals nothing is known but that images are rounded.
+        weight = UNIT / (2 * ROUNDING_VARIANCE)
+        sharp, blurred = np.atleast_3d(infocus), np.atleast_3d(images[0])
+        return data_cost(sharp, blurred, blurs[0].sigmas, weight, most, blurs[0].kernel_size)[0]
+    costs: NDArray[np.uint16] | None = None
+    for one in all_blurred(blurs, infocus, images):
+        costs = law_cost(one, UNIT, most, costs, add=costs is not None)[0]
+        # Before the next is made: they are large.
+        del one
+    assert costs is not None
+    return costs
+
+
+def all_blurred(
+    blurs: Sequence[Any],
+    infocus: Array,
+    images: Sequence[Array],
+    levels: NDArray[np.intp] | None = None,
+) -> Iterator[Blurred]:
+    """Yield `blurred_by` of each defocus image and its law, one at a time: they are large."""
+    for law, image in zip(blurs, images, strict=True):
+        yield blurred_by(law, np.atleast_3d(infocus), np.atleast_3d(image), levels)
 
 
 def few_kernels(planes: Array, tolerance: float) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
@@ -161,7 +186,9 @@ def blurred_by(
     kernels, factors, shares = _few(law)
     chosen = slice(None) if levels is None else levels
     light = light_of(infocus, law.linear)
-    nodes = np.stack([blur(light, kernel) for kernel in kernels], axis=-1)
+    nodes = np.empty((*light.shape, len(kernels)), np.float32)
+    for number, kernel in enumerate(kernels):
+        nodes[..., number] = blur(light, kernel)
     spread = 1 + law.infocus_noise**2 * shares[chosen]
     factors = np.ascontiguousarray(factors[:, chosen])
     aim = _aligned(law, light, defocus)
@@ -203,7 +230,11 @@ def _few(law: BlurLaw) -> tuple[Array, NDArray[np.float32], NDArray[np.float64]]
 
 
 def law_cost(
-    blurred: Blurred, unit: float, limit: int, out: NDArray[np.uint16] | None = None
+    blurred: Blurred,
+    unit: float,
+    limit: int,
+    out: NDArray[np.uint16] | None = None,
+    add: bool = False,
 ) -> tuple[NDArray[np.uint16], int]:
     """Compute what every level costs at every pixel, for Gaussian noise.
 
@@ -220,6 +251,8 @@ def law_cost(
         Costs this far above a pixel's least are stored as `limit`, 1 to 65535.
     out : (y, x, level) uint16, optional
         Memory to write the costs into.
+    add : bool
+        Add them to what `out` holds, up to 65535.
 
     Returns
     -------
@@ -239,6 +272,7 @@ def law_cost(
         (unit / (2 * blurred.spread)).astype(np.float32),
         (unit * entry).astype(np.float32),
         limit,
+        add,
         unary,
     )
     return unary, int(offset)
@@ -268,7 +302,7 @@ def information(blurred: Blurred, levels: NDArray[np.intp]) -> float:
     return math.fsum(found) / len(found)
 
 
-def law_misfits(blurred: Blurred) -> NDArray[np.uint16]:
+def law_misfits(blurred: Blurred, before: NDArray[np.uint16] | None = None) -> NDArray[np.uint16]:
     """Return by how much each level leaves the interval of its noise, as `rounded_cost` has it.
 
     The interval is that of the even distribution whose variance is the level's: half a grey level
@@ -278,12 +312,14 @@ def law_misfits(blurred: Blurred) -> NDArray[np.uint16]:
     ----------
     blurred : Blurred
         The pair, from `blurred_by`.
+    before : ndarray of uint16, shape (y, x, level), optional
+        The misfits of other images, to whose squares those of this one are added; written over.
 
     Returns
     -------
     ndarray of uint16, shape (y, x, level)
     """
-    unary = _room(blurred, None)
+    unary = np.zeros_like(_room(blurred, None)) if before is None else before
     bounds = np.sqrt(3 * blurred.spread).astype(np.float32)
     _leave(blurred.nodes, blurred.aim, blurred.factors, blurred.noise, bounds, unary)
     return unary
@@ -317,6 +353,7 @@ def _fill(
     weights: Array,
     entries: Array,
     limit: int,
+    add: bool,
     unary: Array,
 ) -> int:
     height, width, channels = aim.shape
@@ -337,6 +374,13 @@ def _fill(
                 squares[level] = np.rint(weights[level] * squares[level] + entries[level])
                 least = min(least, squares[level])
             offset += np.int64(least)
+            if add:
+                for level in range(levels):
+                    cost = min(squares[level] - least, np.float32(limit))
+                    unary[y, x, level] = np.uint16(
+                        min(np.float32(unary[y, x, level]) + cost, np.float32(65535))
+                    )
+                continue
             for level in range(levels):
                 unary[y, x, level] = np.uint16(min(squares[level] - least, np.float32(limit)))
     return offset  # type: ignore[return-value]  # compiled, it is a number of the machine
@@ -360,5 +404,6 @@ def _leave(
                     excess = max(abs(aim[y, x, channel] - grey[level]) - bound, 0.0)
                     squares[level] += np.float32(excess * excess)
             for level in range(levels):
-                steps = math.ceil(MISFIT_STEPS * math.sqrt(squares[level]))
+                before = np.float32(unary[y, x, level]) / np.float32(MISFIT_STEPS)
+                steps = math.ceil(MISFIT_STEPS * math.sqrt(squares[level] + before * before))
                 unary[y, x, level] = np.uint16(min(steps, 65535))

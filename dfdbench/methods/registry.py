@@ -102,6 +102,7 @@ _BUILT_IN = {
     "rational-filters": "dfdbench.methods.rational_filters:RationalFilters",
     "s-transform": "dfdbench.methods.s_transform:STransform",
     "sgm": "dfdbench.methods.sgm:SemiGlobal",
+    "shape-from-focus": "dfdbench.methods.shape_from_focus:ShapeFromFocus",
     "u-net": "dfdbench.methods.learned:UNetMethod",
 }
 _WORDS = {
@@ -115,6 +116,7 @@ _WORDS = {
     "rational-filters": "broadband rational filters (Watanabe and Nayar 1998)",
     "s-transform": "closed-form blur variance; the fastest (Subbarao and Surya 1994)",
     "sgm": "semi-global matching of blur (Hirschmueller 2008)",
+    "shape-from-focus": "the sharpest image of a stack (Nayar and Nakagawa 1994); needs no fit",
     "u-net": "a general network for images (Ronneberger et al. 2015); --param weights=NAME",
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,8 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import InputError, MethodError, Problem
 from dfdbench.methods import mrf
-from dfdbench.methods.fitted import Calibrated
-from dfdbench.methods.law_cost import blurred_by, few_kernels, law_misfits
+from dfdbench.methods.fitted import Solver
+from dfdbench.methods.law_cost import all_blurred, few_kernels, law_misfits
 from dfdbench.methods.sgm import MOST, path_costs
 from dfdbench.system.compiled import compiled
 
@@ -268,7 +269,7 @@ def best_paths(blocks: mrf.Energy) -> NDArray[np.int64]:
     return np.asarray(path_costs(costs, small, large, directions=4).argmin(axis=2))
 
 
-class RoundedGraphCuts(Calibrated):
+class RoundedGraphCuts(Solver):
     """Depth by the interval that rounding leaves: labels within half a grey level are free.
 
     A synthetic defocus image has no noise: it is the blurred image rounded to whole grey levels.
@@ -321,26 +322,26 @@ class RoundedGraphCuts(Calibrated):
         super().__init__(recipe)
         self._smoothness = mrf.truncated_absolute(self.levels, truncation, _UNIT)
 
-    def warm_up(self, infocus: Image, defocus: Image) -> None:
-        """Compile what the first call would compile."""
-        self(infocus[:32, :32].copy(), defocus[:32, :32].copy())
-
-    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
-        """Return depth levels, shape (y, x), for two images of uint8, (y, x, 3) or (y, x)."""
+    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         if infocus.ndim == 2:
-            infocus, defocus = infocus[..., np.newaxis], defocus[..., np.newaxis]
+            infocus, images = infocus[..., np.newaxis], [image[..., np.newaxis] for image in images]
         # Four neighbours cannot pay for more than this: such a cost is a prohibition.
         limit = 4 * int(self._smoothness.max()) + 1
         blur = self.blur
         if isinstance(blur, BlurLaw):
-            unary = law_misfits(blurred_by(blur, infocus, defocus))
+            unary = None
+            for blurred in all_blurred(self.blurs, infocus, images):
+                unary = law_misfits(blurred, unary)
+                del blurred
+            assert unary is not None
             # Beyond the levels shown, a fitted curve has the widths of its ends: free for the same
             # pixels as the end itself, those levels would win wherever that is smoother.
             shown = self._shown()
             unary[..., : shown.start] = unary[..., shown.stop :] = np.iinfo(np.uint16).max
-            offset = costs_of_misfits(unary, infocus.shape[2], _UNIT, limit)
+            channels = infocus.shape[2] * len(images)
+            offset = costs_of_misfits(unary, channels, _UNIT, limit)
         else:
-            unary, offset = rounded_cost(infocus, defocus, blur.kernels(), _UNIT, limit)
+            unary, offset = rounded_cost(infocus, images[0], blur.kernels(), _UNIT, limit)
         energy = mrf.Energy(unary, self._smoothness, offset=offset)
         if offset > 0:
             labels = mrf.expansion(energy, unary.argmin(axis=2), max_sweeps=1).labels
@@ -350,7 +351,7 @@ class RoundedGraphCuts(Calibrated):
 
     def _shown(self) -> slice:
         """Levels from the first to the last that was measured; all of a law that was told."""
-        if self.calibration is None:
+        if not self.calibrations:
             return slice(0, self.levels)
-        measured = np.flatnonzero(self.calibration.pixels)
+        measured = np.flatnonzero(sum(found.pixels for found in self.calibrations))
         return slice(int(measured[0]), int(measured[-1]) + 1)

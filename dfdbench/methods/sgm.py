@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError, Problem
-from dfdbench.methods.fitted import Calibrated, Image, least_label, number_within
+from dfdbench.methods.fitted import Image, Solver, least_label, number_within
 from dfdbench.methods.law_cost import UNIT, level_costs
 from dfdbench.system.compiled import compiled
 
@@ -100,7 +101,7 @@ def _step(
     return best
 
 
-class SemiGlobal(Calibrated):
+class SemiGlobal(Solver):
     """Depth by the sum of eight paths' least costs: smoothness along lines, not over the image.
 
     What a level costs a pixel is the squared difference between the defocus image and the
@@ -166,13 +167,9 @@ class SemiGlobal(Calibrated):
         self._limit = limit
         self._steps = round(UNIT * small_step), round(UNIT * large_step)
 
-    def warm_up(self, infocus: Image, defocus: Image) -> None:
-        """Compile what the first call would compile."""
-        self(infocus[:32, :32].copy(), defocus[:32, :32].copy())
-
-    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
-        """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
-        sums = path_costs(level_costs(self.blur, infocus, defocus, self._limit), *self._steps)
+    def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
+        costs = level_costs(self.blurs, infocus, images, self._limit)
+        sums = path_costs(costs, *self._steps)
         return np.asarray(
             self.blur.depth_of_level(least_label(np.moveaxis(sums, 2, 0))), np.float32
         )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dfdbench.datasets.unseen import FAR, NEAR
 from dfdbench.errors import InputError
+from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.draws import Draws
 from dfdbench.simulation.lens import Camera, depth
 from dfdbench.simulation.lighting import Lamp, Light, lit
@@ -23,7 +24,10 @@ Floats = NDArray[np.float64]
 
 #: How far the depths of a room are apart at least, in metres.
 SPREAD = 1.6
+#: The largest x / z and y / z that rooms are made for: a field of view of 60 degrees.
+WIDEST = (0.58, 0.435)
 _MOST_ATTEMPTS = 100
+_PREVIEW = Camera(ThinLens(1e6, 0.01, 1.0, 0.01 / 0.99 * WIDEST[0] / 320), (480, 640))
 _FINE = 2.0**26  # directions are whole parts of this: sines may differ in their last bit
 _WALLS = ("plain", "plain", "plaster", "motif", "bricks", "tiles", "stripes", "wood", "marble")
 _GROUNDS = ("wood", "tiles", "speckle", "plaid", "marble", "plaster", "bricks", "plain")
@@ -431,13 +435,13 @@ def _ceiling(room: Room, size: tuple[float, float], may_be_vault: bool) -> None:
                 room.box((middle[0], room.top + 0.07, z), (width, 0.14, 0.12), 0.0, beam)
 
 
-def _furnish(room: Room, slope: tuple[float, float]) -> None:
+def _furnish(room: Room) -> None:
     """Put things at places spread over the view, from near to far."""
     d = room.draws
     for _ in range(d.whole(7, 14)):
         z = _fine(0.75 * (max(room.back - 0.4, 1.2) / 0.75) ** d.share())
-        x = z * d.between(-slope[0], slope[0]) * 1.1
-        y = z * d.between(-slope[1], slope[1])
+        x = z * d.between(-0.5, 0.5)
+        y = z * d.between(-0.34, 0.34)
         x = min(max(x, room.left + 0.25), room.right - 0.25)
         y = min(max(y, room.top + 0.1), room.floor - 0.1)
         kind = d.whole(0, 11)
@@ -466,8 +470,8 @@ def _furnish(room: Room, slope: tuple[float, float]) -> None:
             _hanging(room, x, y, z)
 
 
-def draw_room(seed: int, number: int, camera: Camera) -> Scene:
-    """Return a room as its camera sees it, lit.
+def draw_room(seed: int, number: int) -> Scene:
+    """Return a room as a camera at the origin sees it, lit.
 
     Parameters
     ----------
@@ -475,37 +479,33 @@ def draw_room(seed: int, number: int, camera: Camera) -> Scene:
         Of a set of rooms.
     number : int
         Of a room in it.
-    camera : Camera
-        How much of the room is seen.
 
     Notes
     -----
-    A room is drawn again until all of it is between `NEAR` and `FAR`, and the farthest twentieth is
-    at least `SPREAD` times as far as the nearest.
+    A room is drawn again until all that a view of `WIDEST` shows is between `NEAR` and `FAR`, and
+    the farthest twentieth is at least `SPREAD` times as far as the nearest. Past that view there is
+    ambient light only.
     """
     for attempt in range(_MOST_ATTEMPTS):
         draws = Draws("room", seed, number, attempt)
-        room = _furnished(draws, _slope(camera))
+        room = _furnished(draws)
         axes = _axes(draws)
         shapes = [_seen(shape, axes) for shape in room.shapes]
         blank = {shape.texture.photograph: np.ones((1, 1, 3)) for shape in shapes}
-        if not _fits(depth(pack(shapes, blank), camera)):
+        if not _fits(depth(pack(shapes, blank), _PREVIEW)):
             continue
         lamps = [_bulb(room, axes) for _ in range(draws.whole(1, 3))]
         photographs = {name: _photograph(room, name) for name in blank}
         light = Light(lamps, draws.between(0.15, 0.45))
-        return lit(pack(shapes, photographs), light, _slope(camera))
-    raise InputError(f"no room of seed {seed} fits its camera", where=f"scene {number}")
-
-
-def _slope(camera: Camera) -> tuple[float, float]:
-    height, width = camera.shape
-    return width / 2 / camera.focal_pixels, height / 2 / camera.focal_pixels
+        return lit(pack(shapes, photographs), light, WIDEST)
+    raise InputError("no room of this seed has the depths it should", where=f"scene {number}")
 
 
 def _fits(metres: NDArray[np.float32]) -> bool:
+    if metres.min() < NEAR or metres.max() > FAR:
+        return False
     near, far = np.quantile(metres, (0.05, 0.95))
-    return bool(metres.min() >= NEAR and metres.max() <= FAR and far >= SPREAD * near)
+    return bool(far >= SPREAD * near)
 
 
 def _photograph(room: Room, name: str) -> Floats:
@@ -513,7 +513,7 @@ def _photograph(room: Room, name: str) -> Floats:
     return pattern(kind, Draws(*room.draws.key, name)) if kind else photograph(name)
 
 
-def _furnished(draws: Draws, slope: tuple[float, float]) -> Room:
+def _furnished(draws: Draws) -> Room:
     d, room = draws, Room(draws)
     height = d.between(2.1, 3.0)
     room.floor = d.between(0.45, height - 0.45)
@@ -523,7 +523,7 @@ def _furnished(draws: Draws, slope: tuple[float, float]) -> Room:
     room.left = room.right - width
     room.back = d.between(2.0, 4.8)
     _shell(room)
-    _furnish(room, slope)
+    _furnish(room)
     return room
 
 

@@ -15,7 +15,7 @@ from dfdbench.errors import InputError
 from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.simulation.draws import Draws
 from dfdbench.simulation.lens import Camera, depth, develop, render
-from dfdbench.simulation.rooms import draw_room
+from dfdbench.simulation.rooms import WIDEST, draw_room
 from dfdbench.simulation.shapes import Scene
 
 Floats = NDArray[np.float64]
@@ -131,15 +131,24 @@ def render_pair(
     scene : int
         The room's number.
     camera : Camera, optional
-        Another than the seed's; its images then differ in nothing else.
+        Another than the seed's, for the same rooms in the same light.
     rays : int
         A pixel of the defocus image; half as many at f/8.
     threads : int
         The images do not depend on it.
+
+    Raises
+    ------
+    InputError
+        If the camera sees more than rooms are made for.
     """
     wide = camera or draw_camera(seed)
+    slope = wide.shape[1] / 2 / wide.focal_pixels
+    if slope > WIDEST[0]:
+        angle = 2 * math.degrees(math.atan(slope))
+        raise InputError("the camera sees more than rooms are made for", got=f"{angle:.0f} degrees")
     small = _stopped_down(wide)
-    room = draw_room(seed, scene, small)
+    room = draw_room(seed, scene)
     sharp = render(room, small, max(rays // 2, 1), (seed, scene, 0), threads)
     blurred = render(room, wide, rays, (seed, scene, 1), threads)
     gain = _gain(sharp, seed, scene)
@@ -173,7 +182,7 @@ def render_stack(
     wide = draw_camera(seed)
     distances = tuple(_short(1 / power) for power in np.linspace(near, far, planes).tolist())
     small = _stopped_down(wide)
-    room = draw_room(seed, scene, small)
+    room = draw_room(seed, scene)
     sharp = render(room, small, _INFOCUS_RAYS, (seed, scene, 0), threads)
     gain = _gain(sharp, seed, scene)
     infocus = develop(gain * sharp, small, (seed, scene, 2))

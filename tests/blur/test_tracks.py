@@ -8,7 +8,7 @@ import pytest
 
 from dfdbench.blur.formation import uniform_numbers
 from dfdbench.blur.point_spread import DISK
-from dfdbench.blur.tracks import CLEAN, TRACKS, Formation, Track, find_degradation
+from dfdbench.blur.tracks import CLEAN, STACKS, TRACKS, Formation, Track, find_degradation
 from dfdbench.errors import UnknownNameError
 
 #: The fields of a formation that the first tracks were released with.
@@ -66,7 +66,7 @@ def test_each_formation_s_field_is_used_by_some_track() -> None:
     used = {
         field.name
         for field in fields(Formation)
-        for track in TRACKS.values()
+        for track in (*TRACKS.values(), *STACKS.values())
         for formation in track.severities
         if getattr(formation, field.name) != field.default
     }

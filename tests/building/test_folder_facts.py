@@ -144,7 +144,7 @@ def test_of_a_focal_stack_the_smallest_aperture_is_in_focus(folder: Path) -> Non
     assert facts.roles["infocus"].pattern == f"{stack}/img_run_5_motor_0009_aperture_F16.0.jpg"
     assert facts.roles["defocus"].pattern.startswith(f"{stack}/img_run_7_")
     assert facts.roles["depth"].pattern == "{split}/{scene}/gt/depth.npy"
-    assert any("pairs, not focal stacks, and 13 more kinds" in text for text in facts.open)
+    assert any("which defocus image to take: 13 more kinds" in text for text in facts.open)
 
 
 def test_a_scene_without_its_depth_is_not_looked_at(folder: Path) -> None:

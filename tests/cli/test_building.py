@@ -16,6 +16,8 @@ from tests.cli.command import Command
 from tests.cli.conftest import BELOW
 from tests.conftest import TINY_TOML
 from tests.made_folder import make_folder
+from tests.made_stack_folder import make_stacks
+from tests.made_zedd import make_zedd
 from tests.site import Site, served
 
 
@@ -286,3 +288,43 @@ def test_an_unbuilt_set_says_how_to_build_it(dfdbench: Command, tmp_path: Path) 
     assert outcome.status == 2
     assert "dfdbench build mine-1.toml --source DIR" in outcome.err
     assert "name the folder: --source DIR" in dfdbench("build", "mine-1.toml").err
+
+
+def test_zedd_is_built_and_run_as_its_page_says(dfdbench: Command, tmp_path: Path) -> None:
+    folder = make_zedd(tmp_path / "ZEDD", scenes=2)
+    (folder / "val/val_0002/gt/depth.npy").unlink()
+    built = dfdbench("build", "zedd", "--source", str(folder))
+    assert built.status == 2
+    assert "built zedd-1: 5 pairs of 1 scene" in built.out
+    # A scene that is not there is one line, and not one for each of its files.
+    assert "47 files are missing" in built.err
+    assert "1. a file is missing" in built.err
+    Path("stacks.py").write_text(PEAK)
+    for method in ("stacks:predict", "mymodule:predict"):
+        ran = dfdbench("run", "--method", method, "--dataset", "zedd", "--split", "val_0001")
+        assert ran.status == 0, ran.err
+        assert "protocol valid" in ran.out
+
+
+PEAK = """
+import cv2
+import numpy as np
+
+def predict(stack):
+    sharpness = [cv2.Laplacian(image, cv2.CV_32F).max(2) for image in stack.values[1:]]
+    return stack.focus_distance.values[1:][np.argmax(sharpness, 0)].astype(np.float32)
+
+predict.unit = "metres"
+"""
+
+
+def test_a_set_without_depth_cannot_be_run(dfdbench: Command, tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for depth in folder.rglob("depth.npy"):
+        depth.unlink()
+    assert dfdbench("new-dataset", str(folder)).status == 0
+    assert dfdbench("build", "mine-1.toml", "--source", str(folder)).status == 0
+    outcome = dfdbench("run", "--method", "mymodule:predict", "--dataset", "mine")
+    assert outcome.status == 2
+    assert "mine has no depth to score against" in outcome.err
+    assert "predict" in outcome.err

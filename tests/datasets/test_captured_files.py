@@ -12,9 +12,9 @@ def test_what_stands_in_braces_is_filled_and_nothing_else() -> None:
     assert fill("{scene}/{image}.JPG", {"scene": "a", "image": "{scene}"}) == "a/{scene}.JPG"
 
 
-def test_each_role_has_its_pattern() -> None:
-    files = CapturedFiles(infocus="a", defocus="b", depth="c")
-    assert [files.pattern_of(role) for role in ("infocus", "defocus", "depth")] == ["a", "b", "c"]
+def test_each_kind_of_file_that_is_there_has_its_pattern() -> None:
+    files = CapturedFiles(infocus="a", images="b", depth="c")
+    assert files.patterns == {"infocus": "a", "images": "b", "depth": "c"}
     assert (files.align, files.match_gain, files.depth_missing) == ("none", False, [0])
     with pytest.raises(ValidationError):
         CapturedFiles(infocus="a", defocus="b", depth="c", depth_unit=0.0)

@@ -45,10 +45,9 @@ def test_a_broken_manifest_says_what_and_where(old: str, new: str, told: list[st
     [
         "available",
         "channel",
-        "defocus",
         "depth",
-        "infocus",
-        "valid",
+        "images",
+        "f_number",
         "x",
         "y",
         "",

@@ -264,3 +264,28 @@ def test_numbers_that_are_none_are_not_taken_back(
     with pytest.raises(ResultError, match=told) as caught:
         read_fit(tmp_path)
     assert "--fresh" in caught.value.problems[0].fix
+
+
+def test_what_one_run_learned_is_used_in_another(
+    tiny_store: Dataset, mean: str, tmp_path: Path
+) -> None:
+    run_method(tiny_store, load_for(tiny_store, mean, {}), "Two", tmp_path / "two")
+    options = RunOptions(fitted=tmp_path / "two")
+    done = run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "b", options)
+    assert done.result.method.fitted_on == "tiny-1, all but Two"
+    depth = np.full(tiny_store.shape_of("Two"), mean_of(tiny_store, "One", "Three"), np.float32)
+    first = done.result.pairs[0]
+    assert first.scene == "Two"
+    assert first.prediction_sha256 == array_digest("depth", ("y", "x"), depth)
+    # The same run with a fit of its own is another run.
+    own = run_method(tiny_store, load_for(tiny_store, mean, {}), "test", tmp_path / "b")
+    assert own.result.method.fitted_on == "tiny-1, split train"
+    (tmp_path / "none").mkdir()
+    with pytest.raises(MethodError, match="kept nothing"):
+        run_method(
+            tiny_store,
+            load_for(tiny_store, mean, {}),
+            "test",
+            tmp_path / "c",
+            RunOptions(fitted=tmp_path / "none"),
+        )

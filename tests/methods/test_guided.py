@@ -35,7 +35,7 @@ def test_it_keeps_an_edge_that_the_image_shows_better_than_a_window_does() -> No
 def test_where_all_windows_count_as_flat_it_averages_twice() -> None:
     pair = plane(120)
     flat = Guided(PUBLISHED, flatness=1e6, window=5)
-    twice = level_costs(PUBLISHED, pair.infocus, pair.defocus, 15).astype(np.float32)
+    twice = level_costs([PUBLISHED], pair.infocus, [pair.defocus], 15).astype(np.float32)
     for _ in range(2):
         bands = [
             cv2.boxFilter(

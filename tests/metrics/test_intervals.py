@@ -1,5 +1,6 @@
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,6 +23,16 @@ def test_the_interval_holds_the_mean_of_equal_scenes_and_moves_with_it(
     assert min(values) - 1e-9 <= low <= high <= max(values) + 1e-9
     moved = bootstrap_interval([value + shift for value in values], scenes, seed)
     assert moved == pytest.approx((low + shift, high + shift), abs=1e-9)
+
+
+def test_of_many_scenes_it_holds_95_percent() -> None:
+    values = [float(number) for number in range(100)]
+    scenes = [str(value) for value in values]
+    found = [bootstrap_interval(values, scenes, seed) or (np.nan, np.nan) for seed in range(10)]
+    ends = np.mean(found, axis=0)
+    # As a normal distribution's: 1.96 standard errors to either side.
+    errors = (ends - np.mean(values)) / (np.std(values) / 10)
+    assert errors == pytest.approx([-1.96, 1.96], abs=0.05)
 
 
 def test_one_scene_has_no_interval() -> None:

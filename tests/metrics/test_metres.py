@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
 from dfdbench.errors import InputError
-from dfdbench.metrics.metres import abs_rel, aligned, rmse_metres, share_within
+from dfdbench.metrics.metres import abs_rel, aligned, boundary_f1, rmse_metres, share_within
 
 Floats = NDArray[np.float64]
 SHAPE = (5, 7)
@@ -36,6 +36,17 @@ def test_values_by_hand() -> None:
 
 def test_the_bound_itself_is_outside() -> None:
     assert share_within([[4.0, 5.0]], [[5.0, 4.0]]) == 0
+
+
+def test_boundaries_by_hand() -> None:
+    # One of two edges found, at every threshold.
+    assert boundary_f1([[1.0, 2.0, 2.0, 4.0]], [[1.0, 2.0, 2.0, 2.0]]) == pytest.approx(2 / 3)
+    # A step of 1.1 is an edge at the three lowest thresholds; each weighs what it is.
+    low = (1.05 + 1.07222 + 1.09444) / (10 * 1.15)
+    assert boundary_f1([[1.0, 2.0]], [[1.0, 1.1]]) == pytest.approx(low, abs=1e-5)
+    # A step of a threshold is no edge at it.
+    assert boundary_f1([[1.0, 2.0]], [[1.0, 1.05]]) == 0
+    assert math.isnan(boundary_f1([[1.0, 1.05]], [[1.0, 2.0]]))
 
 
 def test_alignment_by_hand() -> None:

@@ -189,6 +189,25 @@ def test_levels_linear_in_inverse_depth_are_aligned_whatever_their_scale() -> No
     assert score(RELEASED["metric"], depth, depth > 0, half, 16, SCALE)["abs_rel"] > 0.1
 
 
+def test_depth_in_metres_is_divided_by_the_range_of_the_set() -> None:
+    random = np.random.default_rng(5)
+    depth, test = random.uniform(SCALE.near, SCALE.far, (2, 20, 30))
+    valid = depth < 3
+    whole = SCALE.far - SCALE.near
+    scores = score(PROTOCOLS["valid"], depth, valid, test, 16, SCALE, unit="metres")
+    assert scores == {
+        "nrmse": nrmse(depth, test, data_range=whole, mask=valid),
+        "nmae": nmae(depth, test, data_range=whole, mask=valid),
+        "ssim": ssim(depth, test, data_range=whole, mask=valid),
+    }
+    # The thesis scores unknown pixels too: as the farthest.
+    filled = np.where(valid, depth, SCALE.far)
+    thesis = score(PROTOCOLS["thesis"], depth, valid, test, 16, SCALE, unit="metres")
+    assert thesis["nrmse"] == nrmse(filled, test)
+    metric = score(RELEASED["metric"], depth, valid, test, 16, SCALE, unit="metres")
+    assert metric["abs_rel"] == abs_rel(depth, test, mask=valid)
+
+
 def test_without_a_scale_there_are_no_metres() -> None:
     depth = np.full((4, 4), 9, np.uint8)
     with pytest.raises(InputError, match="how levels become metres"):

@@ -28,6 +28,10 @@ def edit_average(content: dict[str, Any]) -> None:
     content["averages"]["thesis"]["nrmse"] = 0.05
 
 
+def drop_average(content: dict[str, Any]) -> None:
+    content["averages"]["thesis"]["nrmse"] = None
+
+
 def edit_score(content: dict[str, Any]) -> None:
     content["pairs"][0]["scores"]["thesis"]["nrmse"] = 0.15
 
@@ -59,6 +63,7 @@ def other_version(content: dict[str, Any]) -> None:
         (drop_pair, "pairs do not add up"),
         (repeat_pair, "2 different"),
         (edit_average, "average does not follow"),
+        (drop_average, "average does not follow"),
         (edit_score, "average does not follow"),
         (fail_pair, "evaluated pairs do not add up"),
         (hide_failure, "the run is incomplete"),

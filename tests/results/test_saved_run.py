@@ -48,6 +48,7 @@ def test_a_run_on_a_path_finds_its_store_again(
     moved = open_saved_run(tmp_path / "out")
     assert moved.store is None
     assert "--dataset" in moved.without
+    assert "<img" not in moved._repr_html_()
     assert open_saved_run(tmp_path / "out", str(tmp_path / "moved.zarr")).store is not None
     (tmp_path / "out/store.txt").unlink()
     assert "unknown data set" in open_saved_run(tmp_path / "out").without

@@ -35,7 +35,7 @@ def in_front_of_black(board: Board) -> Scene:
 
 
 def dot(z: float, x: float = 0.0, pixels: float = 1.0) -> Scene:
-    """A white disc of so many pixels across, seen at x metres per metre of z."""
+    """Return a white disc of so many pixels across, seen at x metres per metre of z."""
     size = pixels * PITCH / FOCAL * z
     return in_front_of_black(Board((x * z, 0, z), (size, size), WHITE, shape="disc"))
 
@@ -129,14 +129,14 @@ def test_it_agrees_with_the_other_ray_caster(scene: str) -> None:
 def test_rays_are_many_enough(f_number: float) -> None:
     wide = draw_camera(3)
     taken = replace(wide, lens=replace(wide.lens, f_number=f_number), shape=(96, 128))
-    room = draw_room(3, 1, wide)
+    room = draw_room(3, 1)
     few, many = (encode(render(room, taken, rays, (6,))) for rays in (128, 2048))
     assert np.abs(few - many).mean() < 0.5
 
 
 def test_the_same_light_with_any_number_of_threads() -> None:
     taken = replace(draw_camera(3), shape=(96, 128))
-    room = draw_room(3, 0, taken)
+    room = draw_room(3, 0)
     one, two = (render(room, taken, 16, (7,), threads) for threads in (1, 2))
     assert one.tobytes() == two.tobytes()
     assert one.tobytes() != render(room, taken, 16, (8,)).tobytes()
@@ -145,7 +145,7 @@ def test_the_same_light_with_any_number_of_threads() -> None:
 def test_no_tile_leaves_out_what_its_rays_meet(monkeypatch: pytest.MonkeyPatch) -> None:
     taken = replace(draw_camera(5), shape=(72, 96))
     taken = replace(taken, lens=replace(taken.lens, pixel_size=7 * taken.lens.pixel_size))
-    rooms = [draw_room(5, number, taken) for number in range(3)]
+    rooms = [draw_room(5, number) for number in range(3)]
     picked = [(render(room, taken, 16, (9,)), depth(room, taken)) for room in rooms]
     monkeypatch.setattr(lens_module, "_TILE", 10_000)
     monkeypatch.setattr(lens_module, "_tiles", _everything)

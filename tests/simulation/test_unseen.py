@@ -1,10 +1,11 @@
+import hashlib
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dfdbench.datasets.unseen import FAR, NEAR
+from dfdbench.datasets.unseen import FAR, GENERATOR, NEAR
 from dfdbench.errors import InputError
 from dfdbench.simulation import unseen
 from dfdbench.simulation.lens import Camera, depth
@@ -61,6 +62,14 @@ def test_a_pair_is_the_same_again_and_with_two_threads() -> None:
     assert other.depth.tobytes() != one.depth.tobytes()
 
 
+def test_a_seed_gives_these_images_everywhere() -> None:
+    # Raise GENERATOR when it changes: the same seed is then another set.
+    camera = replace(small(9), jpeg=0)
+    pair = render_pair(9, 0, camera, rays=8)
+    digest = hashlib.sha256(pair.infocus.tobytes() + pair.defocus.tobytes() + pair.depth.tobytes())
+    assert (GENERATOR, digest.hexdigest()[:16]) == (1, "acb520198b2586b6")
+
+
 def test_a_stack_is_in_register_and_sharpest_where_it_is_focused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -84,7 +93,13 @@ def test_a_stack_is_in_register_and_sharpest_where_it_is_focused(
 def test_depth_is_of_the_in_focus_view() -> None:
     camera = small(8)
     pair = render_pair(8, 0, camera, rays=1)
-    assert pair.depth.tobytes() == depth(draw_room(8, 0, camera), camera).tobytes()
+    assert pair.depth.tobytes() == depth(draw_room(8, 0), camera).tobytes()
+
+
+def test_a_camera_that_sees_past_the_room_is_refused() -> None:
+    lens = replace(draw_camera(8).lens, pixel_size=1e-4)
+    with pytest.raises(InputError, match="sees more than rooms are made for"):
+        render_pair(8, 0, replace(draw_camera(8), lens=lens))
 
 
 def test_texture_is_where_grey_levels_vary() -> None:

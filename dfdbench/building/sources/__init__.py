@@ -87,7 +87,7 @@ def open_source(
         if folder is None:
             raise SourceError(
                 f"{manifest.short} is read from a folder, and none is named",
-                expected=manifest.files.infocus if manifest.files else "",
+                expected=", ".join(manifest.files.patterns.values()) if manifest.files else "",
                 fix="name the folder: --source DIR",
             )
         return FolderScenes(manifest, folder, checksums)

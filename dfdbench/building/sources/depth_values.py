@@ -1,4 +1,4 @@
-"""What a depth file's values are: metres in some unit, or levels; turned into levels."""
+"""What a depth file's values are, metres or levels, turned into the unit of the set."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.manifest import Depth
 from dfdbench.errors import SourceError
-
-Levels = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 #: Units that depth files are written in, in metres: metres, centimetres, millimetres, tenths of
 #: them, the 1/5000 of TUM RGB-D and the 1/256 of KITTI.
@@ -30,28 +27,22 @@ _UNITS = {
 _NEARBY = 1.5
 
 
-def depth_levels(
-    values: NDArray[np.float64], files: CapturedFiles, depth: Depth, where: str
-) -> tuple[Levels, Mask]:
-    """Return the levels of a depth file's values, and where they are known.
+def depth_of(
+    values: NDArray[Any], files: CapturedFiles, depth: Depth, where: str
+) -> NDArray[np.float32]:
+    """Return a depth file's values in the unit of the set, NaN where they are not known.
 
-    What lies before near or beyond far counts as not known.
+    What lies before near or beyond far counts as not known. Of whole numbers levels are whole; a
+    file with fractions keeps them.
 
     Parameters
     ----------
-    values : ndarray of float64, shape (y, x)
+    values : ndarray, shape (y, x)
         As they stand in the file.
     files, depth : CapturedFiles, Depth
         The manifest's sections.
     where : str
         The file, for messages.
-
-    Returns
-    -------
-    ndarray of uint8, shape (y, x)
-        Levels; that of unknown depth where it is not known.
-    ndarray of bool, shape (y, x)
-        True where it is known.
 
     Raises
     ------
@@ -59,31 +50,59 @@ def depth_levels(
         Where no pixel's depth is known, half the pixels or more lie outside the stated bounds, as
         in another unit, or values are no levels.
     """
-    told = np.isfinite(values) & ~np.isin(values, files.depth_missing)
-    if files.depth_unit is not None:
-        told &= values > 0
+    numbers = values.astype(np.float64)
+    told = np.isfinite(numbers) & ~np.isin(numbers, files.depth_missing)
+    metres = depth.kind == "metres" or files.depth_unit is not None
+    if metres:
+        told &= numbers > 0
     if not told.any():
-        least = "" if files.depth_unit is None else " and above 0"
         raise SourceError(
             "the depth map tells no depths",
             where=where,
-            expected=f"values that are finite{least}, and not among depth_missing",
+            expected=f"values that are finite{' and above 0' * metres}, and not among "
+            "depth_missing",
             got=f"none of {values.size}",
         )
-    scale = depth.scale
-    if files.depth_unit is None or scale is None:
-        return _as_levels(values, told, depth, where)
-    metres = np.where(told, values, np.nan) * files.depth_unit
-    _refuse_another_unit(float(np.median(values[told])), files.depth_unit, scale, where)
-    known = told & (metres >= scale.near) & (metres <= scale.far)
-    levels = scale.to_levels(np.where(known, metres, np.nan), depth.unknown)
-    return levels, known
+    if metres and depth.scale is not None:
+        whole = values.dtype.kind != "f"
+        _refuse_another_unit(float(np.median(numbers[told])), whole, files, depth.scale, where)
+    elif files.depth_ends is None:
+        _refuse_no_levels(numbers[told], where)
+        told &= numbers != depth.unknown
+    ends = files.depth_ends
+    if ends is not None:
+        told &= (numbers >= min(ends)) & (numbers <= max(ends))
+    if metres and depth.scale is not None:
+        distance = numbers * (files.depth_unit or 1.0)
+        told &= (distance >= depth.scale.near) & (distance <= depth.scale.far)
+    found = in_unit_of(np.where(told, numbers, np.nan), files, depth)
+    if depth.kind == "levels" and values.dtype.kind != "f":
+        found = np.rint(found)
+    return found.astype(np.float32)
 
 
-def _as_levels(
-    values: NDArray[np.float64], told: Mask, depth: Depth, where: str
-) -> tuple[Levels, Mask]:
-    found = values[told]
+def in_unit_of(
+    values: NDArray[np.float64], files: CapturedFiles, depth: Depth
+) -> NDArray[np.float64]:
+    """Return values of a depth file in the unit of the set.
+
+    Parameters
+    ----------
+    values : ndarray of float64, any shape
+        NaN stays.
+    files, depth : CapturedFiles, Depth
+        The manifest's sections.
+    """
+    ends = files.depth_ends
+    if ends is not None:
+        near, far = (LAST_LEVEL, 1) if depth.grows_with == "nearness" else (1, LAST_LEVEL)
+        return far + (values - ends[1]) / (ends[0] - ends[1]) * (near - far)
+    if depth.kind == "levels" and files.depth_unit is None:
+        return values
+    return depth.of_metres(values * (files.depth_unit or 1.0))
+
+
+def _refuse_no_levels(found: NDArray[np.float64], where: str) -> None:
     whole = (found == np.rint(found)).all()
     if not whole or found.min() < 0 or found.max() > LAST_LEVEL:
         raise SourceError(
@@ -91,21 +110,31 @@ def _as_levels(
             where=where,
             expected=f"whole numbers from 0 to {LAST_LEVEL}",
             got=f"{_short(found.min())} to {_short(found.max())}",
-            fix="state depth_unit under [files], and [depth.scale] with near and far in metres",
+            fix="state depth_unit under [files], and [depth.scale] with near and far in metres; or "
+            "depth_ends",
         )
-    known = told & (values != depth.unknown)
-    return np.where(known, values, depth.unknown).astype(np.uint8), known
 
 
-def _refuse_another_unit(median: float, unit: float, scale: DepthScale, where: str) -> None:
+def _refuse_another_unit(
+    median: float, whole: bool, files: CapturedFiles, scale: DepthScale, where: str
+) -> None:
+    unit = files.depth_unit or 1.0
+    fitting = _units_that_fit(median, scale)
+    would = f"depth_unit = {' or '.join(fitting)} would fit"
+    if whole and files.depth_unit is None:
+        raise SourceError(
+            "whole numbers where metres belong",
+            where=where,
+            expected="numbers with fractions, or depth_unit under [files]",
+            got=f"a median of {_short(median)}",
+            fix=would if fitting else "no usual unit fits near and far under [depth.scale]",
+        )
     if scale.near <= median * unit <= scale.far:
         return
     if scale.near / _NEARBY <= median * unit <= scale.far * _NEARBY:
         fix = "widen near and far under [depth.scale]"
-    elif fitting := _units_that_fit(median, scale):
-        fix = f"depth_unit = {' or '.join(fitting)} would fit"
     else:
-        fix = "no usual unit fits: mend near and far under [depth.scale]"
+        fix = would if fitting else "no usual unit fits: mend near and far under [depth.scale]"
     raise SourceError(
         "depth in another unit, or other bounds",
         where=where,

@@ -1,26 +1,29 @@
-"""Read a captured set that its manifest describes: two photographs and a depth map a pair."""
+"""Read a captured set that its manifest describes: pairs or stacks, and a depth map each."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dfdbench.building.fetching.checksums import check_checksum, sha256
-from dfdbench.building.sources.captured_pair import CapturedPair, captured_pair
+from dfdbench.building.sources.captured_images import CapturedImages, File, captured_images
 from dfdbench.building.sources.image_files import SUFFIXES
+from dfdbench.building.sources.image_table import TakenImage, read_table, taken_images
 from dfdbench.building.sources.interface import SceneError, SceneImages
-from dfdbench.datasets.captured_files import ANY_ENDING, ROLES, CapturedFiles, fill
+from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, CapturedFiles, fill
+from dfdbench.datasets.captures import ImageFacts
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.files import LARGEST_ARRAY, read_whole
 from dfdbench.tables.table import listed
 
-# Entries of a folder that a message names.
-_NAMED = 8
+# Entries of a folder that a message names, and files that a scene lacks.
+_NAMED, _LACKED = 8, 3
+_MISSING = "a file is missing"
 
 
 class FolderScenes:
@@ -68,70 +71,114 @@ class FolderScenes:
         """Return the SHA-256 over the scene's files."""
         digest = hashlib.sha256()
         problems: list[Problem] = []
-        pairs = self._manifest.pairs_of_scene(scene)
-        for named in dict.fromkeys(self._named(role, pair) for pair in pairs for role in ROLES):
+        named: dict[str, None] = {}
+        for pair in self._manifest.pairs_of_scene(scene):
             try:
-                path = self._path(named)
+                named |= dict.fromkeys(self._files_of(pair))
+            except SourceError as error:
+                problems += error.problems
+        for name in named:
+            try:
+                path = self._path(name)
                 content = self._content(path)
                 check_checksum(f"{scene}/{path}", content, self._checksums, self._where(path))
                 digest.update(f"{path}\n{sha256(content)}\n".encode())
             except SourceError as error:
                 problems += error.problems
         if problems:
-            raise SceneError.of(problems)
+            raise SceneError.of(_missing_together(dict.fromkeys(problems)))
         return digest.hexdigest()
 
     def read(self, scene: str) -> SceneImages:
         """Read one scene; its images are aligned and matched as the manifest asks."""
-        captured: dict[Pair, CapturedPair] = {}
+        captured: dict[Pair, CapturedImages] = {}
+        taken: dict[Pair, list[TakenImage]] = {}
         problems: list[Problem] = []
         for pair in self._manifest.pairs_of_scene(scene):
             try:
-                paths = {role: self._path(self._named(role, pair)) for role in ROLES}
-                captured[pair] = captured_pair(
-                    {role: self._content(path) for role, path in paths.items()},
-                    {role: self._where(path) for role, path in paths.items()},
+                taken[pair] = self._taken(pair)
+                photographs = [self._file(image.path) for image in taken[pair]]
+                depth = self._named("depth", pair)
+                captured[pair] = captured_images(
+                    photographs,
+                    self._file(depth) if depth else None,
                     self._files,
                     self._manifest.depth,
                 )
             except SourceError as error:
                 problems += error.problems
-        sizes = {pair.id: found.levels.shape for pair, found in captured.items()}
-        if len(set(sizes.values())) > 1:
-            problems.append(Problem("pairs of a scene differ in size", where=scene, got=str(sizes)))
+        kinds = {
+            pair.id: (found.images.shape, found.images.dtype, [one.role for one in taken[pair]])
+            for pair, found in captured.items()
+        }
+        if any(kind != next(iter(kinds.values())) for kind in kinds.values()):
+            got = "; ".join(f"{name} {kind[0][:3]}, {kind[1]}" for name, kind in kinds.items())
+            what = "captures of a scene differ in the number, size, bits or roles of their images"
+            problems.append(Problem(what, where=scene, got=got))
         if problems:
             raise SceneError.of(dict.fromkeys(problems))
-        return self._gathered(captured)
+        return self._gathered(captured, taken)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
         """Return what to do about scenes that were left out."""
         return "mend what is named above, or accept the rest: --allow-missing"
 
-    def _gathered(self, captured: Mapping[Pair, CapturedPair]) -> SceneImages:
+    def _gathered(
+        self, captured: Mapping[Pair, CapturedImages], taken: Mapping[Pair, list[TakenImage]]
+    ) -> SceneImages:
         axes, depth = self._manifest.axes, self._manifest.depth
         extent = tuple(len(values) for values in axes.values())
-        shape = next(iter(captured.values())).levels.shape
-        infocus, defocus = (np.zeros((*extent, *shape, 3), np.uint8) for _ in range(2))
+        first = next(iter(captured.values()))
+        images = np.zeros((*extent, *first.images.shape), first.images.dtype)
         available = np.zeros(extent, bool)
-        levels = np.zeros((*(len(axes[axis]) for axis in depth.axes), *shape), np.uint8)
-        valid = np.ones(levels.shape, bool)
-        seen = np.zeros(levels.shape[:-2], bool)
+        facts = {name: np.full((*extent, len(first.images)), np.nan) for name in BY_IMAGE}
+        known = np.full((*(len(axes[axis]) for axis in depth.axes), *first.depth.shape), np.nan)
+        seen = np.zeros(known.shape[:-2], bool)
+        told: dict[str, Any] = {}
         for pair, found in captured.items():
             at = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
-            infocus[at], defocus[at], available[at] = found.infocus, found.defocus, True
+            images[at], available[at] = found.images, True
+            for name, values in facts.items():
+                values[at] = [image.facts.get(name, np.nan) for image in taken[pair]]
             at = tuple(axes[axis].index(pair.at[axis]) for axis in depth.axes)
             # Pairs that share a depth map may cover different parts of it once they are aligned.
-            levels[at], valid[at], seen[at] = found.levels, valid[at] & found.known, True
-        valid[~seen] = False
-        levels[~valid] = depth.unknown
-        told = {pair.id: found.found for pair, found in captured.items() if found.found}
+            known[at] = np.where(seen[at] & np.isnan(known[at]), np.nan, found.depth)
+            seen[at] = True
+            for number, how in enumerate(found.found, 1):
+                if how:
+                    told[pair.id if len(found.found) == 1 else f"{pair.id}/image{number}"] = how
         warnings = tuple(text for found in captured.values() for text in found.warnings)
-        return SceneImages.of_pairs(infocus, levels, valid, available, defocus, told, warnings)
+        roles = tuple(image.role for image in next(iter(taken.values())))
+        return SceneImages(
+            images, known.astype(np.float32), available, ImageFacts(roles, **facts), told, warnings
+        )
 
-    def _named(self, role: str, pair: Pair) -> str:
-        values = {**self._names[pair.scene], "scene": pair.scene}
-        values |= {axis: str(value) for axis, value in pair.coordinates}
-        return fill(self._files.pattern_of(role), values)
+    def _taken(self, pair: Pair) -> list[TakenImage]:
+        return taken_images(self._manifest, self._values(pair), self._table(pair), self._folder)
+
+    def _table(self, pair: Pair) -> tuple[list[dict[str, str]], str] | None:
+        named = self._named("metadata", pair)
+        if named is not None:
+            content, where = self._file(named)
+            return read_table(content, where, self._files.columns), where
+        rows = [{name: str(cell) for name, cell in row.items()} for row in self._files.image]
+        return (rows, f"{self._manifest.stem}: files.image") if rows else None
+
+    def _files_of(self, pair: Pair) -> list[str]:
+        """Return the names of all files that a capture is made of."""
+        others = (self._named(what, pair) for what in ("depth", "metadata"))
+        return [*(image.path for image in self._taken(pair)), *filter(None, others)]
+
+    def _values(self, pair: Pair) -> dict[str, str]:
+        return self._files.values_of(pair.scene, self._names[pair.scene], pair.at)
+
+    def _named(self, what: str, pair: Pair) -> str | None:
+        pattern = self._files.patterns.get(what)
+        return None if pattern is None else fill(pattern, self._values(pair))
+
+    def _file(self, named: str) -> File:
+        path = self._path(named)
+        return self._content(path), self._where(path)
 
     def _path(self, named: str) -> str:
         found = self._fitting(named)
@@ -164,7 +211,7 @@ class FolderScenes:
         except OSError as error:
             lacking = isinstance(error, FileNotFoundError)
             raise SourceError(
-                "a file is missing" if lacking else "cannot read the file",
+                _MISSING if lacking else "cannot read the file",
                 where=self._where(path),
                 got="" if lacking else reason_of(error),
             ) from error
@@ -177,16 +224,34 @@ class FolderScenes:
                 fix="name the folder that holds the scenes: --source DIR",
             )
             return
-        for role in ROLES:
-            paths = [self._named(role, pair) for pair in self._manifest.pairs()]
-            if not any(self._fitting(path) for path in paths):
+        for what, pattern in self._files.patterns.items():
+            # Of a stack the images are told with its table, scene by scene.
+            paths = (
+                []
+                if what == "images"
+                else [self._named(what, p) or "" for p in self._manifest.pairs()]
+            )
+            if paths and not any(self._fitting(path) for path in paths):
                 yield Problem(
-                    f"the pattern of files.{role} matches no file",
+                    f"the pattern of files.{what} matches no file",
                     where=str(self._folder),
-                    expected=f"{self._files.pattern_of(role)}, as {paths[0]}",
+                    expected=f"{pattern}, as {paths[0]}",
                     got=_what_is_in(self._folder),
-                    fix=f"mend files.{role} in the manifest, or name another folder",
+                    fix=f"mend files.{what} in the manifest, or name another folder",
                 )
+
+
+def _missing_together(problems: Iterable[Problem]) -> Iterator[Problem]:
+    """Yield what is wrong with a scene; many files that it lacks are one problem."""
+    found = list(problems)
+    lacking = [problem for problem in found if problem.what == _MISSING]
+    if len(lacking) > _LACKED:
+        paths = [Path(problem.where) for problem in lacking]
+        named = listed((path.name for path in paths), _LACKED)
+        lacking = [
+            Problem(f"{len(paths)} files are missing", where=str(paths[0].parent), got=named)
+        ]
+    yield from (*lacking, *(problem for problem in found if problem.what != _MISSING))
 
 
 def _endings_in(folder: Path) -> dict[str, list[str]]:

@@ -1,8 +1,9 @@
-"""Read photographs (PNG, JPEG, TIFF) and depth files (those, and npy); reject damaged ones."""
+"""Read photographs (PNG, JPEG, TIFF) and depth files (also npy, npz, pfm); reject damaged ones."""
 
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
@@ -21,8 +22,13 @@ Image = NDArray[np.uint8]
 
 #: Endings of the image files that are read, in any case.
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+#: Endings of the arrays that are read as depth.
+ARRAYS = (".npy", ".npz", ".pfm")
 
-_ARRAY_HEAD = b"\x93NUMPY"
+_ARRAY_HEADS = {b"\x93NUMPY": "npy", b"PK\x03\x04": "npz", b"Pf": "pfm", b"PF": "pfm"}
+# Of an npz with several arrays the one of this name is the depth.
+_DEPTH_NAME = "depth"
+_PFM_HEAD = re.compile(rb"(P[Ff])\s+(\d+)\s+(\d+)\s+([-+.\deE]+)\s")
 _FORMATS = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
 _ORIENTATION = 0x0112
 _FULL = 16
@@ -46,8 +52,9 @@ def read_photograph(
     where: str,
     bits: int | None = None,
     rotation: Literal["apply", "ignore"] | None = None,
-) -> Image:
-    """Return a photograph from a file's bytes, 8 bit RGB.
+    deep: bool = False,
+) -> NDArray[Any]:
+    """Return a photograph from a file's bytes, RGB.
 
     Parameters
     ----------
@@ -59,11 +66,13 @@ def read_photograph(
         How many bits of a 16-bit file are used; see `CapturedFiles`.
     rotation : {"apply", "ignore"}, optional
         What to do about EXIF rotation; see `CapturedFiles`.
+    deep : bool
+        Keep 16 bits; otherwise they become 8 in proportion.
 
     Returns
     -------
-    ndarray of uint8, shape (y, x, 3)
-        A grey image has three equal channels. 16 bit become 8 in proportion.
+    ndarray of uint8 or uint16, shape (y, x, 3)
+        A grey image has three equal channels.
 
     Raises
     ------
@@ -78,7 +87,8 @@ def read_photograph(
     >>> read_photograph(content, "a.png", bits=12)[0, 0].tolist()
     [255, 255, 255]
     """
-    image = _eight_bit(_upright(decode_file(content, where), content, where, rotation), where, bits)
+    upright = _upright(decode_file(content, where), content, where, rotation)
+    image = _in_full(upright, where, bits, deep)
     if image.ndim == 2:
         return np.repeat(image[..., np.newaxis], 3, axis=2)
     if image.shape[2] == 4 and not (image[..., 3] == 255).all():
@@ -93,8 +103,8 @@ def read_photograph(
 
 def read_depth_file(
     content: bytes, where: str, rotation: Literal["apply", "ignore"] | None = None
-) -> NDArray[np.float64]:
-    """Return what an image or npy file of depth holds, unchanged, shape (y, x).
+) -> NDArray[Any]:
+    """Return what a depth file holds, unchanged, shape (y, x).
 
     The parameters are those of `read_photograph`.
 
@@ -105,29 +115,44 @@ def read_depth_file(
     """
     values = _upright(decode_depth(content, where), content, where, rotation)
     if values.ndim == 3:
-        if not (values[..., :3] == values[..., :1]).all():
+        colours, grey = values[..., :3], values[..., :1]
+        if not ((colours == grey) | (np.isnan(colours) & np.isnan(grey))).all():
             raise SourceError(
                 "a depth map in colour", where=where, expected="one value a pixel", got="channels"
             )
         values = values[..., 0]
-    return np.asarray(values, np.float64)
+    return values
 
 
 def decode_depth(content: bytes, where: str) -> NDArray[Any]:
-    """Return what an npy file holds, or what `decode_file` does.
+    """Return what an npy, npz or pfm file holds, or what `decode_file` does.
 
     Raises
     ------
     SourceError
         If the file is damaged, or holds no array of numbers of shape (y, x) or (y, x, channel).
     """
-    if not content.startswith(_ARRAY_HEAD):
+    kind = next((name for head, name in _ARRAY_HEADS.items() if content.startswith(head)), None)
+    if kind is None:
         return decode_file(content, where)
     try:
-        values = np.load(io.BytesIO(content), allow_pickle=False)
+        values: Any = (
+            _pfm(content) if kind == "pfm" else np.load(io.BytesIO(content), allow_pickle=False)
+        )
+        if kind == "npz":
+            names = [_DEPTH_NAME] if _DEPTH_NAME in values.files else values.files
+            if len(names) != 1:
+                raise SourceError(
+                    "several arrays, and none is called depth",
+                    where=where,
+                    got=", ".join(names) or "no array",
+                )
+            if values.zip.getinfo(f"{names[0]}.npy").file_size > LARGEST_ARRAY:
+                raise ValueError("unpacked it is larger than any depth map")
+            values = values[names[0]]
     except UNREADABLE as error:
         raise SourceError(
-            "the npy file is damaged",
+            f"the {kind} file is damaged",
             where=where,
             got=str(error),
             fix="copy it again from where it came from",
@@ -140,6 +165,17 @@ def decode_depth(content: bytes, where: str) -> NDArray[Any]:
             got=f"{values.dtype} of shape {values.shape}",
         )
     return np.asarray(values)
+
+
+def _pfm(content: bytes) -> NDArray[np.float32]:
+    # Rows run from the bottom up; the sign of the scale tells the order of bytes.
+    head = _PFM_HEAD.match(content)
+    if head is None:
+        raise ValueError("no header of width, height and scale")
+    shape = (int(head[3]), int(head[2]), 3 if head[1] == b"PF" else 1)
+    kind = "<f4" if float(head[4]) < 0 else ">f4"
+    values = np.frombuffer(content, kind, offset=head.end())
+    return np.flipud(values.reshape(shape)).astype(np.float32)
 
 
 def decode_file(content: bytes, where: str) -> NDArray[Any]:
@@ -330,9 +366,9 @@ def likely_bits(greatest: int) -> int | None:
     return next((few for few in _CONVERTERS if greatest < 2**few), None)
 
 
-def _eight_bit(image: NDArray[Any], where: str, bits: int | None) -> Image:
+def _in_full(image: NDArray[Any], where: str, bits: int | None, deep: bool) -> NDArray[Any]:
     if image.dtype == np.uint8:
-        return np.asarray(image, np.uint8)
+        return np.asarray(image)
     if image.dtype != np.uint16:
         raise SourceError(
             "wrong kind of pixels", where=where, expected="8 or 16 bit", got=str(image.dtype)
@@ -357,4 +393,5 @@ def _eight_bit(image: NDArray[Any], where: str, bits: int | None) -> Image:
             got=f"{greatest}",
             fix="mend image_bits under [files]",
         )
-    return np.asarray(np.rint(image * (255 / (2 ** (bits or _FULL) - 1))), np.uint8)
+    full = np.iinfo(np.uint16 if deep else np.uint8)
+    return np.asarray(np.rint(image * (full.max / (2 ** (bits or _FULL) - 1))), full.dtype)

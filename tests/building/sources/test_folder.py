@@ -64,8 +64,8 @@ def test_the_same_store_for_any_number_of_workers(
 
 
 def test_scenes_with_several_captures_share_a_depth_map(folder: Path) -> None:
-    text = FOLDER_TOML.replace("capture", "f_number").replace("[1]", "[2, 4]")
-    text = text.replace("blurred.png", "f{f_number}.png").replace("pairs = 2", "pairs = 4")
+    text = FOLDER_TOML.replace("capture", "aperture").replace("[1]", "[2, 4]")
+    text = text.replace("blurred.png", "f{aperture}.png").replace("pairs = 2", "pairs = 4")
     manifest = manifest_of(text.replace("pair_count = 4", "pair_count = 8"))
     for scene in manifest.scene_names:
         image = cv2.imread(str(folder / scene / "blurred.png"))

@@ -190,3 +190,27 @@ def test_all_problems_of_all_files_are_reported(tmp_path: Path) -> None:
         ("cut.png", "the image file is damaged"),
         ("whole.png", "size differs"),
     ]
+
+
+def test_a_pfm_file_runs_from_the_bottom_up_in_either_order_of_bytes() -> None:
+    rows = np.arange(6, dtype=np.float32).reshape(2, 3)
+    for scale, kind in (("-1.0", "<f4"), ("1.0", ">f4")):
+        content = f"Pf\n3 2\n{scale}\n".encode() + rows[::-1].astype(kind).tobytes()
+        np.testing.assert_array_equal(read_depth_file(content, "a.pfm"), rows)
+        with pytest.raises(SourceError, match="the pfm file is damaged"):
+            read_depth_file(content[:-3], "a.pfm")
+    with pytest.raises(SourceError, match="the pfm file is damaged"):
+        read_depth_file(b"Pf\nthree", "a.pfm")
+
+
+def test_an_npz_file_holds_one_array_or_one_called_depth() -> None:
+    held = io.BytesIO()
+    np.savez(held, K=np.eye(3), depth=np.ones((2, 3)))
+    assert read_depth_file(held.getvalue(), "a.npz").shape == (2, 3)
+    with pytest.raises(SourceError, match="the npz file is damaged"):
+        read_depth_file(held.getvalue()[:-30], "a.npz")
+    held = io.BytesIO()
+    np.savez(held, near=np.eye(3), far=np.eye(3))
+    with pytest.raises(SourceError, match="none is called depth") as caught:
+        read_depth_file(held.getvalue(), "a.npz")
+    assert caught.value.problems[0].got == "near, far"

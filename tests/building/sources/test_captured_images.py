@@ -4,21 +4,21 @@ import cv2
 import numpy as np
 import pytest
 
-from dfdbench.building.sources.captured_pair import CapturedPair, captured_pair
+from dfdbench.building.sources.captured_images import CapturedImages, captured_images
 from dfdbench.datasets.captured_files import CapturedFiles
 from dfdbench.datasets.manifest import Depth
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import SourceError
 from tests.made_folder import FOLDER_TOML, MOVED, SHAPE, write_scene
 
-NAMES = {"infocus": "sharp.png", "defocus": "blurred.png", "depth": "depth.png"}
+NAMES = ("sharp.png", "blurred.png", "depth.png")
 DEPTH: Depth = parse_manifest(FOLDER_TOML.encode(), "mine-1.toml").depth
 
 
-def made(folder: Path, **fields: object) -> CapturedPair:
+def made(folder: Path, **fields: object) -> CapturedImages:
     files = {"infocus": "a", "defocus": "b", "depth": "c", "depth_unit": 0.001, **fields}
-    contents = {role: (folder / name).read_bytes() for role, name in NAMES.items()}
-    return captured_pair(contents, NAMES, CapturedFiles.model_validate(files), DEPTH)
+    *photographs, depth = [((folder / name).read_bytes(), name) for name in NAMES]
+    return captured_images(photographs, depth, CapturedFiles.model_validate(files), DEPTH)
 
 
 @pytest.fixture
@@ -27,43 +27,43 @@ def scene(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def difference(pair: CapturedPair) -> float:
+def difference(pair: CapturedImages) -> float:
     inner = (slice(8, -8), slice(8, -8))
-    sharp = cv2.GaussianBlur(pair.infocus, (0, 0), 1.5).astype(float)
-    return float(np.abs(sharp - pair.defocus)[inner].mean())
+    sharp = cv2.GaussianBlur(pair.images[0], (0, 0), 1.5).astype(float)
+    return float(np.abs(sharp - pair.images[1])[inner].mean())
 
 
 def test_a_pair_is_left_as_it_is_unless_it_is_asked_for(scene: Path) -> None:
     pair = made(scene)
-    assert pair.infocus.shape == (*SHAPE, 3)
-    np.testing.assert_array_equal(pair.infocus[..., ::-1], cv2.imread(str(scene / "sharp.png")))
-    np.testing.assert_array_equal(pair.defocus[..., ::-1], cv2.imread(str(scene / "blurred.png")))
-    assert (pair.found, pair.warnings) == ({}, ())
-    assert not pair.known[:, :2].any()
-    assert pair.known[:, 2:].all()
+    assert pair.images.shape == (2, *SHAPE, 3)
+    for image, name in zip(pair.images, NAMES, strict=False):
+        np.testing.assert_array_equal(image[..., ::-1], cv2.imread(str(scene / name)))
+    assert (pair.found, pair.warnings) == (({},), ())
+    assert np.isnan(pair.depth[:, :2]).all()
+    assert np.isfinite(pair.depth[:, 2:]).all()
 
 
 def test_alignment_and_gain_undo_what_the_camera_did(scene: Path) -> None:
     before, after = made(scene), made(scene, align="euclidean", match_gain=True)
     assert difference(before) > 10
     assert difference(after) < 2
-    assert after.found["right"] == pytest.approx(-MOVED[0], abs=0.1)
-    assert after.found["down"] == pytest.approx(-MOVED[1], abs=0.1)
-    assert after.found["gain"] == pytest.approx(1 / 0.9, abs=0.01)
+    assert after.found[0]["right"] == pytest.approx(-MOVED[0], abs=0.1)
+    assert after.found[0]["down"] == pytest.approx(-MOVED[1], abs=0.1)
+    assert after.found[0]["gain"] == pytest.approx(1 / 0.9, abs=0.01)
     # What the moved image does not reach has no blur to be told by.
-    assert not after.known[:, -2:].any()
-    np.testing.assert_array_equal(after.infocus, before.infocus)
+    assert np.isnan(after.depth[:, -2:]).all()
+    np.testing.assert_array_equal(after.images[0], before.images[0])
 
 
 def test_the_in_focus_image_can_be_the_one_that_moves(scene: Path) -> None:
     before, after = made(scene), made(scene, align="translation", moved="infocus")
-    np.testing.assert_array_equal(after.defocus, before.defocus)
-    assert after.found["right"] == pytest.approx(MOVED[0], abs=0.1)
+    np.testing.assert_array_equal(after.images[1], before.images[1])
+    assert after.found[0]["right"] == pytest.approx(MOVED[0], abs=0.1)
 
 
 def test_a_crop_is_the_same_of_all(scene: Path) -> None:
     whole, part = made(scene), made(scene, crop={"x": 10, "y": 5, "width": 40, "height": 30})
-    for of, kept in ((whole.infocus, part.infocus), (whole.levels, part.levels)):
+    for of, kept in ((whole.images[1], part.images[1]), (whole.depth, part.depth)):
         np.testing.assert_array_equal(of[5:35, 10:50], kept)
     with pytest.raises(SourceError, match="crop reaches beyond"):
         made(scene, crop={"x": 60, "y": 0, "width": 40, "height": 30})

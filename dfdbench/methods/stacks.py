@@ -1,0 +1,73 @@
+"""What a method solves with on a focal stack: an image in focus all over, and the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import MethodError
+from dfdbench.methods.shape_from_focus import ShapeFromFocus
+
+if TYPE_CHECKING:
+    from xarray import DataArray
+
+Image = NDArray[np.uint8]
+
+
+def sharp_and_blurred(stack: DataArray) -> tuple[Image, list[Image]]:
+    """Return an image in focus all over, and the images to explain by its blur, of 8 bits.
+
+    Without the role ``infocus`` the first is put together from the others.
+
+    Parameters
+    ----------
+    stack : xarray.DataArray, dimensions (image, y, x, channel)
+        A capture's ``stack``.
+
+    Raises
+    ------
+    MethodError
+        Without a defocus image.
+    """
+    roles = stack["role"].values.tolist()
+    values = stack.values
+    images = values if values.dtype == np.uint8 else np.rint(values / 257).astype(np.uint8)
+    blurred = [image for image, role in zip(images, roles, strict=True) if role != "infocus"]
+    if not blurred:
+        raise MethodError("no image of the stack has the role defocus", where="stack")
+    sharp = images[roles.index("infocus")] if "infocus" in roles else fused(blurred)
+    return sharp, blurred
+
+
+def fused(images: Sequence[Image]) -> Image:
+    """Return the image in which every pixel is from where the stack is sharpest.
+
+    Which that is follows the edges of the images, as depth does in `ShapeFromFocus`.
+
+    Parameters
+    ----------
+    images : sequence of ndarray of uint8, shape (y, x, channel)
+        One or more.
+
+    Examples
+    --------
+    >>> random = np.random.default_rng(0)
+    >>> sharp = random.integers(0, 256, (40, 80, 3)).astype(np.uint8)
+    >>> left, right = sharp.copy(), sharp.copy()
+    >>> left[:, 40:], right[:, :40] = 128, 128
+    >>> bool((fused([left, right]) == sharp).mean() > 0.9)
+    True
+    """
+    which = ShapeFromFocus().sharpest(np.stack(images))
+    whole: NDArray[Any] = np.empty_like(images[0])
+    for index, image in enumerate(images):
+        np.copyto(whole, image, where=(which == index)[..., np.newaxis])
+    return whole
+
+
+def is_pair(stack: DataArray) -> bool:
+    """Return whether there is one in-focus and one defocus image."""
+    return sorted(stack["role"].values.tolist()) == ["defocus", "infocus"]

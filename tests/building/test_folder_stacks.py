@@ -1,0 +1,134 @@
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dfdbench.building.build import build_store
+from dfdbench.building.folder_stacks import find_stacks
+from dfdbench.building.new_manifest import NewManifest, new_manifest
+from dfdbench.building.sources import open_source
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.manifest_file import parse_manifest
+from tests.made_folder import SCENES, make_folder
+from tests.made_stack_folder import FOCUS, make_stacks
+from tests.made_zedd import MOTORS, make_zedd
+
+
+def built(folder: Path, place: Path) -> tuple[NewManifest, Dataset]:
+    written = new_manifest(folder)
+    manifest = parse_manifest(written.toml.encode(), written.name)
+    report = build_store(manifest, open_source(manifest, folder), place)
+    assert (report.problems, report.missing) == ((), ())
+    return written, Dataset(place)
+
+
+def test_a_folder_of_stacks_is_told_and_builds(tmp_path: Path) -> None:
+    written, store = built(make_stacks(tmp_path / "mine"), tmp_path / "one.zarr")
+    files = store.manifest.files
+    assert files is not None
+    assert files.patterns == {
+        "infocus": "{scene}/sharp.png",
+        "images": "{scene}/f_{image}.png",
+        "depth": "{scene}/depth.npy",
+        "metadata": "{scene}/focus.csv",
+    }
+    assert "stacks {scene}/f_{image}.png of 3 images" in written.found
+    stack = store.captures("test")[0].stack
+    assert stack.attrs["unit"] == "metres"
+    np.testing.assert_array_equal(stack.focus_distance, [np.nan, *sorted(FOCUS.values())[::-1]])
+
+
+def test_one_scene_may_lie_in_the_folder_itself_and_hold_disparity(tmp_path: Path) -> None:
+    # As the stack of a light field, whose depth is in pixels a view.
+    made = make_stacks(tmp_path / "made") / "desk"
+    rows = [float(row) for row in (-1.5, 0.25, 2)]
+    (made / "focus.csv").unlink()
+    (made / "focus.json").write_text(json.dumps({"focus_disparity": rows, "views": 61}))
+    disparity = np.repeat(np.linspace(-2, 2.5, 72)[:, None], 96, axis=1).astype(np.float32)
+    np.save(made / "disparity.npy", disparity)
+    (made / "depth.npy").unlink()
+    written, store = built(made, tmp_path / "one.zarr")
+    assert store.manifest.scene_names == ("desk",)
+    assert any("neither metres nor levels: -2 to 2.5" in text for text in written.found)
+    capture = store.captures("test")[0]
+    assert len(np.unique(capture.truth)) == 72
+    # A depth of the file and a focus at it are the same level.
+    expected = np.interp(rows, disparity[:, 0], capture.depth[:, 0])
+    np.testing.assert_allclose(capture.stack.focus_depth[1:], expected, atol=0.01)
+
+
+def test_a_table_without_a_heading_gets_columns(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for scene in SCENES:
+        (folder / scene / "focus.csv").unlink()
+    (folder / "metadata.txt").write_text("# run, motor, metres\n1\t20dd\t1\n2\t2371\t2\n3\t2a\t4\n")
+    written, store = built(folder, tmp_path / "one.zarr")
+    assert 'columns = ["column_1", "column_2", "column_3"]' in written.toml
+    assert "whether column_3 is the focus in metres" in written.open
+    assert store.captures()[0].stack.focus_distance[1:].values.tolist() == [4, 2, 1]
+
+
+def test_cells_of_a_table_may_tell_images_apart(tmp_path: Path) -> None:
+    # As in ZEDD, where run and motor go together.
+    written, store = built(make_zedd(tmp_path / "mine"), tmp_path / "one.zarr")
+    assert 'img_{column_1}_motor_{column_2}_aperture_F1.4.jpg"' in written.toml
+    assert any("_aperture_F16.0.jpg is in focus all over" in text for text in written.open)
+    assert any("F2.8.jpg" in text and "values of an axis" in text for text in written.open)
+    stack = store.captures()[0].stack
+    np.testing.assert_array_equal(stack.focus_distance[1:], [*MOTORS.values()][::-1])
+
+
+def test_a_stack_without_depth_or_table_asks_for_them(tmp_path: Path) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for scene in SCENES:
+        for name in ("focus.csv", "depth.npy", "sharp.png"):
+            (folder / scene / name).unlink()
+    written, store = built(folder, tmp_path / "one.zarr")
+    assert not store.manifest.has_truth
+    assert [text.partition(":")[0] for text in written.open[:3]] == [
+        "whether an image is in focus all over",
+        "depth",
+        "focus distances",
+    ]
+
+
+@pytest.mark.parametrize("ending", ["npz", "pfm"])
+def test_depth_may_be_npz_or_pfm(tmp_path: Path, ending: str) -> None:
+    folder = make_stacks(tmp_path / "mine")
+    for scene in SCENES:
+        depth = np.load(folder / scene / "depth.npy")
+        (folder / scene / "depth.npy").unlink()
+        if ending == "npz":
+            np.savez(folder / scene / "depth.npz", depth=depth, other=np.zeros(3))
+        else:
+            cv2.imwrite(str(folder / scene / "depth.pfm"), depth)
+    _, store = built(folder, tmp_path / "one.zarr")
+    np.testing.assert_array_equal(store.captures()[-1].depth, depth)
+
+
+def test_where_depth_maps_are_numbered_the_numbers_are_scenes(tmp_path: Path) -> None:
+    made = make_folder(tmp_path / "made")
+    for number, scene in enumerate(SCENES):
+        for kind in ("sharp", "blurred", "depth"):
+            place = tmp_path / "set" / kind / f"{number}.png"
+            place.parent.mkdir(parents=True, exist_ok=True)
+            (made / scene / f"{kind}.png").rename(place)
+    paths = tuple(str(p.relative_to(tmp_path / "set")) for p in (tmp_path / "set").rglob("*.png"))
+    assert find_stacks(tmp_path / "set", paths) is None
+    assert "defocus" in new_manifest(tmp_path / "set").toml
+
+
+def test_scenes_of_one_place_are_in_one_split(tmp_path: Path) -> None:
+    # As in iDFD, Apartment1_0 and Apartment1_1.
+    made = make_folder(tmp_path / "made")
+    for scene in SCENES:
+        for number in range(2):
+            for kind in ("sharp", "blurred", "depth"):
+                place = tmp_path / "set" / kind / f"{scene}_{number}.png"
+                place.parent.mkdir(parents=True, exist_ok=True)
+                place.write_bytes((made / scene / f"{kind}.png").read_bytes())
+    written = new_manifest(tmp_path / "set")
+    manifest = parse_manifest(written.toml.encode(), written.name)
+    assert manifest.scenes_of("test") == ("shelf_0", "shelf_1")

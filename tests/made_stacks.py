@@ -1,0 +1,89 @@
+"""Focal stacks made with SciPy alone, and the photographed one among the shared data."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from xarray import DataArray
+
+from tests.methods.made_planes import texture
+
+Array = NDArray[Any]
+
+
+def stack_of(
+    images: Sequence[Array],
+    focus: Sequence[float],
+    infocus: Array | None = None,
+    unit: str = "levels",
+    ends: tuple[float, float] = (255.0, 0.0),
+) -> DataArray:
+    """Put images with their focus depths into a stack, first the one in focus all over."""
+    count = 0 if infocus is None else 1
+    roles = ["infocus"] * count + ["defocus"] * len(focus)
+    values = np.stack([*([] if infocus is None else [infocus]), *images])
+    unknown = ("image", np.full(len(values), np.nan))
+    return DataArray(
+        values,
+        dims=("image", "y", "x", "channel"),
+        coords={
+            "role": ("image", roles),
+            "focus_depth": ("image", [np.nan] * count + list(focus)),
+            "focus_distance": unknown,
+            "f_number": unknown,
+        },
+        attrs={"unit": unit, "near": ends[0], "far": ends[1]},
+    )
+
+
+def blurred_to(sharp: Array, places: Array, focus: float, slope: float) -> Array:
+    """Blur each pixel by a Gaussian whose sigma grows with its distance from the focus.
+
+    Each distinct place is blurred by itself, so that none is wider than its own.
+    """
+    out = np.empty(sharp.shape)
+    for place in np.unique(places):
+        sigma = slope * abs(float(place) - focus)
+        whole = gaussian_filter(sharp.astype(np.float64), (sigma, sigma, 0), mode="nearest")
+        out[places == place] = whole[places == place]
+    return np.rint(out).astype(np.uint8)
+
+
+def made_capture(
+    seed: int = 0,
+    focus: Sequence[float] = (30, 90, 150, 210),
+    slope: float = 0.03,
+    shape: tuple[int, int] = (80, 256),
+    with_infocus: bool = True,
+) -> Any:
+    """Return a capture whose depth rises from left to right, by less than a level a pixel."""
+    sharp = texture(seed, *shape)
+    levels = np.broadcast_to(np.linspace(20, 235, shape[1]).astype(np.uint8), shape).copy()
+    images = [blurred_to(sharp, levels, plane, slope) for plane in focus]
+    return SimpleNamespace(
+        stack=stack_of(images, focus, sharp if with_infocus else None),
+        infocus=sharp,
+        defocus=images[0],
+        depth=levels,
+        levels=levels,
+        valid=np.ones(shape, bool),
+    )
+
+
+def antinous(folder: Path) -> tuple[DataArray, Array]:
+    """Read the shared stack: 11 images, in disparity, greater is nearer; and the truth."""
+    focus = json.loads((folder / "focus.json").read_text())["focus_disparity_px_per_view"]
+    images = [cv2.imread(str(folder / f"focus_{number:02}.png")) for number in range(len(focus))]
+    truth = np.load(folder / "disparity.npy")
+    ends = (float(truth.max()), float(truth.min()))
+    return stack_of(
+        [image[..., ::-1] for image in images if image is not None], focus, ends=ends
+    ), truth

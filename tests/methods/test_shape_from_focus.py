@@ -1,0 +1,161 @@
+"""Shape from focus: exact places on made stacks, the shared stack, and what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.errors import MethodError, UnknownNameError
+from dfdbench.methods.registry import load
+from dfdbench.methods.shape_from_focus import MEASURES, ShapeFromFocus, focus_cells, power_of_blur
+from tests.made_stacks import antinous, blurred_to, made_capture, stack_of
+from tests.methods.made_planes import texture
+
+FOCUS = (30.0, 90.0, 150.0, 210.0)
+
+
+def error_of(depth: Any, truth: Any) -> float:
+    """Return the median error away from the border."""
+    return float(np.median(np.abs(depth - truth)[12:-12, 12:-12]))
+
+
+@pytest.mark.parametrize("measure", MEASURES)
+def test_finds_a_plane_between_two_focus_depths(measure: str) -> None:
+    for level in (60, 80, 104, 130):
+        images = [blurred_to(texture(3), np.full((64, 80), level), focus, 0.03) for focus in FOCUS]
+        depth = ShapeFromFocus(measure)(stack_of(images, FOCUS))
+        assert error_of(depth, level) < 3
+
+
+def test_the_curve_of_defocus_is_nearer_than_a_gaussian() -> None:
+    capture = made_capture(focus=FOCUS)
+    errors = {
+        peak: error_of(ShapeFromFocus(peak=peak)(capture.stack), capture.depth)
+        for peak in ("defocus", "gaussian", "none")
+    }
+    assert errors["defocus"] < 2
+    assert errors["defocus"] < 0.5 * errors["gaussian"] < 0.5 * errors["none"]
+
+
+def test_focus_depths_may_come_in_any_order_and_unevenly() -> None:
+    focus = (30.0, 70.0, 150.0, 180.0, 230.0)
+    capture = made_capture(focus=focus)
+    depth = ShapeFromFocus()(capture.stack)
+    assert error_of(depth, capture.depth) < 3
+    mixed = capture.stack.isel(image=[3, 0, 5, 1, 4, 2])
+    np.testing.assert_array_equal(ShapeFromFocus()(mixed), depth)
+
+
+def test_leaves_the_image_in_focus_out() -> None:
+    with_it = made_capture(focus=FOCUS).stack
+    without = made_capture(focus=FOCUS, with_infocus=False).stack
+    np.testing.assert_array_equal(ShapeFromFocus()(with_it), ShapeFromFocus()(without))
+
+
+def test_answers_in_metres_by_inverse_distance() -> None:
+    metres = np.array([0.5, 0.7, 1.2, 3.0])
+    inverse, true = 1 / metres, 1 / 0.9
+    images = [
+        blurred_to(texture(3), np.full((64, 80), true), place, 2.5) for place in inverse.tolist()
+    ]
+    stack = stack_of(images, metres.tolist(), unit="metres", ends=(0.4, 5.0))
+    assert error_of(ShapeFromFocus()(stack), 0.9) < 0.03
+
+
+def test_a_focus_at_infinity_is_the_farthest_depth() -> None:
+    places = (2.0, 1.0, 0.0)
+    images = [blurred_to(texture(3), np.full((64, 80), 0.0), place, 2.5) for place in places]
+    stack = stack_of(images, (0.5, 1.0, np.inf), unit="metres", ends=(0.4, 50.0))
+    assert ShapeFromFocus(peak="none")(stack).max() == 50
+
+
+def test_sixteen_bits_a_channel_and_grey_images_say_the_same() -> None:
+    stack = made_capture(focus=FOCUS).stack
+    depth = ShapeFromFocus()(stack)
+    deep = ShapeFromFocus()(stack.astype(np.uint16) * 257)
+    # The grey of 8 bits is rounded.
+    assert np.median(np.abs(deep - depth)) < 1
+    grey = stack.isel(channel=[0]).copy()
+    same = stack.copy(data=np.repeat(grey.values, 3, 3))
+    np.testing.assert_allclose(ShapeFromFocus()(grey), ShapeFromFocus()(same), atol=1e-3)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 70), (33, 47), (5, 4)])
+def test_any_size_has_an_answer_within_the_range(shape: tuple[int, int]) -> None:
+    random = np.random.default_rng(0)
+    images = [random.integers(0, 256, (*shape, 3)).astype(np.uint8) for _ in FOCUS]
+    depth = ShapeFromFocus()(stack_of(images, FOCUS))
+    assert depth.shape == shape
+    assert depth.min() >= 0
+    assert depth.max() <= 255
+
+
+def test_black_images_have_an_answer() -> None:
+    depth = ShapeFromFocus()(stack_of([np.zeros((20, 30, 3), np.uint8)] * 4, FOCUS))
+    assert np.isfinite(depth).all()
+
+
+@pytest.mark.parametrize(
+    ("focus", "words"),
+    [
+        ((30.0, np.nan, 150.0, np.nan), r"images \[1, 3\] of 4 have no known focus depth"),
+        ((30.0, 90.0, 90.0, 210.0), r"the same focus depth: \[90.0\]"),
+        ((30.0, 90.0), "3 or more"),
+    ],
+)
+def test_says_what_is_wrong_with_the_focus_depths(focus: tuple[float, ...], words: str) -> None:
+    images = [texture(0)] * len(focus)
+    with pytest.raises(MethodError, match=words):
+        ShapeFromFocus()(stack_of(images, focus))
+
+
+def test_refuses_a_focus_behind_the_lens() -> None:
+    stack = stack_of([texture(0)] * 3, (-1.0, 1.0, 2.0), unit="metres", ends=(0.5, 5))
+    with pytest.raises(MethodError, match="above 0"):
+        ShapeFromFocus()(stack)
+
+
+def test_names_wrong_parameters() -> None:
+    with pytest.raises(UnknownNameError, match="measure"):
+        ShapeFromFocus(measure="sharpness")
+    with pytest.raises(UnknownNameError, match="peak"):
+        ShapeFromFocus(peak="parabola")
+    with pytest.raises(MethodError, match="window"):
+        ShapeFromFocus(window=20)
+
+
+def test_is_registered() -> None:
+    method = load("shape-from-focus", window=13)
+    assert isinstance(method, ShapeFromFocus)
+    assert "Nayar" in method.paper
+
+
+def test_texture_has_more_focus_than_its_blur() -> None:
+    grey = texture(0).mean(2).astype(np.float32)
+    blurred = blurred_to(grey[..., np.newaxis], np.ones(grey.shape), 0, 1.5)[..., 0]
+    for measure in MEASURES:
+        sharp, soft = (focus_cells(image.astype(np.float32), measure) for image in (grey, blurred))
+        assert (sharp > soft).mean() > 0.99
+
+
+def test_the_law_of_contrast_is_told_by_the_next_image() -> None:
+    places = np.arange(6.0)
+    for power in (1.0, 2.0):
+        # A cell for each place of the peak between the second image and the last but one.
+        peaks = np.linspace(1.1, 3.9, 64)
+        contrast = (0.3 + (places[:, np.newaxis] - peaks) ** 2) ** (-1 / power)
+        focus = np.log(contrast)[:, np.newaxis].repeat(8, 1).astype(np.float32)
+        assert power_of_blur(focus, places) == power
+
+
+def test_reaches_its_goal_on_refocused_views(shared_data: Path) -> None:
+    folder = shared_data / "stacks" / "antinous"
+    if not folder.is_dir():
+        pytest.skip("no stack antinous among the shared data")
+    stack, truth = antinous(folder)
+    errors = np.abs(ShapeFromFocus()(stack) - truth)
+    assert errors.mean() <= 0.025 * np.ptp(truth)
+    assert np.median(errors) <= 0.04

@@ -1,0 +1,140 @@
+"""Solvers on focal stacks: what is fitted, without an image in focus too, what is refused."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dfdbench.errors import MethodError
+from dfdbench.methods.calibration import calibrate_images
+from dfdbench.methods.fit import Learned, check_learned
+from dfdbench.methods.registry import load
+from dfdbench.methods.stacks import fused, is_pair, sharp_and_blurred
+from tests.made_stacks import made_capture, stack_of
+from tests.methods.made_planes import slope, texture
+
+FOCUS = (30, 90, 150, 210)
+SOLVERS = ("graph-cuts", "graph-cuts-rounded", "sgm", "guided", "local")
+
+
+@cache
+def learned(with_infocus: bool) -> Learned:
+    """Return what a solver learns of two made stacks, once for all tests."""
+    method: Any = load("sgm")
+    captures = [made_capture(seed, FOCUS, with_infocus=with_infocus) for seed in (1, 2)]
+    return check_learned(method.fit(captures), "sgm")
+
+
+def error_of(depth: Any, capture: Any) -> float:
+    return float(np.abs(depth - capture.depth)[12:-12, 12:-12].mean())
+
+
+@pytest.mark.slow
+def test_each_image_has_a_law_of_its_own() -> None:
+    sigmas = learned(with_infocus=True)["sigmas"]
+    assert np.shape(sigmas) == (4, 256)
+    for law, focus in zip(np.asarray(sigmas), FOCUS, strict=True):
+        shown = np.arange(30, 226)
+        wanted = 0.03 * np.abs(shown - focus)
+        assert np.abs(law[shown] - wanted)[wanted > 0.5].mean() < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("with_infocus", [True, False])
+def test_solves_a_stack_after_a_fit(name: str, with_infocus: bool) -> None:
+    method: Any = load(name, recipe=None)
+    method.restore(learned(with_infocus))
+    method.warm_up(texture(0), texture(0))
+    capture = made_capture(7, FOCUS, with_infocus=with_infocus)
+    assert error_of(method.from_stack(capture.stack), capture) < (3 if with_infocus else 6)
+
+
+@pytest.mark.slow
+def test_more_images_say_more_than_two() -> None:
+    pairs = [made_capture(seed, FOCUS[:1]) for seed in (1, 2)]
+    alone: Any = load("guided", recipe=None)
+    alone.restore(check_learned(alone.fit(pairs), "guided"))
+    stacked: Any = load("guided", recipe=None)
+    stacked.restore(learned(with_infocus=True))
+    capture = made_capture(7, FOCUS)
+    pair = alone.from_stack(capture.stack.isel(image=[0, 1]))
+    np.testing.assert_array_equal(pair, alone(capture.infocus, capture.defocus))
+    stack = stacked.from_stack(capture.stack)
+    assert error_of(stack, capture) < 0.5 * error_of(pair, capture)
+
+
+@pytest.mark.slow
+def test_a_stack_of_other_images_is_refused() -> None:
+    method: Any = load("guided", recipe=None)
+    method.restore(learned(with_infocus=True))
+    stack = made_capture(7, FOCUS).stack
+    with pytest.raises(MethodError, match="3 defocus images, but the blur is known of 4"):
+        method.from_stack(stack.isel(image=[0, 1, 2, 3]))
+    with pytest.raises(MethodError, match="1 defocus images, but the blur is known of 4"):
+        method(texture(0), texture(0))
+
+
+def test_a_stack_needs_a_fit_whatever_the_recipe() -> None:
+    method: Any = load("sgm", recipe="published")
+    with pytest.raises(MethodError, match="leave recipe out"):
+        method.from_stack(made_capture(0, FOCUS).stack)
+
+
+def test_training_stacks_have_to_be_focused_alike() -> None:
+    captures = [made_capture(0, FOCUS), made_capture(1, (30, 90, 150, 220))]
+    with pytest.raises(MethodError, match="not focused alike"):
+        calibrate_images(captures)
+    with pytest.raises(MethodError, match="not focused alike"):
+        calibrate_images([captures[0], made_capture(1, FOCUS[:3])])
+
+
+def test_favaro_and_soatto_take_any_number_of_images() -> None:
+    errors = []
+    for focus in (FOCUS[:1], FOCUS[::2]):
+        method: Any = load("favaro-soatto", groups=16, sharp_patch=11)
+        training = [made_capture(seed, focus) for seed in (1, 2, 3)]
+        method.restore(check_learned(method.fit(training), "favaro-soatto"))
+        method.warm_up(texture(0), texture(0))
+        capture = made_capture(7, focus)
+        errors.append(error_of(method.from_stack(capture.stack), capture))
+    assert errors[1] < min(errors[0], 12)
+    with pytest.raises(MethodError, match="1 defocus images, but 2 were fitted"):
+        method(texture(0), texture(0))
+    with pytest.raises(MethodError, match="different numbers"):
+        method.fit([training[0], made_capture(1, FOCUS)])
+
+
+def test_an_image_in_focus_is_put_together_where_there_is_none() -> None:
+    capture = made_capture(3, FOCUS)
+    sharp, blurred = sharp_and_blurred(capture.stack)
+    np.testing.assert_array_equal(sharp, capture.infocus)
+    assert len(blurred) == 4
+    made = sharp_and_blurred(made_capture(3, FOCUS, with_infocus=False).stack)[0]
+    errors = [np.abs(image.astype(float) - sharp).mean() for image in (made, *blurred)]
+    assert errors[0] < 0.4 * min(errors[1:])
+
+
+def test_one_image_is_its_own_fusion() -> None:
+    image = texture(0)
+    np.testing.assert_array_equal(fused([image]), image)
+
+
+def test_sixteen_bits_are_solved_as_eight() -> None:
+    stack = made_capture(3, FOCUS).stack
+    deep = stack.astype(np.uint16) * 257
+    for one, other in zip(sharp_and_blurred(deep), sharp_and_blurred(stack), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_stack_without_a_defocus_image_is_refused() -> None:
+    with pytest.raises(MethodError, match="no image of the stack has the role defocus"):
+        sharp_and_blurred(stack_of([], (), texture(0)))
+
+
+def test_knows_a_pair() -> None:
+    assert is_pair(slope(0).stack)
+    assert not is_pair(made_capture(0, FOCUS).stack)
