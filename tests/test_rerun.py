@@ -21,7 +21,7 @@ SCRIPT = Path(__file__).parents[1] / "leaderboard/rerun.py"
 @pytest.fixture
 def rerun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     monkeypatch.chdir(tmp_path)
-    found = run_path(str(SCRIPT))["run_seed"].__globals__
+    found: dict[str, Any] = run_path(str(SCRIPT))["run_seed"].__globals__
 
     def draw_seed(folder: Path, seed: str | None) -> Draw:
         return Draw.model_validate_json(

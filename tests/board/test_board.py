@@ -10,6 +10,7 @@ import pytest
 
 from dfdbench.board.board import MARKER, leaderboard
 from dfdbench.board.row_file import read_row
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import ResultError, UnknownNameError
 from dfdbench.metrics.protocol import RELEASED
 from tests.board.made_boards import add, add_card, scored, submit
@@ -91,8 +92,12 @@ def test_the_readme_starts_with_the_newest_seed_and_has_headlines_alone(tmp_path
     assert "## Rooms nobody has seen: not run yet" in text
     assert "make leaderboard" in text
     for seed, value in ((7, 0.2), (12, 0.3)):
-        drawn = {"protocols": ("valid",), "dataset": f"unseen-{seed}"}
-        submit(make_demo_result(lambda pair, value=value: value, **drawn), tmp_path)
+        result = make_demo_result(
+            dict.fromkeys(find_manifest(f"unseen-{seed}").pairs("test"), value).__getitem__,
+            protocols=("valid",),
+            dataset=f"unseen-{seed}",
+        )
+        submit(result, tmp_path)
     draws = [
         {"seed": 12, "drawn": True, "date": "2026-11-24", "commit": "abc"},
         {"seed": 7, "drawn": False, "date": "2026-11-23", "commit": "abb"},
