@@ -100,8 +100,8 @@ mutants: $(STAMPS)/tested-with ## Change ROOM=metrics in COUNT=25 places, one at
 size: ## Count lines of code by room, without docstrings, comments and blank lines
 	@$(PYTHON) -m tests.size
 
-leaderboard: $(STAMPS)/installed ## Run the leaderboard's rows on the sets that are built here, write its README
-	@$(BIN)/python leaderboard/rerun.py
+leaderboard: $(STAMPS)/installed ## Run every method on rooms of a SEED, or of a drawn one; write the leaderboard's README
+	@$(BIN)/python leaderboard/rerun.py $(if $(SEED),--seed $(SEED))
 
 benchmark: $(STAMPS)/tested-with ## Time our code against named peers, as ratios
 	@$(BIN)/python -m pytest tests/benchmarks --benchmark-only -s

@@ -1,27 +1,30 @@
-"""Run the leaderboard's rows anew on the data sets that are built here, and write its README.
+"""Run every method that has a card on rooms of a seed, and write the leaderboard's README.
 
-What cannot be run is left as it is and named at the end: `python leaderboard/rerun.py [ROWS.toml]`.
+`python leaderboard/rerun.py` draws a seed from the system's randomness, `--seed N` names one, and
+`--rows` instead runs anew the rows that are there. Both name at the end what they left out.
 """
 
 from __future__ import annotations
 
+import argparse
 import shlex
 import subprocess
 import sys
-import tomllib
-from pathlib import Path
+from collections.abc import Iterator
 
-from dfdbench.blur.tracks import TRACKS
+from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.board.board import LEADERBOARD
+from dfdbench.board.cards import Card, load_cards
 from dfdbench.board.row_file import RESULTS
-from dfdbench.building.sources import is_made
-from dfdbench.datasets.catalog import find_manifest
+from dfdbench.board.seeds import draw_seed
 from dfdbench.datasets.dataset import open_dataset
-from dfdbench.errors import StoreError
+from dfdbench.errors import DfdbenchError, StoreError
+from dfdbench.results.wording import plain
+from dfdbench.system.text import parse_json
 
-HERE = Path(__file__).parent
-#: How the rows of each kind are run.
-_RUN = {"sets": ("run", "--no-predictions"), "tracks": ("tracks",)}
+_FAMILIES = {"pair": "unseen", "stack": "unseen-stack"}
+#: Scores alone, no figures and no depth maps.
+_ALONE = ("--no-predictions", "--no-figures")
 _TRACKS = [
     f"{track.name}-{severity}"
     for track in TRACKS.values()
@@ -29,41 +32,70 @@ _TRACKS = [
 ]
 
 
-def main(rows: Path) -> int:
-    """Run, verify and write; return the exit status."""
-    left_out: list[str] = []
-    run_here: dict[tuple[str, str], None] = {}
-    listed = tomllib.loads(rows.read_text(encoding="utf-8"))
-    for kind, wanted in [(name, each) for name in _RUN for each in listed.get(name, [])]:
-        name = wanted["dataset"]
-        made = is_made(find_manifest(name))
-        if made and _lacking(name, "all"):
-            _dfdbench("build", name)
-        for split in wanted["splits"]:
-            # The tracks of a set that is made are built where they are first run.
-            tracks = _TRACKS if kind == "tracks" and not made else ()
-            needed = (name, *(f"{name}@{track}" for track in tracks))
-            lacking = next(filter(None, (_lacking(each, split) for each in needed)), "")
-            if lacking:
-                left_out += [f"{name}, split {split}, {m}: {lacking}" for m in wanted["methods"]]
+def run_seed(seed: str | None, limit: float) -> Iterator[str]:
+    """Build the sets of a seed and run all cards on them; yield what was left out, and why.
+
+    Parameters
+    ----------
+    seed : str or None
+        None for a new one, which is written down with date and commit before anything is run.
+    limit : float
+        Minutes after which a method is stopped.
+    """
+    draw = draw_seed(LEADERBOARD, seed)
+    print(f"seed         {draw.seed}, {draw.date}, commit {draw.commit}", flush=True)
+    cards = {name: card for name, card in load_cards(LEADERBOARD).items() if not card.given_blur}
+    for takes, family in _FAMILIES.items():
+        methods = {name: card for name, card in cards.items() if card.takes == takes}
+        if not methods:
+            continue
+        if _dfdbench("build", family, "--seed", str(draw.seed)):
+            yield f"{family}: not built, see above"
+            continue
+        for name, card in methods.items():
+            run = ("run", *_ALONE, "--dataset", f"{family}-{draw.seed}")
+            if why := _run(run, card, limit):
+                yield f"{family}, {name}: {why}"
+
+
+def run_rows(limit: float) -> Iterator[str]:
+    """Run anew the rows that are there, where their sets are built; yield what was left out."""
+    cards = load_cards(LEADERBOARD)
+    for path in sorted((LEADERBOARD / RESULTS).rglob("*.json")):
+        row = parse_json(path.read_text("utf-8"))
+        name, split, card = row["dataset"], row["split"], cards.get(path.stem)
+        if card is None:
+            yield f"{path}: no card of this name"
+            continue
+        for verb, suites in (("run", {CLEAN}), ("tracks", {*row["suites"]} - {CLEAN})):
+            if not suites & {*row["suites"]}:
                 continue
-            run = (*_RUN[kind], "--dataset", name, "--split", split, "--submit")
-            for method in wanted["methods"]:
-                if _dfdbench(*run, "--method", *shlex.split(method)):
-                    left_out.append(f"{name}, split {split}, {method}: failed, see above")
-            run_here[name, split] = None
-    for name, split in run_here:
-        board = f"{open_dataset(name).manifest.stem}-{split}"
-        files = sorted((LEADERBOARD / RESULTS / board).glob("*.json"))
-        _dfdbench("leaderboard", "verify", *map(str, files))
-    status = _dfdbench("leaderboard")
-    for text in left_out:
-        print(f"left out     {text}", file=sys.stderr)
-    return status
+            tracks = [f"{name}@{track}" for track in _TRACKS * (verb == "tracks")]
+            why = next(filter(None, (_lacking(each, split) for each in (name, *tracks))), "")
+            words = (
+                verb,
+                "--dataset",
+                name,
+                "--split",
+                split,
+                *["--no-predictions"] * (not tracks),
+            )
+            if why := why or _run(words, card, limit):
+                yield f"{path}, {verb}: {why}"
+
+
+def _run(words: tuple[str, ...], card: Card, limit: float) -> str:
+    params = [f"--param={name}={plain(value)}" for name, value in card.parameters.items()]
+    given = ["--given-blur"] * (card.given_blur and words[0] == "tracks")
+    try:
+        status = _dfdbench(*words, "--submit", "--method", card.entry, *params, *given, limit=limit)
+    except subprocess.TimeoutExpired:
+        return f"stopped after {limit:g} minutes"
+    return "failed, see above" if status else ""
 
 
 def _lacking(name: str, split: str) -> str:
-    """Say why a split cannot be run here; empty where it can."""
+    """Say why a split cannot be run here; empty if it can."""
     try:
         store = open_dataset(name)
     except StoreError as error:
@@ -73,10 +105,30 @@ def _lacking(name: str, split: str) -> str:
     return f"the store lacks {', '.join(missing)}" if missing else ""
 
 
-def _dfdbench(*words: str) -> int:
-    print(f"\n== dfdbench {shlex.join(words[:9])}{' ...' if len(words) > 9 else ''}", flush=True)
-    return subprocess.run([sys.executable, "-m", "dfdbench", *words], check=False).returncode
+def _dfdbench(*words: str, limit: float | None = None) -> int:
+    print(f"\n== dfdbench {shlex.join(words)}", flush=True)
+    command = [sys.executable, "-m", "dfdbench", *words]
+    return subprocess.run(command, check=False, timeout=limit and 60 * limit).returncode
+
+
+def main() -> int:
+    """Run, write and say what was left out; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--seed", help="default: drawn from the system's randomness")
+    which.add_argument("--rows", action="store_true", help="run the rows that are there anew")
+    parser.add_argument("--minutes", type=float, default=60, help="a method's limit; default: 60")
+    asked = parser.parse_args()
+    try:
+        left = list(run_rows(asked.minutes) if asked.rows else run_seed(asked.seed, asked.minutes))
+    except DfdbenchError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    status = _dfdbench("leaderboard", "--format", "csv")
+    for text in left:
+        print(f"left out     {text}", file=sys.stderr)
+    return status
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "rows.toml"))
+    sys.exit(main())

@@ -82,9 +82,10 @@ def make_demo_result(
     parameters: dict[str, Any] | None = None,
     fingerprint: str = "2" * 64,
     protocols: tuple[str, ...] = ("thesis",),
+    dataset: str = "demo",
 ) -> Result:
-    """A complete result on the demo set's test split; NMAE is half the NRMSE."""
-    manifest = find_manifest("demo")
+    """A complete result on a set's test split; NMAE is half the NRMSE."""
+    manifest = find_manifest(dataset)
     pairs = []
     for pair in manifest.pairs("test"):
         value = nrmse(pair)
@@ -106,7 +107,11 @@ def make_demo_result(
             "dataset": blank.dataset.model_copy(
                 update={
                     "name": manifest.stem,
-                    "short": "demo",
+                    "short": manifest.short,
+                    "axes": list(manifest.axes),
+                    "blocks": manifest.table.blocks,
+                    "rows": manifest.table.rows,
+                    "simulated": manifest.simulated,
                     "manifest_sha256": manifest.sha256,
                     "fingerprint": fingerprint,
                     "expected": len(pairs),

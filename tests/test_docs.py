@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import xarray
 
-from dfdbench.board.submission import submit
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.calling import check_depth
 from dfdbench.methods.registry import built_in_methods
+from tests.board.made_boards import submit
 from tests.board.made_tracks import make_tracks
 
 DOCS = Path(__file__).parents[1] / "docs"

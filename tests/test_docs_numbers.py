@@ -319,12 +319,12 @@ def test_what_the_page_on_tracks_concludes_is_so_on_the_board() -> None:
                 score = (result.averages or {})["valid"][RANKED_BY]
                 assert score is not None
                 on[board, label, result.dataset.degradation] = score
-    network = "dfd-net (weights={})"
+    network = "dfd-net-{}"
     for board in ("demo", "middlebury"):
         rounded, cuts = "graph-cuts-rounded", "graph-cuts"
         assert on[board, rounded, "clean"] < on[board, cuts, "clean"]
         assert means[board, cuts] < means[board, rounded]
-        assert abs(means[board, cuts] - means[board, f"{cuts}, given the blur"]) < 0.002
+        assert abs(means[board, cuts] - means[board, f"{cuts}-given-blur"]) < 0.002
         robust, seen = means[board, network.format("robust")], means[board, network.format("demo")]
         assert robust < means[board, "constant"] < seen
     assert (
@@ -341,7 +341,7 @@ def test_what_the_page_on_tracks_concludes_is_so_on_the_board() -> None:
     )
     for severity in (1, 2, 3):
         place = f"psf-{severity}"
-        given = on["middlebury", "graph-cuts, given the blur", place]
+        given = on["middlebury", "graph-cuts-given-blur", place]
         assert on["middlebury", "sgm", place] < given
 
 

@@ -11,10 +11,9 @@ from typing import Any
 
 import pytest
 
-from dfdbench.board.submission import submit
 from dfdbench.cli.verbs import VERBS
 from dfdbench.results.record import PairResult, Result
-from tests.board.made_boards import add, scored
+from tests.board.made_boards import add, scored, submit
 from tests.board.made_tracks import make_tracks
 from tests.report import test_browser
 

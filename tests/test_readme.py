@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -142,16 +143,24 @@ def test_a_submission_and_its_review_go_as_contributing_says(place: Path) -> Non
     board = place / "leaderboard"
     (board / "results").mkdir(parents=True)
     shutil.copy(ROOT / "leaderboard/fingerprints.json", board)
-    found = re.findall(r"^[234]\. .*?(?=^\d\. )", submit, re.S | re.M)
+    (card,) = re.findall(r"```toml\n(.*?)```", submit, re.S)
+    (board / "methods").mkdir()
+    (board / "methods/newcomer.toml").write_text(textwrap.dedent(card))
+    found = re.findall(r"^[34]\. .*?(?=^\d\. )", submit, re.S | re.M)
     commands = [
         " ".join(command.split())
         for step in found
         for command in re.findall(r"`(dfdbench [^`]+)`", step)
     ]
-    (inside,) = re.findall(r"dfdbench-review (dfdbench .*?\.json)", review, re.S)
-    commands.append(" ".join(inside.replace("\\\n", "").split()))
-    assert len(commands) == 5
+    commands += re.findall(r"^    (dfdbench export .+?) &&", review, re.M)
+    commands += re.findall(r"dfdbench-review (dfdbench predict .+)", review)
+    commands += re.findall(r"^    (dfdbench score .+)", review, re.M)
+    assert len(commands) == 6
+    scores: list[list[str]] = []
     for command in commands:
-        done = say(place, command)
+        done = say(place, command.replace(" /", " "))
         assert done.returncode == 0, done.stderr
-    assert "mymodule:predict" in (board / "README.md").read_text("utf-8")
+        if " run " in command or " score " in command:
+            scores.append(re.findall(r"^overall +NRMSE [\d.]+", done.stderr + done.stdout, re.M))
+    assert scores[0] == scores[1] != []
+    assert "| newcomer |" in (board / "README.md").read_text("utf-8")

@@ -1,75 +1,113 @@
-"""`make leaderboard`: it runs what is there and says what it could not run."""
+"""`make leaderboard`: it runs all cards on a seed's rooms, and says what it could not run."""
 
 import subprocess
 import sys
-import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from runpy import run_path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from dfdbench.cli.options import values_of
-from dfdbench.datasets.catalog import find_manifest
+from dfdbench.api import run as run_constant
+from dfdbench.board.seeds import Draw
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.methods.registry import built_in_methods
+from tests.board.made_boards import add_card
 
-HERE = Path(__file__).parents[1] / "leaderboard"
-ROWS = """
-[[sets]]
-dataset = "demo"
-splits = ["Market"]
-methods = ["constant"]
+SCRIPT = Path(__file__).parents[1] / "leaderboard/rerun.py"
 
-[[sets]]
-dataset = "middlebury-default"
-splits = ["test"]
-methods = ["constant", "local"]
 
-[[tracks]]
-dataset = "middlebury-default"
-splits = ["test"]
-methods = ["constant"]
-"""
+@pytest.fixture
+def rerun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    monkeypatch.chdir(tmp_path)
+    found: dict[str, Any] = run_path(str(SCRIPT))["run_seed"].__globals__
+
+    def draw_seed(folder: Path, seed: str | None) -> Draw:
+        return Draw.model_validate_json(
+            f'{{"seed": {seed}, "drawn": false, "date": "2026-11-24", "commit": "abc"}}'
+        )
+
+    monkeypatch.setitem(found, "draw_seed", draw_seed)
+    board = tmp_path / "leaderboard"
+    add_card(board, "wide", "local", parameters={"window": 9, "name": "9"})
+    add_card(board, "planes", "mine:planes", takes="stack")
+    add_card(board, "given", "local", given_blur=True)
+    return found
+
+
+def recorder(commands: list[str], status: int = 0) -> Callable[..., SimpleNamespace]:
+    def run(words: list[str], **options: Any) -> SimpleNamespace:
+        assert options["timeout"] in (None, 90)
+        commands.append(" ".join(words[3:]))
+        return SimpleNamespace(returncode=status)
+
+    return run
+
+
+def test_every_card_runs_on_the_set_that_it_takes(
+    rerun: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commands: list[str] = []
+    monkeypatch.setattr(subprocess, "run", recorder(commands))
+    assert list(rerun["run_seed"]("7", 1.5)) == []
+    run = "run --no-predictions --no-figures --dataset {} --submit --method {}"
+    assert commands == [
+        "build unseen --seed 7",
+        run.format("unseen-7", "local") + ' --param=window=9 --param=name="9"',
+        "build unseen-stack --seed 7",
+        run.format("unseen-stack-7", "mine:planes"),
+    ]
+
+
+def test_what_fails_or_never_ends_is_left_out_by_name(
+    rerun: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(words: list[str], **options: Any) -> SimpleNamespace:
+        if "local" in words:
+            raise subprocess.TimeoutExpired(words, 90)
+        return SimpleNamespace(returncode=1 if "run" in words else 0)
+
+    monkeypatch.setattr(subprocess, "run", run)
+    assert list(rerun["run_seed"]("7", 1.5)) == [
+        "unseen, wide: stopped after 1.5 minutes",
+        "unseen-stack, planes: failed, see above",
+    ]
+    monkeypatch.setattr(subprocess, "run", recorder([], status=2))
+    assert list(rerun["run_seed"]("7", 1.5)) == [
+        "unseen: not built, see above",
+        "unseen-stack: not built, see above",
+    ]
 
 
 @pytest.mark.slow
-def test_what_is_not_built_is_left_out_by_name(
+def test_rows_that_are_there_are_run_anew(
     demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stores = tmp_path / "cache/stores"
     stores.mkdir(parents=True)
     (stores / "demo-1.zarr").symlink_to(str(demo_store.path))
     monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
-    (tmp_path / "leaderboard/results").mkdir(parents=True)
-    (tmp_path / "rows.toml").write_text(ROWS)
-    done = subprocess.run(
-        [sys.executable, str(HERE / "rerun.py"), "rows.toml"],
-        cwd=tmp_path, capture_output=True, encoding="utf-8", check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    left_out = [line for line in done.stderr.splitlines() if line.startswith("left out")]
-    assert [line.split(": ")[0].split(None, 2)[2] for line in left_out] == [
-        "middlebury-default, split test, constant",
-        "middlebury-default, split test, local",
-        "middlebury-default, split test, constant",
-    ]
-    assert all("dfdbench build middlebury-default" in line for line in left_out)
-    assert (tmp_path / "leaderboard/results/demo-1-Market/constant.json").exists()
-    assert "verified     leaderboard/results/demo-1-Market/constant.json" in done.stdout
-    assert "constant" in (tmp_path / "leaderboard/README.md").read_text("utf-8")
+    monkeypatch.chdir(tmp_path)
+    add_card(tmp_path / "leaderboard", "mean", "constant")
+    (tmp_path / "leaderboard/results").mkdir()
+    run_constant("constant", "demo", "Market").submit()
+    row = tmp_path / "leaderboard/results/demo-1-Market/mean.json"
+    text = row.read_text("utf-8")
+    row.write_text(text.replace('"nrmse":[0.', '"nrmse":[0.9'))
 
+    def rerun() -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, str(SCRIPT), "--rows"],
+            cwd=tmp_path, capture_output=True, encoding="utf-8", check=False,
+        )  # fmt: skip
 
-def test_the_rows_that_are_listed_can_be_run() -> None:
-    listed = tomllib.loads((HERE / "rows.toml").read_text("utf-8"))
-    assert listed.keys() == {"sets", "tracks"}
-    for kind, wanted in [(name, item) for name, items in listed.items() for item in items]:
-        manifest = find_manifest(wanted["dataset"])
-        assert kind == "sets" or manifest.recipe is not None
-        for split in wanted["splits"]:
-            assert manifest.pairs(split)
-        for method in wanted["methods"]:
-            name, *options = method.split()
-            assert name in built_in_methods()
-            if kind == "tracks" and "--given-blur" in options:
-                options.remove("--given-blur")
-            assert options[::2] == ["--param"] * (len(options) // 2)
-            values_of(options[1::2], "--param")
+    done = rerun()
+    assert (done.returncode, done.stderr.count("left out")) == (0, 0), done.stderr
+    scores = [line for line in text.splitlines() if '"nrmse":' in line]
+    assert [line for line in row.read_text("utf-8").splitlines() if '"nrmse":' in line] == scores
+    assert "| 1 | mean | mean depth |" in (tmp_path / "leaderboard/README.md").read_text("utf-8")
+    (stores / "demo-1.zarr").unlink()
+    (left,) = [line for line in rerun().stderr.splitlines() if line.startswith("left out")]
+    assert "demo-1-Market/mean.json, run: " in left
+    assert "dfdbench build demo" in left

@@ -13,6 +13,7 @@ import jinja2
 import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN, SUITES
+from dfdbench.board.cards import METHODS, WRITE_CARD, Card, cards_table, load_cards
 from dfdbench.board.published import (
     PUBLISHED,
     PublishedTable,
@@ -22,11 +23,12 @@ from dfdbench.board.published import (
 )
 from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
 from dfdbench.board.row_file import CLEAN_SUITE, RESULTS, Row, read_row, row_problems
+from dfdbench.board.seeds import Draw, read_draws
 from dfdbench.board.tables import board_tables, records_of
+from dfdbench.datasets.unseen import FAMILIES, seeded
 from dfdbench.errors import Problem, ResultError, reason_of, unknown_name
-from dfdbench.metrics.metric import IN_METRES
 from dfdbench.results.frame import scores_of
-from dfdbench.results.wording import given_to
+from dfdbench.results.wording import method_label
 from dfdbench.system.files import read_text, write_whole
 from dfdbench.tables.render import as_markdown, escape_markdown
 from dfdbench.tables.table import Table, as_html, counted
@@ -48,11 +50,17 @@ class Board:
     folder : Path
         Where it is.
     rows : dict of Path to Row
-        Its rows by their files.
+        Its rows by their files, which are named as their methods' cards.
+    cards : dict of str to Card
+        What is known of the methods, by name.
+    draws : list of Draw
+        The seeds that the methods were run on, the newest first.
     """
 
     folder: Path
     rows: dict[Path, Row]
+    cards: dict[str, Card]
+    draws: list[Draw]
 
     def __repr__(self) -> str:
         sets = {(row.dataset, row.split) for row in self.rows.values()}
@@ -65,9 +73,8 @@ class Board:
     @functools.cached_property
     def scores(self) -> pd.DataFrame:
         """Every score of every run, as `dfdbench.results.frame.scores_of` has it."""
-        runs = [(row.label, result) for row in self.rows.values() for result in row.results]
+        runs = [(path.stem, result) for path, row in self.rows.items() for result in row.results]
         scores = scores_of([result for _, result in runs])
-        # The row's label also says whether the method was given the blur of the tracks.
         return scores.assign(method=[runs[number][0] for number in scores["run"]])
 
     @functools.cached_property
@@ -80,10 +87,10 @@ class Board:
             if CLEAN_SUITE in row.suites:
                 kind = scored if row.method.scored else run
                 clean = (r for r in row.results if r.dataset.degradation == CLEAN)
-                kind += [Entry((result,), path, row.label) for result in clean]
+                kind += [Entry((result,), path, path.stem) for result in clean]
             runs = tuple(r for r in row.results if TRACKS_PROTOCOL in r.protocol_names)
             for suite in tracked.keys() & set(row.suites):
-                tracked[suite].append(Entry(runs, path, row.label))
+                tracked[suite].append(Entry(runs, path, path.stem))
         return (
             *boards(run),
             *(board for suite, entries in tracked.items() for board in boards(entries, suite)),
@@ -167,29 +174,44 @@ class Board:
             )
 
     def readme(self) -> str:
-        """Return what the README is to say."""
+        """Return what the README is to say: the newest seed, then the headline rankings."""
+        return self._page(whole=False)
+
+    def page(self) -> str:
+        """Return every table of the leaderboard, as the documentation's site shows them."""
+        return self._page(whole=True)
+
+    def _page(self, whole: bool) -> str:
         published = load_published(self.folder)
         template = resources.files("dfdbench.board") / "leaderboard.md.jinja"
         # Markdown, not HTML: as_markdown escapes what comes from files, table by table.
         environment = jinja2.Environment(
-            keep_trailing_newline=True, undefined=jinja2.StrictUndefined
+            keep_trailing_newline=True, undefined=jinja2.StrictUndefined, trim_blocks=True
         )
-        contexts = [self._context(board) for board in self.boards]
+        draw = next((draw for draw in self.draws if self._of_seed(draw)), None)
+        newest = self._of_seed(draw) if draw else []
         compared = dict.fromkeys(table.compare for table in published if table.compare)
-        given = [given_to(result) for row in self.rows.values() for result in row.results]
+        others = [b for b in self.boards if not any(b is board for board in newest)]
+        contexts = [self._context(board) for board in others]
         text = environment.from_string(template.read_text(encoding="utf-8")).render(
+            whole=whole,
+            draw=draw,
+            newest=[self._context(board) for board in newest],
+            cards=as_markdown(cards_table(self.cards, in_repository=not whole)),
             note=_text(self.folder / NOTE).rstrip(),
             boards=[c for c in contexts if c["suite"] == CLEAN and not c["scored"]],
             tracks=[c for c in contexts if c["suite"] != CLEAN],
             scored=[c for c in contexts if c["scored"]],
-            lens_given=any("the lens" in text for text in given),
-            in_metres=any(board.metric in IN_METRES for board in self.boards),
             summaries=[as_markdown(published_summary(published, name)) for name in compared],
             published=[_published_context(table) for table in published],
             citation=escape_markdown(published[0].citation) if published else "",
             doi=published[0].doi if published else "",
         )
         return text.rstrip("\n") + "\n"
+
+    def _of_seed(self, draw: Draw) -> list[ScoreBoard]:
+        names = [f"{family}-{draw.seed}-1" for family in FAMILIES]
+        return [b for b in self.boards if b.result.dataset.name in names and b.headline]
 
     def _tables(self, board: ScoreBoard) -> list[Table]:
         return board_tables(board, self.folder)
@@ -199,6 +221,7 @@ class Board:
         return {
             "suite": board.suite,
             "scored": bool(board.result.method.scored),
+            "seeded": seeded(board.result.dataset.name) is not None,
             "heading": escape_markdown(ranking.title),
             "fingerprint": board.result.dataset.fingerprint,
             "headline": board.headline,
@@ -230,15 +253,19 @@ def leaderboard(path: Path | str | None = None) -> Board:
     require_leaderboard(folder)
     rows: dict[Path, Row] = {}
     problems: list[Problem] = []
+    try:
+        cards = load_cards(folder)
+    except ResultError as error:
+        cards = None
+        problems += error.problems
     for file in sorted((folder / RESULTS).rglob("*.json")):
         try:
             row = rows[file] = read_row(file)
             problems += row_problems(row, folder, str(file))
-            if file != (place := row.place(folder)):
-                problems.append(Problem(f"the row belongs in {place}", where=str(file)))
+            problems += [] if cards is None else _misplaced(row, file, folder, cards)
         except ResultError as error:
             problems += error.problems
-    board = Board(folder, rows)
+    board = Board(folder, rows, cards or {}, read_draws(folder))
     problems += [] if problems else _left_out(board)
     if problems:
         raise ResultError.of(problems)
@@ -265,6 +292,19 @@ def require_leaderboard(folder: Path) -> None:
             where=str(folder / README),
             fix="name the leaderboard's folder: --folder DIR",
         )
+
+
+def _misplaced(row: Row, file: Path, folder: Path, cards: dict[str, Card]) -> Iterator[Problem]:
+    """Yield a problem if a row's file is not where its card and data set say."""
+    card, path = cards.get(file.stem), folder / METHODS / f"{file.stem}.toml"
+    if card is None:
+        yield Problem("the row has no card", where=str(file), fix=f"{path}: {WRITE_CARD}")
+    elif not row.is_of(card):
+        got = method_label(row.method) + ", given the blur" * row.given_blur
+        what = f"the row is of {got}, and the card of its name of another method"
+        yield Problem(what, where=f"{file}, {path}", fix="give the method a card of another name")
+    elif file != (place := row.place(folder, file.stem)):
+        yield Problem(f"the row belongs in {place}", where=str(file))
 
 
 def _left_out(board: Board) -> Iterator[Problem]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import fsum
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
-from dfdbench.metrics.intervals import scene_interval
+from dfdbench.metrics.intervals import SCENES_TO_TELL, scene_interval
 from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
 from dfdbench.results.differences import PairedDifference, paired_difference
 from dfdbench.results.frame import group_means, mean_defined, scores_of
@@ -82,7 +82,8 @@ class Standing:
     entry : Entry
         The method.
     rank : int or None
-        None if a score is lacking, the method was given a blur on a track, or nobody is ranked.
+        Shared if the intervals overlap, provided there are scenes enough for intervals. None if a
+        score is lacking, the method was given a blur on a track, or nobody is ranked.
     scores : dict of str to float or None
         By metric; on a suite of tracks the mean over tracks of the mean over severities.
     interval : tuple of float, or None
@@ -246,5 +247,22 @@ def _board(
                 above = paired_difference(changes.tolist(), scenes.tolist(), first)
         rank = places.index(places[at]) + 1 if number in able and ranked else None
         standings.append(Standing(entries[number], rank, found, interval, above))
+    if suite == CLEAN and part["scene"].nunique() >= SCENES_TO_TELL:
+        standings = _with_shared_ranks(standings)
     rows = part["entry"].map({number: at for at, number in enumerate(placed)})
     return ScoreBoard(suite, protocol, tuple(standings), part.assign(row=rows))
+
+
+def _with_shared_ranks(standings: Sequence[Standing]) -> list[Standing]:
+    """Let rows share a rank if their intervals overlap: that is too close to tell."""
+    highs = [s.interval[1] for s in standings if s.interval and s.rank is not None]
+    shared = []
+    lowest = len(standings)
+    # From the last row up: a narrow interval must not rank behind a wide one with a worse mean.
+    for standing in reversed(standings):
+        if standing.interval and standing.rank is not None:
+            low = standing.interval[0]
+            lowest = min(lowest, 1 + sum(high < low for high in highs))
+            standing = replace(standing, rank=lowest)
+        shared.append(standing)
+    return shared[::-1]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,9 +13,11 @@ from pydantic import Field, JsonValue, TypeAdapter, ValidationError, model_valid
 from dfdbench.audit.leaks import manifest_leaks
 from dfdbench.audit.trained_on import scenes_trained_on
 from dfdbench.blur.tracks import CLEAN, SUITES, TRACKS
+from dfdbench.board.cards import Card
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest, Name, Pair
 from dfdbench.datasets.tracked import AT
+from dfdbench.datasets.unseen import seeded, unseen_manifest
 from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unknown_name
 from dfdbench.evaluation.run import without_folder
 from dfdbench.methods.registry import registered_methods
@@ -36,7 +37,7 @@ from dfdbench.results.record import (
     Sha256,
     average,
 )
-from dfdbench.results.wording import knew_blur, method_label
+from dfdbench.results.wording import knew_blur
 from dfdbench.system.files import read_whole
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.tables.table import listed
@@ -190,13 +191,15 @@ class Row(Record):
 
     @property
     def manifest(self) -> Manifest:
-        """The data set's released manifest.
+        """The data set's manifest, released or drawn from a seed.
 
         Raises
         ------
         UnknownNameError
             If there is none of that name.
         """
+        if drawn := seeded(self.dataset):
+            return unseen_manifest(*drawn)
         known = {manifest.stem: manifest for manifest in released_manifests()}
         if self.dataset not in known:
             raise unknown_name("data set", self.dataset, known)
@@ -245,17 +248,19 @@ class Row(Record):
         return tuple(found)
 
     @property
-    def label(self) -> str:
-        """The method with its parameters, and whether it was given a blur on a track."""
-        label = method_label(self.method)
-        if not any(map(knew_blur, self.results)):
-            return label
-        own = self.method.parameters.get("recipe") is not None
-        return f"{label}, given {'a' if own else 'the'} blur"
+    def given_blur(self) -> bool:
+        """Whether the method was given a blur on a track."""
+        return any(map(knew_blur, self.results))
 
-    def place(self, folder: Path) -> Path:
-        """Return where the row's file is in a leaderboard's folder."""
-        return folder / RESULTS / f"{self.dataset}-{self.split}" / f"{file_stem(self.label)}.json"
+    def is_of(self, card: Card) -> bool:
+        """Return whether a card is of the row's method."""
+        method = self.method
+        same = card.is_of(method.name, method.entry, method.parameters)
+        return same and card.given_blur == self.given_blur
+
+    def place(self, folder: Path, name: str) -> Path:
+        """Return where the row of the card of that name is in a leaderboard's folder."""
+        return folder / RESULTS / f"{self.dataset}-{self.split}" / f"{name}.json"
 
 
 def row_of(results: Sequence[Result], suites: Sequence[str]) -> Row:
@@ -320,23 +325,6 @@ def _other(own: Record, shared: Record) -> dict[str, Any]:
     """Return the fields of a record that differ from another's."""
     there = shared.model_dump()
     return {name: value for name, value in own.model_dump().items() if value != there[name]}
-
-
-def file_stem(label: str) -> str:
-    """Return the name of a row's file, without its suffix.
-
-    Examples
-    --------
-    >>> file_stem("local (window=9)"), file_stem("mine:predict, given a blur")
-    ('local-window=9', 'mine_predict-given_a_blur')
-    """
-    plain = label.replace(" (", "-").replace(", ", "-").replace(")", "")
-    safe = "".join(c if c.isascii() and (c.isalnum() or c in "-_.=") else "_" for c in plain)
-    stem = safe.lstrip(".")[:80]
-    if stem == "".join("_" if c in ": " else c for c in plain):
-        return stem
-    # Names that differ only in what a file's name cannot hold must not replace each other.
-    return f"{stem}-{hashlib.sha256(label.encode()).hexdigest()[:8]}"
 
 
 def row_text(row: Row) -> str:

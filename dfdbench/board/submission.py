@@ -8,6 +8,7 @@ from typing import Any
 
 from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.board.board import LEADERBOARD, require_leaderboard
+from dfdbench.board.cards import find_card
 from dfdbench.board.row_file import (
     CLEAN_SUITE,
     read_row,
@@ -20,6 +21,7 @@ from dfdbench.board.row_file import (
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.errors import InputError, Problem, ResultError
+from dfdbench.evaluation.run import without_folder, without_folders
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.results.record import Result
@@ -44,13 +46,16 @@ def require_submittable(limit: int | None) -> None:
 
 
 def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
-    """Refuse a damaged data set, and a method whose weights were trained on scenes of the test.
+    """Refuse a damaged data set, a method without a card, and one that has seen the test.
 
     Raises
     ------
-    StoreError, InputError
-        If the data set does not hold what was built; if the method has seen the test.
+    StoreError, ResultError, InputError
+        If the data set does not hold what was built; if the method has no card; if its weights
+        were trained on scenes of the test.
     """
+    parameters = without_folders(method.parameters)
+    find_card(LEADERBOARD, method.name, without_folder(method.entry), parameters)
     require_sound(store)
     trained_on, weights = method.trained_on, method.weights_sha256
     problems = training_problems(
@@ -60,8 +65,8 @@ def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
         raise InputError.of(problems)
 
 
-def submit(results: Result | Sequence[Result], folder: Path, replace: bool = False) -> Path:
-    """Write runs into their row of the leaderboard, and return its file.
+def submit(results: Result | Sequence[Result], folder: Path) -> Path:
+    """Write runs into the row of their method's card, and return its file.
 
     Runs that the row has on other tracks stay, provided that they are of the same method.
 
@@ -71,15 +76,13 @@ def submit(results: Result | Sequence[Result], folder: Path, replace: bool = Fal
         Runs of one method on one split, on clean images, on tracks, or both.
     folder : Path
         The leaderboard's folder.
-    replace : bool
-        Write the row anew, whatever is there.
 
     Raises
     ------
     ResultError
-        If a run is not on a released data set's split, the runs are not of one method, another
-        method's row is there, or a complete run would give way to a partial one. Nothing is
-        written then.
+        If a run is not on a released data set's split, the runs are not of one method, the method
+        has no card, another method's row is there, or a complete run would give way to a partial
+        one. Nothing is written then.
     """
     runs = [results] if isinstance(results, Result) else list(results)
     labels = {run.dataset.degradation for run in runs}
@@ -88,9 +91,11 @@ def submit(results: Result | Sequence[Result], folder: Path, replace: bool = Fal
     require_pairs(row, "this run")
     if problems := list(row_problems(row, folder, "this run")):
         raise ResultError.of(problems)
-    path = row.place(folder)
+    method = row.method
+    name = find_card(folder, method.name, method.entry, method.parameters, row.given_blur)
+    path = row.place(folder, name)
     suites: list[str] = []
-    if path.exists() and not replace:
+    if path.exists():
         there = read_row(path)
         _require_same_method(there.results[0], runs[0], path)
         _require_no_less(there.results, runs, path)
@@ -123,7 +128,7 @@ def _facts(result: Result) -> dict[str, Any]:
         "files_sha256": method.files_sha256,
         "seed": result.seed,
     }
-    # Ours may change in ways that do not matter; `verify` sees if they do.
+    # Ours may change in ways that do not matter.
     if method.entry not in built_in_methods().values():
         facts["source_sha256"] = method.source_sha256
     return facts
@@ -153,7 +158,7 @@ def _require_same_method(there: Result, new: Result, path: Path) -> None:
             f"another method of this name is there: its {others[0]} is "
             f"{found.get(others[0])}, not {own[others[0]]}",
             where=str(path),
-            fix="give your method another name or, if that row is to go, add --replace",
+            fix="give your method a card of another name; if the row is yours, remove its file",
         )
 
 

@@ -212,7 +212,7 @@ def runs_table(board: ScoreBoard, folder: Path | None = None) -> Table:
     """Return how each method was run; with the leaderboard's folder, linked to its file."""
     rows = tuple(
         (
-            entry.result.method.name if folder is None else Link(entry.result.method.name, link),
+            entry.label if folder is None else Link(entry.label, link),
             parameters_of(entry.result),
             training_text(entry.result.method),
             seconds_text(entry.seconds),
@@ -242,7 +242,7 @@ def records_of(board: ScoreBoard, folder: Path) -> list[dict[str, object]]:
                 "protocol": board.protocol,
                 "fingerprint": data.fingerprint,
                 "rank": standing.rank,
-                "method": entry.result.method.name,
+                "method": entry.label,
                 "parameters": parameters_of(entry.result),
                 **_knowledge(board, entry),
                 **standing.scores,
@@ -326,8 +326,9 @@ def _ranking_notes(board: ScoreBoard) -> list[str]:
         note = "A single scene: no interval."
     elif board.scenes >= SCENES_TO_TELL:
         note = (
-            f"95 %: interval of {score} from a bootstrap over {board.scenes} scenes. {above} "
-            "interval; real if that excludes 0."
+            f"95 %: interval of {score} from a bootstrap over {board.scenes} scenes. Rows whose "
+            "intervals overlap are too close to tell: a rank counts only the rows whose whole "
+            f"interval is lower. {above} interval; real if that excludes 0."
         )
     else:
         note = (

@@ -131,10 +131,6 @@ FigureFormats = Annotated[
 Submit = Annotated[
     bool, typer.Option("--submit", help="Write the result into leaderboard/, for a pull request.")
 ]
-Replace = Annotated[
-    bool,
-    typer.Option("--replace", help="With --submit: write the row anew, whatever method's it is."),
-]
 
 
 def values_of(given: list[str] | None, option: str) -> dict[str, Any]:

@@ -19,7 +19,6 @@ from dfdbench.cli.options import (
     Params,
     Printed,
     Protocol,
-    Replace,
     Scheduler,
     Seed,
     Split,
@@ -78,7 +77,6 @@ def run(
     cache: Cache = None,
     figure_format: FigureFormats = None,
     submit: Submit = False,
-    replace: Replace = False,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run is resumed."""
     from dfdbench import api
@@ -108,7 +106,7 @@ def run(
             for_board=submit,
             on_pair=step,
         )
-    _show(done, format, None if no else figure_format or (), submit, replace)
+    _show(done, format, None if no else figure_format or (), submit)
 
 
 def tracks(
@@ -135,7 +133,6 @@ def tracks(
     cache: Cache = None,
     figure_format: FigureFormats = None,
     submit: Submit = False,
-    replace: Replace = False,
 ) -> None:
     """Run a method over all tracks and severities; a stopped call is resumed."""
     from dfdbench import api
@@ -159,7 +156,7 @@ def tracks(
         on_result=lambda label, result: _say_score(label, result, protocol),
         shown=progress,
     )
-    _show(done, format, figure_format or (), submit, replace)
+    _show(done, format, figure_format or (), submit)
 
 
 def score(
@@ -189,7 +186,6 @@ def score(
     cache: Cache = None,
     figure_format: FigureFormats = None,
     submit: Submit = False,
-    replace: Replace = False,
 ) -> None:
     """Score depth maps that were made elsewhere, one file per pair; nothing is run."""
     from dfdbench import api
@@ -210,7 +206,7 @@ def score(
             for_board=submit,
             on_pair=step,
         )
-    _show(done, format, figure_format or (), submit, replace)
+    _show(done, format, figure_format or (), submit)
 
 
 def folder_name(method: str, param: list[str] | None) -> str:
@@ -221,9 +217,7 @@ def folder_name(method: str, param: list[str] | None) -> str:
     return "".join(c if c.isalnum() or c in "-_.=" else "_" for c in name)
 
 
-def _show(
-    done: Run, format: Format, also: Sequence[str] | None, submit: bool, replace: bool
-) -> None:
+def _show(done: Run, format: Format, also: Sequence[str] | None, submit: bool) -> None:
     """Draw and print a run, say where its files are, put it on the board; status 1 if pairs failed.
 
     `also` names forms of its figures beside PNG; None for no figures.
@@ -244,7 +238,7 @@ def _show(
         again = "it" if done.failed == 1 else "them"
         say(f"{counted(done.failed, 'pair')} failed; the same command tries {again} again")
     if submit:
-        say(f"submission   {done.submit(replace=replace)}")
+        say(f"submission   {done.submit()}")
         if not all(result.complete for result in done.results.values()):
             say("not every pair was evaluated: the leaderboard lists this run without a rank")
     if len(done.results) == 1:

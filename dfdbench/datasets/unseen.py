@@ -23,16 +23,18 @@ FAMILIES = {
     "unseen-stack": "nine photographs, focused from 0.65 m to 5 m, and one at f/8",
 }
 PUBLIC = "This seed is public, for development."
-_NAME = re.compile(rf"({'|'.join(sorted(FAMILIES, reverse=True))})(?:-(0|[1-9]\d{{0,17}}))?")
+_NAME = re.compile(rf"({'|'.join(sorted(FAMILIES, reverse=True))})(?:-(0|[1-9]\d{{0,17}})(?:-1)?)?")
 
 
 def seeded(name: str) -> tuple[str, int] | None:
-    """Return the family and the seed of a rendered set's name; None for any other name.
+    """Return the family and the seed of a rendered set's name, with or without its version.
+
+    Any other name gives None.
 
     Examples
     --------
-    >>> seeded("unseen-7"), seeded("unseen-stack"), seeded("demo")
-    (('unseen', 7), ('unseen-stack', 0), None)
+    >>> seeded("unseen-7"), seeded("unseen-7-1"), seeded("unseen-stack"), seeded("demo")
+    (('unseen', 7), ('unseen', 7), ('unseen-stack', 0), None)
     """
     found = _NAME.fullmatch(name)
     return (found[1], int(found[2] or 0)) if found else None

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dfdbench.audit.trained_on import coverage_warnings
 from dfdbench.blur.law import BlurLaw
@@ -38,10 +39,10 @@ def load_for(
     A method is named as for `dfdbench.methods.load`, or is the function or class itself, defined
     at the top of a module. A class with a parameter ``recipe`` gets the data set's blur recipe
     (None where there is none and the class has a ``fit``), one with ``recipe_name`` that recipe's
-    name, empty for captured defocus, one with ``training_mean`` the mean depth of the training
-    split, one with ``seed`` the run's seed, one with ``rig`` a `dfdbench.datasets.depth_scale.Rig`
-    of what the manifest knows of the lens. A recipe that is a lens becomes the blur law that
-    follows: see `dfdbench.evaluation.lens`.
+    name, empty for captured defocus, one with ``training_mean`` or ``training_median`` that depth
+    level of the training split, one with ``seed`` the run's seed, one with ``rig`` a
+    `dfdbench.datasets.depth_scale.Rig` of what the manifest knows of the lens. A recipe that is a
+    lens becomes the blur law that follows: see `dfdbench.evaluation.lens`.
 
     With `told`, a method on a track is given the law of its formation as ``recipe``, see
     `dfdbench.blur.formation.told_law`: what is that knowledge worth? The result then has
@@ -143,6 +144,7 @@ def load_to_check(name: str, parameters: Mapping[str, Any]) -> Method:
         "recipe": lambda: find_recipe("published"),
         "recipe_name": lambda: "published",
         "training_mean": lambda: 128.0,
+        "training_median": lambda: 128.0,
         "seed": lambda: 0,
         "rig": Rig,
     }
@@ -159,6 +161,7 @@ def _offers(store: Dataset, seed: int, told: bool) -> tuple[Facts, Facts]:
         "recipe": recipe if told else lambda: _recipe_of(store),
         "recipe_name": lambda: store.recipe_name,
         "training_mean": lambda: training_mean(store),
+        "training_median": lambda: training_median(store),
         "seed": lambda: seed,
         "rig": lambda: rig_of(store.manifest),
     }
@@ -226,24 +229,35 @@ def training_mean(store: Dataset) -> float:
     StoreError
         Where the data set has no split ``train``, or the store no pair of it.
     """
+    counts = _training_levels(store)
+    return int(counts @ np.arange(len(counts))) / int(counts.sum())
+
+
+def training_median(store: Dataset) -> float:
+    """Return the median level, as `training_mean` the mean."""
+    counts = _training_levels(store)
+    return float(np.searchsorted(np.cumsum(counts), counts.sum() / 2))
+
+
+def _training_levels(store: Dataset) -> NDArray[np.int64]:
+    """Return how many known pixels of the training split's depth maps have each level."""
     splits = [split.name for split in store.manifest.splits]
     if "train" not in splits:
         raise StoreError(
-            what="the method asks for the mean depth of the training split, and there is none",
+            what="the method asks for the depth of the training split, and there is none",
             where=str(store.path),
             expected="a split called train in the manifest",
             got=", ".join(splits) or "no splits",
             fix="--param training_mean=LEVEL, 0 to 255, or build from a manifest that has one",
         )
-    total, count = 0, 0
+    counts = np.zeros(256, np.int64)
     seen: set[tuple[str, tuple[int, ...]]] = set()
     for pair in store.pairs("train"):
         place = (pair.scene, tuple(pair.at[axis] for axis in store.manifest.depth.axes))
         if place not in seen:
             seen.add(place)
             depth, valid = store.read_levels(pair)
-            total += int(depth[valid].astype(np.int64).sum())
-            count += int(valid.sum())
-    if not count:
+            counts += np.bincount(depth[valid], minlength=256)
+    if not counts.any():
         raise StoreError("the store holds no training depth", where=str(store.path))
-    return total / count
+    return counts

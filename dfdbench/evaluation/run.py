@@ -403,7 +403,7 @@ def _method_record(plan: RunPlan) -> MethodRecord:
         name=method.name,
         entry=without_folder(method.entry),
         source_sha256=method.source_sha256,
-        parameters={name: _shared(value) for name, value in method.parameters.items()},
+        parameters={name: without_folders(value) for name, value in method.parameters.items()},
         uses=list(method.uses),
         trained_on=trained_on_of(method, plan.store.manifest),
         weights_sha256=method.weights_sha256,
@@ -416,7 +416,7 @@ def _method_record(plan: RunPlan) -> MethodRecord:
 
 def trained_on_of(method: Method, manifest: Manifest) -> str | None:
     """Return what a result says that a method was trained on: its own word, or the mean's split."""
-    if method.trained_on is None and "training_mean" in method.uses:
+    if method.trained_on is None and {"training_mean", "training_median"} & {*method.uses}:
         return f"{manifest.stem}, split train"
     return method.trained_on
 
@@ -468,12 +468,12 @@ def _warned(pairs: list[PairResult], begins: str) -> int:
     return sum(any(text.startswith(begins) for text in pair.warnings) for pair in pairs)
 
 
-def _shared(value: Any) -> Any:
-    # As for entries: of a file, its name.
+def without_folders(value: Any) -> Any:
+    """Return a parameter as results show it: of a file its name only, as for entries."""
     if isinstance(value, list):
-        return [_shared(part) for part in value]
+        return [without_folders(part) for part in value]
     if isinstance(value, dict):
-        return {name: _shared(part) for name, part in value.items()}
+        return {name: without_folders(part) for name, part in value.items()}
     is_file = isinstance(value, str) and Path(value).is_absolute()
     return Path(value).name if is_file else value
 

@@ -47,6 +47,20 @@ class Constant:
         return np.full(infocus.shape[:2], self._level, np.float32)
 
 
+class ConstantMedian(Constant):
+    """The same depth everywhere: `training_median`, in a run that of the training split.
+
+    Examples
+    --------
+    >>> image = np.zeros((1, 2, 3), np.uint8)
+    >>> ConstantMedian(training_median=90)(image, image).tolist()
+    [[90.0, 90.0]]
+    """
+
+    def __init__(self, training_median: float) -> None:
+        super().__init__(training_median)
+
+
 class Local(Solver):
     """Depth from a small window: the blur level that explains the defocus image best.
 

@@ -215,22 +215,20 @@ class Run:
             shutil.copytree(run.path.parent, folder / label if self._on_tracks else folder)
         return folder
 
-    def submit(self, leaderboard: Path = LEADERBOARD, replace: bool = False) -> Path:
+    def submit(self, leaderboard: Path = LEADERBOARD) -> Path:
         """Write the run into a leaderboard's folder, for a pull request; return the row's file.
 
         Parameters
         ----------
         leaderboard : Path
             Its folder; by default that of the clone you are in.
-        replace : bool
-            Write the row anew, whatever method's it is.
 
         Raises
         ------
         ResultError
             If the leaderboard would refuse the row.
         """
-        return submit(list(self.results.values()), leaderboard, replace)
+        return submit(list(self.results.values()), leaderboard)
 
 
 class Comparison:

@@ -186,6 +186,8 @@ def given_to(result: Result) -> str:
         parts.append("the blur")
     if "training_mean" in method.uses:
         parts.append("mean depth")
+    elif "training_median" in method.uses:
+        parts.append("median depth")
     elif method.trained_on:
         parts.append(f"trained on {method.trained_on.partition(',')[0]}")
     return ", ".join(parts) or "nothing"

@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
+from dfdbench.board.board import leaderboard
 from dfdbench.datasets.croissant import croissant_text
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -24,11 +25,9 @@ from formats import formats_page
 
 ROOT = Path(__file__).parents[2]
 #: Pages that are files of the repository, or parts of them, by where the site has them.
-COPIED = {
-    "CONTRIBUTING.md": "contributing.md",
-    "CHANGELOG.md": "changelog.md",
-    "leaderboard/README.md": "board/tables.md",
-}
+COPIED = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+#: The leaderboard's README and, in its place on the site, all of its tables.
+BOARD, TABLES = "leaderboard/README.md", "board/tables.md"
 SCHEMAS = ROOT / "dfdbench/results/schemas"
 #: Sections of CONTRIBUTING.md that are a page of their own.
 SUBMITTING = ("Submit a result", "Review a submission")
@@ -56,6 +55,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for manifest in newest_manifests():
         add(f"files/{manifest.stem}.croissant.json", croissant_text(manifest))
     add("board/index.md", board_page(ROOT / "leaderboard"))
+    add(TABLES, _relinked(leaderboard(ROOT / "leaderboard").page(), BOARD, TABLES))
     add("submit.md", _relinked(_submitting(), "CONTRIBUTING.md", "submit.md"))
     for name, place in COPIED.items():
         add(place, _relinked((ROOT / name).read_text("utf-8"), name, place))
@@ -92,8 +92,8 @@ def _relinked(markdown: str, source: str, place: str) -> str:
 
 
 def _on_site(name: str) -> str:
-    if name in COPIED:
-        return COPIED[name]
+    if name in COPIED or name == BOARD:
+        return COPIED.get(name, TABLES)
     if name.startswith("leaderboard/results/"):
         return name.replace("leaderboard/", "board/", 1)
     return name.removeprefix("docs/")

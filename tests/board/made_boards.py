@@ -1,14 +1,64 @@
 """Boards of made results, for the tests of boards and of their tables."""
 
+import json
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dfdbench.board import submission
 from dfdbench.board.board import leaderboard
+from dfdbench.board.cards import load_cards
 from dfdbench.board.ranking import ScoreBoard
-from dfdbench.board.submission import submit
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import Result
+from dfdbench.results.wording import knew_blur
 from tests.made_results import make_demo_result
+
+
+def add_card(folder: Path, name: str, entry: str | None = None, **fields: Any) -> Path:
+    """Write a card, in place of one of that name."""
+    path = folder / f"methods/{name}.toml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    card = {
+        "title": f"Title of {name}",
+        "authors": ["Somebody"],
+        "code": "https://example.org/code",
+        "licence": "MIT",
+        "entry": entry or name,
+        "given": "nothing",
+        **fields,
+    }
+    lines = [f"{key} = {_inline(value)}" for key, value in card.items() if value is not None]
+    path.write_text("\n".join(lines) + "\n", "utf-8")
+    return path
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_inline(v)}" for key, v in value.items()) + " }"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def submit(results: Result | Sequence[Result], folder: Path) -> Path:
+    """Submit runs, and write their card before if they have none."""
+    runs = [results] if isinstance(results, Result) else list(results)
+    method, given = runs[0].method, any(map(knew_blur, runs))
+    words = [method.name, *map(str, method.parameters.values()), *["given"] * given]
+    name = re.sub(r"[^A-Za-z0-9]+", "-", " ".join(words)).strip("-") or "unnamed"
+    if not any(
+        card.is_of(method.name, method.entry, method.parameters) and card.given_blur == given
+        for card in load_cards(folder).values()
+    ):
+        add_card(folder, name, method.name, parameters=method.parameters, given_blur=given)
+    return submission.submit(results, folder)
+
+
+def make_folder(*entries: str, folder: Path = Path("leaderboard")) -> None:
+    """Make a leaderboard without rows, with cards of these methods."""
+    (folder / "results").mkdir(parents=True)
+    for entry in entries:
+        add_card(folder, re.sub(r"\W+", "-", entry), entry)
 
 
 def add(folder: Path, name: str, value: float, **changes: Any) -> Path:

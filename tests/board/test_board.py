@@ -10,10 +10,10 @@ import pytest
 
 from dfdbench.board.board import MARKER, leaderboard
 from dfdbench.board.row_file import read_row
-from dfdbench.board.submission import submit
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.errors import ResultError, UnknownNameError
 from dfdbench.metrics.protocol import RELEASED
-from tests.board.made_boards import add, scored
+from tests.board.made_boards import add, add_card, scored, submit
 from tests.board.made_tracks import make_tracks
 from tests.made_results import make_demo_result
 
@@ -28,7 +28,7 @@ def test_its_scores_are_one_table_and_its_rankings_frames(tmp_path: Path) -> Non
     scores = board.scores
     assert len(scores) == 54 * 3 * (2 + 2)
     means = scores.groupby(["method", "track", "severity", "metric"])["value"].mean()
-    assert means["solver, given the blur", "gain", 1, "nmae"] == 0.25
+    assert means["solver-given", "gain", 1, "nmae"] == 0.25
     ranked = board.table("demo")
     assert ranked[["rank", "method", "protocol"]].to_numpy().tolist() == [[1, "mine", "thesis"]]
     assert board.table("demo-1", protocol="valid")["nrmse"][0] == ranked["nrmse"][0]
@@ -40,15 +40,16 @@ def test_its_scores_are_one_table_and_its_rankings_frames(tmp_path: Path) -> Non
 
 
 def test_a_name_is_text_whatever_it_holds(tmp_path: Path) -> None:
-    for name in NAMES:
+    for number, name in enumerate(NAMES):
+        add_card(tmp_path, f"mine-{number}", name, title=name)
         submit(make_demo_result(lambda pair: 0.1, name), tmp_path)
     text = leaderboard(tmp_path).write().read_text("utf-8")
     assert "<script>" not in text
     assert "🐟" in text
-    rows = [line for line in text.splitlines() if re.match(r"\| 1 \|", line)]
+    rows = [line for line in text.splitlines() if line.startswith("| [mine-")]
     assert len(rows) == len(NAMES)
-    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {10}
-    targets = re.findall(r"\]\((results/.*?)\)", text)
+    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {7}
+    targets = re.findall(r"\]\((results/.*?)\)", leaderboard(tmp_path).page())
     assert len(targets) == len(NAMES)
     assert all((tmp_path / target).exists() for target in targets)
 
@@ -66,10 +67,9 @@ def test_what_was_written_is_up_to_date_until_something_changes(tmp_path: Path) 
 
 def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(tmp_path: Path) -> None:
     add(tmp_path, "mine", 0.1)
-    text = leaderboard(tmp_path).write().read_text("utf-8")
-    for words in ("the lens", "in metres", "## Tracks", "not run"):
+    text = leaderboard(tmp_path).page()
+    for words in ("## Tracks", "## Scored"):
         assert words not in text
-    submit(make_demo_result(lambda pair: 0.1, "lens", {"recipe": "rig"}), tmp_path)
     result = make_demo_result(lambda pair: 0.1, "far")
     metres = dict.fromkeys(
         ("abs_rel", "rmse_m", "delta_105", "delta_115", "delta_125", "boundary_f1"), 0.25
@@ -79,14 +79,46 @@ def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(tmp_path: 
     submit(result.model_copy(update={"pairs": pairs, "protocols": protocols}), tmp_path)
     submit(list(make_tracks("tracked").values()), tmp_path)
     submit(scored("elsewhere", 0.01), tmp_path)
-    text = leaderboard(tmp_path).write().read_text("utf-8")
-    assert "| the lens | the lens, from" in text
-    assert "ties by NMAE; in metres, by AbsRel." in text
-    assert "## Tracks: nobody tells the blur" in text
-    ranked, below = text.split("## Scored, not run")
+    text = leaderboard(tmp_path).page()
+    assert "## Tracks: nobody is given the blur" in text
+    ranked, below = text.partition("## Public truth")[2].split("## Scored, not run")
     assert "elsewhere" not in ranked
-    assert "elsewhere (scored, not run)](results/" in below
+    assert "[elsewhere](results/" in below
+
+
+def test_the_readme_starts_with_the_newest_seed_and_has_headlines_alone(tmp_path: Path) -> None:
+    add(tmp_path, "mine", 0.1, protocols=("thesis", "valid"))
+    text = leaderboard(tmp_path).write().read_text("utf-8")
+    assert "## Rooms nobody has seen: not run yet" in text
+    assert "make leaderboard" in text
+    for seed, value in ((7, 0.2), (12, 0.3)):
+        result = make_demo_result(
+            dict.fromkeys(find_manifest(f"unseen-{seed}").pairs("test"), value).__getitem__,
+            protocols=("valid",),
+            dataset=f"unseen-{seed}",
+        )
+        submit(result, tmp_path)
+    draws = [
+        {"seed": 12, "drawn": True, "date": "2026-11-24", "commit": "abc"},
+        {"seed": 7, "drawn": False, "date": "2026-11-23", "commit": "abb"},
+    ]
+    (tmp_path / "seeds.json").write_text(json.dumps(draws))
+    text = leaderboard(tmp_path).write().read_text("utf-8")
     leaderboard(tmp_path).require_written()
+    first, public = text.split("## Public truth")
+    assert text.index("seed 12") < text.index("## Methods")
+    assert "2026-11-24, after the code was fixed at commit `abc`" in first
+    assert re.search(r"^\| 1 \| mine \|.* 0\.3000 \| 0\.3000 to 0\.3000 ", first, re.M)
+    assert "unseen-7-1" not in text
+    assert "### demo-1, split test, protocol thesis: public truth" in public
+    assert "protocol valid" not in public
+    assert (
+        "### unseen-7-1 (SIMULATED), split test, protocol valid\n" in leaderboard(tmp_path).page()
+    )
+
+
+def test_the_committed_readme_is_short() -> None:
+    assert len((HERE / "leaderboard/README.md").read_text("utf-8").splitlines()) <= 400
 
 
 def test_without_rows_it_says_so(tmp_path: Path) -> None:
@@ -120,7 +152,7 @@ def test_everything_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     with pytest.raises(ResultError) as caught:
         leaderboard(tmp_path)
     assert [str(problem).splitlines()[0].split(" (")[0] for problem in caught.value.problems] == [
-        f"the row belongs in {second}",
+        "the row has no card",
         "wrong value in a row of the leaderboard",
         "made from another manifest than demo-1",
     ]
@@ -164,10 +196,10 @@ def test_what_is_no_text_file_in_the_folder_is_told(tmp_path: Path, name: str) -
 @pytest.mark.parametrize("name", ["demo-1", "middlebury-default-1"])
 def test_the_committed_leaderboard_says_what_the_mismatch_does(name: str) -> None:
     scores = {}
-    for stem in ("graph-cuts", "graph-cuts-recipe=text"):
+    for stem in ("graph-cuts", "graph-cuts-text"):
         row = read_row(HERE / f"leaderboard/results/{name}-test/{stem}.json")
         scores[stem] = (row.results[0].averages or {})["thesis"]["nrmse"] or 0.0
-    assert scores["graph-cuts-recipe=text"] > 2 * scores["graph-cuts"] > 0
+    assert scores["graph-cuts-text"] > 2 * scores["graph-cuts"] > 0
 
 
 def test_the_workflow_runs_the_check() -> None:

@@ -9,9 +9,8 @@ import pytest
 from dfdbench.blur.tracks import SUITES
 from dfdbench.board.board import leaderboard
 from dfdbench.board.ranking import Entry, ScoreBoard, boards, mean_of_all, over_tracks
-from dfdbench.board.submission import submit
 from dfdbench.results.record import Result
-from tests.board.made_boards import add, only_board, scored
+from tests.board.made_boards import add, only_board, scored, submit
 from tests.board.made_tracks import ALL, make_tracks
 from tests.made_results import limited, make_demo_result
 
@@ -92,7 +91,7 @@ def test_what_was_not_run_is_apart_and_has_no_rank(tmp_path: Path) -> None:
     submit(scored("elsewhere", 0.01), tmp_path)
     run, apart = leaderboard(tmp_path).boards
     assert ranks(run) == [(1, "mine")]
-    assert ranks(apart) == [(None, "elsewhere (scored, not run)")]
+    assert ranks(apart) == [(None, "elsewhere")]
 
 
 def test_a_suite_is_ranked_by_the_mean_over_its_tracks(tmp_path: Path) -> None:
@@ -102,13 +101,7 @@ def test_a_suite_is_ranked_by_the_mean_over_its_tracks(tmp_path: Path) -> None:
     submit(list(make_tracks("part", 0.01, labels=ALL[:-1]).values()), tmp_path)
     board = only_board(tmp_path)
     assert (board.suite, board.protocol) == ("tracks-1", "valid")
-    assert ranks(board) == [
-        (1, "a"),
-        (2, "b"),
-        (2, "c"),
-        (None, "part"),
-        (None, "told, given the blur"),
-    ]
+    assert ranks(board) == [(1, "a"), (2, "b"), (2, "c"), (None, "part"), (None, "told-given")]
     assert board.standings[0].scores["nmae"] == pytest.approx(0.05)
 
 
@@ -148,6 +141,6 @@ def test_seconds_are_the_median_of_pairs_that_ran_alone(
 def test_a_hundred_results(tmp_path: Path) -> None:
     result = make_demo_result(lambda pair: 0.1)
     for number in range(100):
-        method = result.method.model_copy(update={"name": f"method {number:02}"})
+        method = result.method.model_copy(update={"name": f"method-{number:02}"})
         submit(result.model_copy(update={"method": method}), tmp_path)
-    assert ranks(only_board(tmp_path)) == [(1, f"method {number:02}") for number in range(100)]
+    assert ranks(only_board(tmp_path)) == [(1, f"method-{number:02}") for number in range(100)]

@@ -7,14 +7,7 @@ from typing import Any
 
 import pytest
 
-from dfdbench.board.row_file import (
-    file_stem,
-    read_row,
-    row_of,
-    row_problems,
-    row_text,
-    training_problems,
-)
+from dfdbench.board.row_file import read_row, row_of, row_problems, row_text, training_problems
 from dfdbench.errors import ResultError
 from dfdbench.results.record import Result
 from tests.board.made_tracks import make_tracks
@@ -48,21 +41,6 @@ def test_what_is_common_to_the_runs_is_kept_once(tmp_path: Path) -> None:
     assert text.count('"Kitchen/view1/illumination1/exposure0"') == 1
     assert text.count('"platform"') == 1
     assert path.stat().st_size < 170_000
-
-
-def test_the_row_of_a_method_given_the_blur_has_a_name_of_its_own() -> None:
-    told = make_tracks("graph-cuts", labels=["gain-1"], uses=["recipe"])
-    assert row_of(list(told.values()), ["tracks-1"]).label == "graph-cuts, given the blur"
-    given = make_tracks("graph-cuts", labels=["gain-1"], parameters={"recipe": "published"})
-    label = "graph-cuts (recipe=published), given a blur"
-    assert row_of(list(given.values()), ["tracks-1"]).label == label
-
-
-def test_names_that_differ_in_what_no_file_name_holds_are_told_apart() -> None:
-    names = ("a|b", "a<b", 'a"b', "a🐟b", "../a b", "a_b", "x" * 90, "x" * 91)
-    stems = {file_stem(name) for name in names}
-    assert len(stems) == len(names)
-    assert all(stem.isascii() and "/" not in stem and len(stem) < 100 for stem in stems)
 
 
 def drop_pair(content: dict[str, Any]) -> None:
@@ -134,6 +112,13 @@ def test_what_is_no_row_is_refused(tmp_path: Path, content: bytes) -> None:
 def problems(folder: Path, **changes: Any) -> str:
     row = row_of([make_demo_result(lambda pair: 0.1)], ["clean"])
     return "\n".join(map(str, row_problems(row.model_copy(update=changes), folder, "here")))
+
+
+def test_a_set_drawn_from_a_seed_has_rows_too() -> None:
+    row = row_of([make_demo_result(lambda pair: 0.1)], ["clean"])
+    drawn = row.model_copy(update={"dataset": "unseen-7-1"})
+    assert drawn.manifest.stem == "unseen-7-1"
+    assert len(drawn.manifest.pairs("test")) == 24
 
 
 def test_other_data_and_another_method_of_a_known_name_are_told(tmp_path: Path) -> None:

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from dfdbench.board.row_file import read_row
-from dfdbench.board.submission import submit
+from dfdbench.board.submission import submit as submit_only
 from dfdbench.errors import ResultError
 from dfdbench.methods.registry import built_in_methods
 from dfdbench.results.record import Result
-from tests.board.made_boards import scored
+from tests.board.made_boards import add_card, scored, submit
 from tests.board.made_tracks import make_tracks
 from tests.made_results import limited, make_demo_result, make_result
 
@@ -57,9 +57,7 @@ def test_clean_images_run_along_with_tracks_enter_no_ranking_of_their_own(tmp_pa
     "other",
     [{"source_sha256": "6" * 64}, {"entry": "theirs:predict"}, {"weights_sha256": "7" * 64}],
 )
-def test_another_method_of_the_same_name_is_refused_unless_it_is_to_replace_it(
-    tmp_path: Path, other: dict[str, Any]
-) -> None:
+def test_no_method_displaces_another(tmp_path: Path, other: dict[str, Any]) -> None:
     mine = changed(make_demo_result(lambda pair: 0.1), source_sha256="5" * 64)
     path = submit(mine, tmp_path)
     before = path.read_bytes()
@@ -67,8 +65,22 @@ def test_another_method_of_the_same_name_is_refused_unless_it_is_to_replace_it(
     with pytest.raises(ResultError, match=f"another method of this name.*{next(iter(other))}"):
         submit(theirs, tmp_path)
     assert path.read_bytes() == before
-    submit(theirs, tmp_path, replace=True)
-    assert read_row(path).results == (theirs,)
+
+
+def test_a_row_is_named_by_its_methods_card(tmp_path: Path) -> None:
+    add_card(tmp_path, "wide", "mine", parameters={"window": 9})
+    plain, wide = (
+        make_demo_result(lambda p: 0.1),
+        make_demo_result(lambda p: 0.1, parameters={"window": 9}),
+    )
+    assert submit_only(wide, tmp_path) == tmp_path / "results/demo-1-test/wide.json"
+    with pytest.raises(ResultError, match=r"mine has no card.*methods"):
+        submit_only(plain, tmp_path)
+    told = make_tracks("mine", labels=["gain-1"], uses=["recipe"])
+    with pytest.raises(ResultError, match="mine, given the blur, has no card"):
+        submit_only(list(told.values()), tmp_path)
+    add_card(tmp_path, "told", "mine", given_blur=True)
+    assert submit_only(list(told.values()), tmp_path).stem == "told"
 
 
 def test_a_method_of_ours_may_have_changed_its_source(tmp_path: Path) -> None:
@@ -97,7 +109,7 @@ def test_runs_of_several_methods_are_refused(tmp_path: Path) -> None:
     runs["gain-1"] = changed(runs["gain-1"], parameters={"window": 9})
     with pytest.raises(ResultError, match=r"not of one method.*gain-1: parameters"):
         submit(list(runs.values()), tmp_path)
-    assert not list(tmp_path.iterdir())
+    assert not (tmp_path / "results").exists()
 
 
 def test_a_run_on_other_data_is_refused(tmp_path: Path) -> None:
@@ -110,6 +122,6 @@ def test_a_run_on_other_data_is_refused(tmp_path: Path) -> None:
 
 
 def test_scores_of_depth_maps_made_elsewhere_do_not_replace_a_method(tmp_path: Path) -> None:
-    first = submit(make_demo_result(lambda pair: 0.1), tmp_path)
-    second = submit(scored("mine", 0.01), tmp_path)
-    assert (first.name, second.name) == ("mine.json", "mine-scored-not_run.json")
+    submit(make_demo_result(lambda pair: 0.1), tmp_path)
+    with pytest.raises(ResultError, match="another method of this name is there"):
+        submit(scored("mine", 0.01), tmp_path)

@@ -6,7 +6,6 @@ from typing import Any
 import pytest
 
 from dfdbench.board.ranking import Entry, ScoreBoard, boards
-from dfdbench.board.submission import submit
 from dfdbench.board.tables import (
     board_folds_table,
     board_tables,
@@ -20,7 +19,7 @@ from dfdbench.board.tables import (
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Pair
 from dfdbench.results.record import PairResult, Result
-from tests.board.made_boards import add, only_board, scored
+from tests.board.made_boards import add, only_board, scored, submit
 from tests.board.made_tracks import ALL, make_tracks
 from tests.made_results import limited, make_demo_result, make_result
 
@@ -77,10 +76,10 @@ def test_records_hold_numbers_in_full_and_links_lead_to_the_file(tmp_path: Path)
     (record,) = standings_table(board, tmp_path).records
     assert record["nrmse"] == board.standings[0].scores["nrmse"]
     assert record["nrmse exposure 2"] == pytest.approx(0.102 + 0.002 / 3)
-    assert record["result"] == "results/demo-1-test/mine-window=9-recipe=text.json"
+    assert record["result"] == "results/demo-1-test/mine-9-text.json"
     assert (tmp_path / str(record["result"])).exists()
     (row,) = runs_table(board, tmp_path).rows
-    assert row[:3] == ("mine", "window=9, recipe=text", "nothing")
+    assert row[:3] == ("mine-9-text", "window=9, recipe=text", "nothing")
     assert getattr(row[0], "target", "") == record["result"]
     assert link_to(tmp_path / "a/b.json", tmp_path / "c") == "../a/b.json"
 
@@ -197,5 +196,5 @@ def test_what_a_method_was_fitted_and_trained_on_is_told_by_track(tmp_path: Path
 def test_why_a_row_on_tracks_has_no_rank_is_said(tmp_path: Path) -> None:
     board = tracked(tmp_path, ("solver", {"uses": ["recipe"]}), ("part", {"labels": ALL[:-1]}))
     notes = "\n".join(tracks_table(board, tmp_path).notes)
-    assert "solver, given the blur: no rank." in notes
+    assert "solver-given: no rank." in notes
     assert "part: no rank without all of camera" in notes

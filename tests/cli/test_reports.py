@@ -3,8 +3,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import re
-import sys
 from pathlib import Path
 
 import cv2
@@ -15,6 +13,7 @@ import zarr
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import save_result
+from tests.board.made_boards import make_folder
 from tests.cli.command import Command
 from tests.made_results import make_demo_result
 
@@ -107,7 +106,7 @@ def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command)
 def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     run = ("run", "--dataset", "demo", "--method")
     assert dfdbench("leaderboard").status == 2
-    Path("leaderboard/results").mkdir(parents=True)
+    make_folder("constant")
     submitted = dfdbench(*run, "constant", "--submit")
     assert submitted.status == 0
     path = "leaderboard/results/demo-1-test/constant.json"
@@ -118,21 +117,6 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
     rows = list(csv.DictReader(io.StringIO(written.out)))
     assert [row["protocol"] for row in rows] == ["thesis", "thesis-networks-2", "valid"]
     assert "1 row valid" in dfdbench("leaderboard", "--check").out
-    verified = dfdbench("leaderboard", "verify", path, "--pairs", "2")
-    assert verified.status == 0
-    assert verified.out.count("same depth map, scores at most 0 off") == 2
-    (seed,) = re.findall(r"drawn        2 of 54 pairs by --seed (\d+)", verified.out)
-    assert (
-        dfdbench("leaderboard", "verify", path, "--pairs", "2", "--seed", seed).out == verified.out
-    )
-    text = Path(path).read_text("utf-8")
-    halved = json.loads(text)
-    column = halved["runs"][0]["scores"]["thesis"]["nrmse"]
-    column[:] = [value / 2 for value in column]
-    Path(path).write_text(json.dumps(halved))
-    found_out = dfdbench("leaderboard", "verify", path, "--pairs", "2")
-    assert (found_out.status, found_out.out.count("DIFFERENT")) == (1, 2)
-    Path(path).write_text(text)
     assert "\\toprule" in dfdbench("leaderboard", "--format", "latex").out
     assert json.loads(dfdbench("leaderboard", "--format", "json").out)[0]["rows"][0]["rank"] == 1
     assert "constant" in dfdbench("leaderboard").out
@@ -140,7 +124,7 @@ def test_from_a_run_to_the_leaderboard(dfdbench: Command) -> None:
 
 @pytest.mark.usefixtures("built")
 def test_mistakes_are_told(dfdbench: Command) -> None:
-    Path("leaderboard/results").mkdir(parents=True)
+    make_folder("constant")
     dfdbench("run", "--dataset", "demo", "--method", "constant", "--submit", "--no-predictions")
     result = "results/demo-1-test/constant/result.json"
     row = "leaderboard/results/demo-1-test/constant.json"
@@ -152,7 +136,6 @@ def test_mistakes_are_told(dfdbench: Command) -> None:
         (("compare", "nowhere", result), "cannot read the result"),
         (("report", result, "--out", "page", "--protocol", "metric"), "not scored in metres"),
         (("compare", result, "copy.json", "--protocol", "thesys"), "did you mean thesis"),
-        (("leaderboard", "verify", "nowhere.json"), "cannot read the row"),
         (("leaderboard", "--folder", "nowhere"), "no leaderboard"),
         (("leaderboard", "--check", "--format", "csv"), "--check prints no rankings"),
     ):
@@ -171,7 +154,7 @@ def predict(infocus, defocus):
 @pytest.mark.slow
 @pytest.mark.usefixtures("built")
 def test_a_run_with_failed_pairs_is_submitted_without_rank(dfdbench: Command) -> None:
-    Path("leaderboard/results").mkdir(parents=True)
+    make_folder("fails.py:predict")
     Path("fails.py").write_text(FAILS_AT_TIMES)
     ran = dfdbench(
         "run", "--dataset", "demo", "--method", "fails.py:predict", "--submit", "--no-predictions"
@@ -194,7 +177,7 @@ def test_what_cannot_be_submitted_is_refused_before_the_run(dfdbench: Command) -
 
 
 def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store: Dataset) -> None:
-    Path("leaderboard/results").mkdir(parents=True)
+    make_folder("constant")
     depth = zarr.open_group(str(tiny_store.path), mode="r+")["Two/depth"]
     assert isinstance(depth, zarr.Array)
     depth[...] = np.asarray(depth[...])[..., ::-1]
@@ -207,42 +190,30 @@ def test_a_run_on_a_damaged_store_is_not_submitted(dfdbench: Command, tiny_store
 
 
 @pytest.mark.usefixtures("built")
-def test_verify_runs_others_code_only_with_consent(
-    dfdbench: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    Path("leaderboard/results").mkdir(parents=True)
-    # Another test's module of that name would be another file.
-    monkeypatch.delitem(sys.modules, "mymodule", raising=False)
-    entry = "mymodule:predict"
-    dfdbench("run", "--dataset", "demo", "--method", entry, "--submit", "--no-predictions")
-    path = "leaderboard/results/demo-1-test/mymodule_predict.json"
-    verify = ("leaderboard", "verify", path, "--pairs", "1")
-    for more, told in (
-        ((), "only if you trust it"),
-        (("--trust", "mymodule"), "only if you trust it"),
-        (("--trust", entry, "--tolerance", "nan"), "a number from 0 to 1"),
-    ):
-        outcome = dfdbench(*verify, *more)
-        assert (outcome.status, told in outcome.err) == (2, True), outcome.err
-    assert dfdbench(*verify, "--trust", entry).status == 0
-
-
-@pytest.mark.usefixtures("built")
 def test_another_method_of_the_same_name_replaces_none_without_a_word(dfdbench: Command) -> None:
-    Path("leaderboard/results").mkdir(parents=True)
+    make_folder("mine.py:predict")
     run = ("run", "--dataset", "demo", "--method", "mine.py:predict", "--submit", "--no-figures")
     for answer in ("infocus[..., 0]", "infocus[..., 1]"):
         Path("mine.py").write_text(f"def predict(infocus, defocus):\n    return {answer}\n")
         outcome = dfdbench(*run)
     assert outcome.status == 2
     assert "another method of this name is there: its source_sha256 is" in outcome.err
-    assert "demo-1-test/mine.py_predict.json" in outcome.err
-    assert dfdbench(*run, "--replace").status == 0
+    assert "demo-1-test/mine-py-predict.json" in outcome.err
+
+
+@pytest.mark.usefixtures("built")
+def test_a_method_without_a_card_is_refused_before_the_run(dfdbench: Command) -> None:
+    make_folder("mymodule:nan")
+    refused = dfdbench("run", "--dataset", "demo", "--method", "mymodule:predict", "--submit")
+    assert refused.status == 2
+    assert "mymodule:predict has no card (leaderboard/methods)" in refused.err
+    assert "Fix: write one, NAME.toml: title, authors" in refused.err
+    assert not Path("results").exists()
 
 
 @pytest.mark.usefixtures("built")
 def test_weights_trained_on_the_test_are_refused_before_the_run(dfdbench: Command) -> None:
-    Path("leaderboard/results").mkdir(parents=True)
+    make_folder("constant")
     Path("learned.py").write_text(
         "def predict(infocus, defocus):\n    raise RuntimeError('called')\n"
         f"predict.trained_on = 'demo-1, split train'\npredict.weights_sha256 = '{'5' * 64}'\n"

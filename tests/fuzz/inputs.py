@@ -198,6 +198,7 @@ KINDS: dict[str, Kind] = {
     "depth maps": Kind(("maps/**/*.npy",), m.changed_npy, _MAPS),
     "depth maps as images": Kind(("maps/**/*.png", "maps/**/*.np[yz]"), m.changed_bytes, _MAPS),
     "leaderboard": Kind(("board/results/*/*.json",), m.changed_json, _BOARD),
+    "card of a method": Kind(("board/methods/*.toml",), m.changed_toml, _BOARD),
     "lists of the leaderboard": Kind(
         ("board/*.json", "board/published/*.json"), m.changed_json, _BOARD
     ),

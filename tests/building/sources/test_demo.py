@@ -42,7 +42,7 @@ def test_low_exposure_is_darker_and_harder(demo_store: Dataset) -> None:
         images = [demo_store.read(pair) for pair in pairs]
         brightness.append(np.mean([image.infocus.mean() for image in images]))
         error.append(
-            np.mean([nmae(image.depth, method(image.infocus, image.defocus)) for image in images])
+            np.mean([nmae(image.levels, method(image.infocus, image.defocus)) for image in images])
         )
     assert brightness == sorted(brightness)
     assert error == sorted(error, reverse=True)

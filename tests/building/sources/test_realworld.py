@@ -113,9 +113,9 @@ def test_the_board_at_1_5_m_is_brighter_than_the_one_at_2_5_m(
     build_store(CAPTURED, open_source(CAPTURED, raw), tmp_path / "s.zarr")
     store = Dataset(tmp_path / "s.zarr")
     far, near = (store.read(store.pairs(name)[0]) for name in ("k00", "k03"))
-    assert np.median(far.depth[far.valid]) == pytest.approx(5, abs=2)
-    assert np.median(near.depth[near.valid]) == pytest.approx(105, abs=2)
-    assert not far.depth[~far.valid].any()
+    assert np.median(far.levels[far.valid]) == pytest.approx(5, abs=2)
+    assert np.median(near.levels[near.valid]) == pytest.approx(105, abs=2)
+    assert not far.levels[~far.valid].any()
 
 
 def test_raw_captures_give_back_the_truth(captures: Path, tmp_path: Path) -> None:
@@ -126,7 +126,7 @@ def test_raw_captures_give_back_the_truth(captures: Path, tmp_path: Path) -> Non
         images = store.read(pair)
         truth = cv2.imread(str(captures / "truth" / pair.scene / "distance_mm.png"), -1)
         assert truth is not None
-        near = np.abs(255 - images.depth.astype(int) - truth.astype(int) // 10) <= 2
+        near = np.abs(255 - images.levels.astype(int) - truth.astype(int) // 10) <= 2
         assert near[images.valid].mean() > 0.95
         assert images.valid.mean() > 0.9
         assert images.infocus.shape == (630, 630, 3)

@@ -1,0 +1,137 @@
+"""Cards of methods: who wrote a method, where its code is, and what it is given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, JsonValue, TypeAdapter, ValidationError
+
+from dfdbench.datasets.manifest import Name
+from dfdbench.errors import Problem, ResultError, reason_of
+from dfdbench.methods.registry import built_in_methods
+from dfdbench.results.record import Line
+from dfdbench.results.wording import NOTHING
+from dfdbench.system.files import read_text
+from dfdbench.system.strict import StrictRecord, problems_of
+from dfdbench.system.text import parse_toml
+from dfdbench.tables.table import Link, Table, listed
+
+METHODS = "methods"
+WRITE_CARD = "write one, NAME.toml: title, authors, code, licence, entry, parameters and given"
+_NAME = TypeAdapter[str](Name)
+
+
+class Card(StrictRecord):
+    """A method on the leaderboard, by which it is run and shown.
+
+    `entry` is what follows ``--method``, or the name that handed-in depth maps go by; `parameters`
+    are the ``--param``. `code` is an address, or a file of this repository. `given` says what the
+    method gets beside the images, `trained_on` and `fitted_on` what it learns from. A method of
+    stacks `takes` a stack. With `given_blur` it is run with ``--given-blur`` on tracks.
+    """
+
+    title: Line
+    authors: Annotated[list[Line], Field(min_length=1)]
+    paper: Line | None = None
+    code: Annotated[Line, Field(pattern=r"^(https?://|dfdbench/)\S+$")]
+    licence: Line
+    entry: Line
+    parameters: dict[str, JsonValue] = Field(default_factory=dict)
+    given: Line
+    trained_on: Line | None = None
+    fitted_on: Line | None = None
+    takes: Literal["pair", "stack"] = "pair"
+    given_blur: bool = False
+
+    def is_of(self, name: str, entry: str, parameters: Mapping[str, Any]) -> bool:
+        """Return whether a method of this name, entry and parameters is the card's."""
+        return self.entry in (name, entry) and self.parameters == parameters
+
+
+def load_cards(folder: Path) -> dict[str, Card]:
+    """Read a leaderboard's cards, by name.
+
+    Raises
+    ------
+    ResultError
+        With everything that is wrong in any of them, or if two are of one name or method.
+    """
+    cards: dict[str, Card] = {}
+    problems: list[Problem] = []
+    for path in sorted((folder / METHODS).glob("*.toml")):
+        try:
+            _NAME.validate_python(path.stem)
+            cards[path.stem] = Card.model_validate(parse_toml(read_text(path)))
+        except ValidationError as error:
+            problems += problems_of(error, "wrong value in the card", file=path)
+        except (OSError, ValueError) as error:
+            problems.append(Problem(f"cannot read the card: {reason_of(error)}", where=str(path)))
+        built_in = built_in_methods().get(path.stem)
+        if path.stem in cards and built_in and cards[path.stem].entry not in (path.stem, built_in):
+            what = f"the name is that of our own {path.stem}, and the entry another method's"
+            problems.append(Problem(what, where=str(path), fix="give the card another name"))
+    for (one, first), (other, second) in combinations(cards.items(), 2):
+        where = listed([f"{folder / METHODS / name}.toml" for name in (one, other)])
+        if one.casefold() == other.casefold():
+            problems.append(Problem("two cards of one name", where=where, fix="rename one"))
+        elif first.given_blur == second.given_blur and first.is_of(
+            second.entry, second.entry, second.parameters
+        ):
+            problems.append(Problem("two cards of one method", where=where, fix="remove one"))
+    if problems:
+        raise ResultError.of(problems)
+    return cards
+
+
+def cards_table(cards: Mapping[str, Card], in_repository: bool = True) -> Table:
+    """Return who wrote the methods, where their code is, and what they are given.
+
+    Files of this repository are linked only from within it.
+    """
+    rows = []
+    for name, card in cards.items():
+        learned = (("trained on", card.trained_on), ("fitted on", card.fitted_on))
+        given = [card.given, *(f"{verb} {data}" for verb, data in learned if data)]
+        ours = "://" not in card.code
+        linked = Link(name, f"../{card.code}" if ours else card.code)
+        facts = (card.title, listed(card.authors), card.paper or NOTHING, card.licence)
+        rows.append((name if ours and not in_repository else linked, *facts, "; ".join(given)))
+    columns = ("method and its code", "title", "authors", "paper", "licence", "given")
+    return Table("methods", columns, tuple(rows), "l" * len(columns))
+
+
+def find_card(
+    folder: Path,
+    name: str,
+    entry: str,
+    parameters: Mapping[str, Any],
+    given_blur: bool | None = None,
+) -> str:
+    """Return the name of a method's card.
+
+    Parameters
+    ----------
+    folder : Path
+        The leaderboard's folder.
+    name, entry, parameters
+        Of the method, as a result records them.
+    given_blur : bool, optional
+        Whether it was given a blur on tracks; None if nobody knows yet.
+
+    Raises
+    ------
+    ResultError
+        If it has none.
+    """
+    for found, card in load_cards(folder).items():
+        if card.is_of(name, entry, parameters) and given_blur in (None, card.given_blur):
+            return found
+    shown = " ".join([name, *(f"{key}={value}" for key, value in parameters.items())])
+    raise ResultError(
+        f"{shown}{', given the blur,' * bool(given_blur)} has no card",
+        where=str(folder / METHODS),
+        fix=WRITE_CARD,
+    )
