@@ -84,7 +84,7 @@ def test_what_was_not_run_has_a_board_of_its_own_and_no_rank(made: Any, tmp_path
         for board in json.loads(text)
     }
     assert found["thesis"] == [(1, "mine")]
-    assert found["thesis: scored, not run"] == [(None, "elsewhere (scored, not run)")]
+    assert found["thesis: scored, not run"] == [(None, "elsewhere")]
 
 
 def test_pages_link_to_the_repository_once_its_address_is_filled_in(

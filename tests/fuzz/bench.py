@@ -47,7 +47,8 @@ class Fitted:
         self.level = 0.0
 
     def fit(self, pairs):
-        return {"level": float(np.mean([pair.levels.mean() for pair in pairs])), "curve": np.ones(3)}
+        level = float(np.mean([pair.levels.mean() for pair in pairs]))
+        return {"level": level, "curve": np.ones(3)}
 
     def restore(self, learned):
         self.level = learned["level"]
