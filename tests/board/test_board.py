@@ -112,9 +112,7 @@ def test_the_readme_starts_with_the_newest_seed_and_has_headlines_alone(tmp_path
     assert "unseen-7-1" not in text
     assert "### demo-1, split test, protocol thesis: public truth" in public
     assert "protocol valid" not in public
-    assert (
-        "### unseen-7-1, split test, protocol valid\n" in leaderboard(tmp_path).page()
-    )
+    assert "### unseen-7-1, split test, protocol valid\n" in leaderboard(tmp_path).page()
 
 
 def test_the_committed_readme_is_short() -> None:

@@ -213,7 +213,7 @@ def test_a_method_without_a_card_is_refused_before_the_run(dfdbench: Command) ->
 
 @pytest.mark.usefixtures("built")
 def test_weights_trained_on_the_test_are_refused_before_the_run(dfdbench: Command) -> None:
-    make_folder("constant")
+    make_folder("learned.py:predict")
     Path("learned.py").write_text(
         "def predict(infocus, defocus):\n    raise RuntimeError('called')\n"
         f"predict.trained_on = 'demo-1, split train'\npredict.weights_sha256 = '{'5' * 64}'\n"
