@@ -90,7 +90,10 @@ class Board:
                 kind += [Entry((result,), path, path.stem) for result in clean]
             runs = tuple(r for r in row.results if TRACKS_PROTOCOL in r.protocol_names)
             for suite in tracked.keys() & set(row.suites):
-                tracked[suite].append(Entry(runs, path, path.stem))
+                # Tracks are shown beside the clean images; a suite of one stands alone.
+                labels = {*SUITES[suite], *([CLEAN] if len(SUITES[suite]) > 1 else ())}
+                own = tuple(r for r in runs if r.dataset.degradation in labels)
+                tracked[suite].append(Entry(own, path, path.stem))
         return (
             *boards(run),
             *(board for suite, entries in tracked.items() for board in boards(entries, suite)),

@@ -12,7 +12,7 @@ from pydantic import Field, JsonValue, TypeAdapter, ValidationError, model_valid
 
 from dfdbench.audit.leaks import manifest_leaks
 from dfdbench.audit.trained_on import scenes_trained_on
-from dfdbench.blur.tracks import CLEAN, SUITES, TRACKS
+from dfdbench.blur.tracks import CLEAN, STACKS, SUITES, TRACKS
 from dfdbench.board.cards import Card
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest, Name, Pair
@@ -49,7 +49,7 @@ FINGERPRINTS = "fingerprints.json"
 CLEAN_SUITE = CLEAN
 _SEVERITIES = tuple(
     f"{track.name}-{number}"
-    for track in TRACKS.values()
+    for track in (*TRACKS.values(), *STACKS.values())
     for number in range(1, len(track.severities) + 1)
 )
 _LABELS = (CLEAN, *_SEVERITIES)
