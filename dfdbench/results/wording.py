@@ -72,8 +72,8 @@ def seconds_text(seconds: float | None) -> str:
 
     Examples
     --------
-    >>> seconds_text(1.23456), seconds_text(0.00001)
-    ('1.235', '< 0.001')
+    >>> seconds_text(0.23456), seconds_text(0.00001)
+    ('0.235', '< 0.001')
     """
     if seconds is None:
         return NOTHING
