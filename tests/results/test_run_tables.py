@@ -81,6 +81,30 @@ def test_failures_are_listed_by_reason_and_leave_no_score() -> None:
     json.loads(run_as_json(summarise(failed, "thesis")))
 
 
+def test_json_and_csv_hold_the_numbers_of_the_tables() -> None:
+    summary = summarise(make_result(VALUES), "thesis")
+    found = json.loads(run_as_json(summary))
+    overall = found["groups"][-1]
+    assert (overall["exposure"], overall["illumination"], overall["evaluated"]) == (
+        "all",
+        "all",
+        16,
+    )
+    numbers = {"mean": 0.085, "min": 0.01, "max": 0.16, "defined": 16}
+    assert {name: overall["nrmse"][name] for name in numbers} == pytest.approx(numbers)
+    assert overall["nrmse"]["interval"] == pytest.approx([0.045, 0.125])
+    assert overall["nrmse"]["interval_is"] == "range of scene means"
+    assert [line["nrmse"] for line in found["top"]] == pytest.approx([0.01, 0.02, 0.03, 0.04, 0.05])
+    assert found["bottom"][-1]["nrmse"] == pytest.approx(0.16)
+    rows = csv.DictReader(io.StringIO(run_as_csv(summary)))
+    (row,) = (row for row in rows if row["exposure"] == "all" and row["metric"] == "nrmse")
+    names = ("mean", "min", "max", "low", "high", "defined")
+    assert [float(row[name]) for name in names] == pytest.approx(
+        [0.085, 0.01, 0.16, 0.045, 0.125, 16]
+    )
+    assert row["interval"] == "range of scene means"
+
+
 def test_a_protocol_that_was_not_scored() -> None:
     with pytest.raises(UnknownNameError, match="valid"):
         run_tables(summarise(make_result(VALUES), "valid"))
