@@ -48,7 +48,7 @@ def run_seed(seed: str | None, limit: float) -> Iterator[str]:
             yield f"{family}: not built, see above"
             continue
         for name, card in methods.items():
-            run = ("run", *_ALONE, "--dataset", f"{family}-{draw.seed}")
+            run: tuple[str, ...] = ("run", *_ALONE, "--dataset", f"{family}-{draw.seed}")
             if why := _run(run, card, limit):
                 yield f"{family}, {name}: {why}"
 
@@ -65,7 +65,7 @@ def run_rows(limit: float) -> Iterator[str]:
         for suite in row["suites"]:
             labels = SUITES.get(suite, (CLEAN,))
             places = [name if label == CLEAN else f"{name}@{label}" for label in labels]
-            run = ("run", *_ALONE, "--dataset", places[0])
+            run: tuple[str, ...] = ("run", *_ALONE, "--dataset", places[0])
             if len(places) > 1:
                 run = ("tracks", "--dataset", name)
             why = next(filter(None, (_lacking(place, split) for place in places)), "")
