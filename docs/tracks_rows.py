@@ -39,7 +39,7 @@ def main(place: str) -> None:
     boards = {
         f"{board.result.dataset.name}-{board.result.dataset.split}": board
         for board in leaderboard().boards
-        if board.suite in SUITES
+        if len(SUITES.get(board.suite, ())) > 1
     }
     means = means_of(boards[place]) if place in boards else {}
     there = {name: means[name] for name in METHODS if name in means}

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 
-from dfdbench.blur.tracks import CLEAN, TRACKS
+from dfdbench.blur.tracks import CLEAN, SUITES
 from dfdbench.board.board import LEADERBOARD
 from dfdbench.board.cards import Card, load_cards
 from dfdbench.board.row_file import RESULTS
@@ -25,11 +25,6 @@ from dfdbench.system.text import parse_json
 _FAMILIES = {"pair": "unseen", "stack": "unseen-stack"}
 #: Scores alone, no figures and no depth maps.
 _ALONE = ("--no-predictions", "--no-figures")
-_TRACKS = [
-    f"{track.name}-{severity}"
-    for track in TRACKS.values()
-    for severity in range(1, len(track.severities) + 1)
-]
 
 
 def run_seed(seed: str | None, limit: float) -> Iterator[str]:
@@ -53,7 +48,7 @@ def run_seed(seed: str | None, limit: float) -> Iterator[str]:
             yield f"{family}: not built, see above"
             continue
         for name, card in methods.items():
-            run = ("run", *_ALONE, "--dataset", f"{family}-{draw.seed}")
+            run: tuple[str, ...] = ("run", *_ALONE, "--dataset", f"{family}-{draw.seed}")
             if why := _run(run, card, limit):
                 yield f"{family}, {name}: {why}"
 
@@ -67,21 +62,15 @@ def run_rows(limit: float) -> Iterator[str]:
         if card is None:
             yield f"{path}: no card of this name"
             continue
-        for verb, suites in (("run", {CLEAN}), ("tracks", {*row["suites"]} - {CLEAN})):
-            if not suites & {*row["suites"]}:
-                continue
-            tracks = [f"{name}@{track}" for track in _TRACKS * (verb == "tracks")]
-            why = next(filter(None, (_lacking(each, split) for each in (name, *tracks))), "")
-            words = (
-                verb,
-                "--dataset",
-                name,
-                "--split",
-                split,
-                *["--no-predictions"] * (not tracks),
-            )
-            if why := why or _run(words, card, limit):
-                yield f"{path}, {verb}: {why}"
+        for suite in row["suites"]:
+            labels = SUITES.get(suite, (CLEAN,))
+            places = [name if label == CLEAN else f"{name}@{label}" for label in labels]
+            run: tuple[str, ...] = ("run", *_ALONE, "--dataset", places[0])
+            if len(places) > 1:
+                run = ("tracks", "--dataset", name)
+            why = next(filter(None, (_lacking(place, split) for place in places)), "")
+            if why := why or _run((*run, "--split", split), card, limit):
+                yield f"{path}, {suite}: {why}"
 
 
 def _run(words: tuple[str, ...], card: Card, limit: float) -> str:

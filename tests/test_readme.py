@@ -129,7 +129,7 @@ def test_a_run_from_python_is_as_shown(
 @pytest.mark.slow
 def test_the_fitted_method_runs(place: Path) -> None:
     (place / "fitted.py").write_text(blocks("docs/methods.md", "python")[0])
-    (shown,) = blocks("docs/methods.md", "console")
+    shown = blocks("docs/methods.md", "console")[0]
     outcome = say(place, f"{shown.strip()} --limit 2 --no-predictions")
     assert outcome.returncode == 0, outcome.stderr
     assert "fitted       on demo-1, split train" in outcome.stderr

@@ -1,5 +1,6 @@
 """`make leaderboard`: it runs all cards on a seed's rooms, and says what it could not run."""
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -80,6 +81,24 @@ def test_what_fails_or_never_ends_is_left_out_by_name(
     ]
 
 
+def test_each_ranking_of_a_row_is_run_as_it_was(
+    rerun: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commands: list[str] = []
+    monkeypatch.setattr(subprocess, "run", recorder(commands))
+    monkeypatch.setitem(rerun, "_lacking", lambda name, split: "")
+    row = Path("leaderboard/results/demo-1-test/wide.json")
+    row.parent.mkdir(parents=True)
+    suites = ["clean", "tracks-1", "stack-9"]
+    row.write_text(json.dumps({"dataset": "demo-1", "split": "test", "suites": suites}))
+    assert list(rerun["run_rows"](1.5)) == []
+    assert [command.partition(" --split test")[0] for command in commands] == [
+        "run --no-predictions --no-figures --dataset demo-1",
+        "tracks --dataset demo-1",
+        "run --no-predictions --no-figures --dataset demo-1@stack-9",
+    ]
+
+
 @pytest.mark.slow
 def test_rows_that_are_there_are_run_anew(
     demo_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -109,5 +128,5 @@ def test_rows_that_are_there_are_run_anew(
     assert "| 1 | mean | mean depth |" in (tmp_path / "leaderboard/README.md").read_text("utf-8")
     (stores / "demo-1.zarr").unlink()
     (left,) = [line for line in rerun().stderr.splitlines() if line.startswith("left out")]
-    assert "demo-1-Market/mean.json, run: " in left
+    assert "demo-1-Market/mean.json, clean: " in left
     assert "dfdbench build demo" in left

@@ -152,7 +152,7 @@ VERBS = {
     ),
     "leaderboard": Verb(
         "reports",
-        "leaderboard",
+        "leaderboard_verbs",
         "Rank the results of the leaderboard, print the rankings and write its README.",
     ),
     "train": Verb(

@@ -17,8 +17,7 @@ from dfdbench.datasets.dataset import Captures, Dataset
 from dfdbench.datasets.folds import training_of
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest
 from dfdbench.errors import MethodError, ResultError, StoreError
-from dfdbench.methods.fit import Learned, check_learned, restore, teach
-from dfdbench.methods.method import Method
+from dfdbench.methods.method import Learned, Method, check_learned, restore, teach
 from dfdbench.system.array_files import UNREADABLE
 from dfdbench.system.files import LARGEST_ARRAY, read_whole, write_whole
 
@@ -144,7 +143,7 @@ def fit_method(store: Dataset, method: Method, split: str, seed: int) -> Fit | N
     MethodError, StoreError
         As of `training_pairs`, and where the fit raises or what it returns cannot be kept.
     """
-    if method.fit is None:
+    if method.learner is None:
         return None
     two = method.two_images(store.manifest.pair_images)
     fitted_on, pairs = training_pairs(store, split, two)
@@ -183,7 +182,7 @@ def fit_from(method: Method, folder: Path) -> Fit:
     MethodError
         If the method has no fit, or the run kept none that it takes back.
     """
-    if method.fit is None:
+    if method.learner is None:
         raise MethodError("the method has no fit", where=method.entry, fix="leave out --fitted")
     fit_sha256(folder)
     fit = read_fit(folder)
@@ -202,7 +201,7 @@ def fit_again(method: Method, folder: Path) -> Fit | None:
     ResultError
         Where the file is damaged.
     """
-    if method.fit is None or not (folder / FIT).is_file():
+    if method.learner is None or not (folder / FIT).is_file():
         return None
     fit = read_fit(folder)
     if fit.learned is not None:

@@ -216,7 +216,7 @@ def depth_warnings(method: Method, store: Dataset, split: str) -> list[str]:
         As `training_scenes`, for a method that is fitted.
     """
     saw = [method.trained_on]
-    if method.fit is not None:
+    if method.learner is not None:
         saw.append(training_scenes(store.manifest, split)[0])
     return [text for name in dict.fromkeys(saw) for text in coverage_warnings(name, store, split)]
 

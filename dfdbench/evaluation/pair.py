@@ -22,8 +22,7 @@ from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import protocols_on
 from dfdbench.methods.calling import UNIT_LEVELS, call, in_unit_range
-from dfdbench.methods.fit import restore
-from dfdbench.methods.method import Method, Prediction
+from dfdbench.methods.method import Method, Prediction, restore
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.sources import Hashes, changes
 from dfdbench.metrics.protocol import Protocol, Unit, score

@@ -29,8 +29,7 @@ from dfdbench.evaluation.lens import is_lens, lens_law
 from dfdbench.evaluation.loading import images_in
 from dfdbench.evaluation.prediction_files import SIXTEEN_BIT
 from dfdbench.methods.calling import call
-from dfdbench.methods.fit import restore
-from dfdbench.methods.method import Method, Predict
+from dfdbench.methods.method import Method, Predict, restore
 from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.registry import entry_of, load_method, make_method
@@ -124,7 +123,7 @@ class DepthPredictor:
         self._restore(fitted)
 
     def _restore(self, fitted: Path | None) -> None:
-        if self.method.fit is None:
+        if self.method.learner is None:
             return
         if fitted is None or not (fitted / FIT).is_file():
             raise MethodError(

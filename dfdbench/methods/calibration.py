@@ -28,8 +28,8 @@ from dfdbench.methods.alignment import (
     rounding_at,
     smooth_grey,
 )
-from dfdbench.methods.fit import Learned, TrainingPair
 from dfdbench.methods.law_cost import blur
+from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.stacks import is_pair, sharp_and_blurred
 from dfdbench.methods.width_curve import LADDER, best_widths, held_at_ends, left_at, width_curve
 

@@ -14,8 +14,7 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.errors import DfdbenchError
 from dfdbench.methods.calling import UNIT_LEVELS, call, difference, in_unit_range
-from dfdbench.methods.fit import Learned, restore, teach
-from dfdbench.methods.method import Method, Prediction
+from dfdbench.methods.method import Learned, Method, Prediction, restore, teach
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.torch_method import TorchMethod
 from dfdbench.metrics.protocol import Unit
@@ -37,7 +36,7 @@ _SEEDED = "an answer may depend only on the pair and the run's seed"
 
 
 class MadePair(NamedTuple):
-    """A training pair that is made, or a stack: see `dfdbench.methods.fit.TrainingPair`.
+    """A training pair that is made, or a stack: see `dfdbench.methods.method.TrainingPair`.
 
     With `planes` it is a stack of the in-focus image and so many others, which are focused at
     levels that are evenly spaced in 1 / distance from 5 m to 0.5 m.
@@ -132,7 +131,7 @@ def check_method(
     pairs = _awkward_pairs(seed, method)
     trials = []
     learned: Learned | None = None
-    if method.fit is not None:
+    if method.learner is not None:
         trial, learned = _try_fit(method, seed)
         trials.append(trial)
         if trial.error:
@@ -150,7 +149,7 @@ def check_method(
     if first.depth is not None:
         trials.append(_try_again(method, seed, first))
         # What keeps its fit in itself cannot be sent there; the fit's own line says so.
-        if load and not trials[-1].error and (method.fit is None or learned is not None):
+        if load and not trials[-1].error and (method.learner is None or learned is not None):
             trials.append(_try_elsewhere(_Order(load, seed, learned), pairs[_ORDINARY], first))
         likeness = correlation(pairs[_ORDINARY].depth, first.depth)
         levels = pairs[_ORDINARY].unit == "levels"

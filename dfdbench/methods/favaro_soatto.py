@@ -12,7 +12,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError
-from dfdbench.methods.fit import Learned, TrainingPair
 from dfdbench.methods.fitted import (
     REFIT,
     Image,
@@ -25,6 +24,7 @@ from dfdbench.methods.fitted import (
     require_window_fits,
     wrong,
 )
+from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.stacks import sharp_and_blurred
 from dfdbench.system.compiled import compiled
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, BlurRecipe
 from dfdbench.errors import MethodError, Problem
-from dfdbench.methods.fit import Learned, TrainingPair
+from dfdbench.methods.method import Learned, TrainingPair
 
 if TYPE_CHECKING:
     from xarray import DataArray

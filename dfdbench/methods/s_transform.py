@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fit import Learned
 from dfdbench.methods.fitted import (
     Fit,
     Image,
@@ -21,6 +20,7 @@ from dfdbench.methods.fitted import (
     odd_window,
     require_window_fits,
 )
+from dfdbench.methods.method import Learned
 
 _NAME = "s-transform"
 # In squared grey levels a square pixel and window: where the Laplacian has less, there is no

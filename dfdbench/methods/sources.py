@@ -35,7 +35,7 @@ _PACKAGE = Path(os.path.realpath(__file__)).parents[1]
 # one of them must not throw away the hours of a run. Releases differ by their version.
 _ROOMS = ("dfdbench.methods.", "dfdbench.blur.")
 # The methods take types from this one, which calls them.
-_CALLER = "dfdbench.methods.fit"
+_CALLER = "dfdbench.methods.method"
 _NOT_OWN = {"site-packages", "dist-packages", "__pycache__"}
 
 

@@ -169,7 +169,7 @@ def track_means(scores: pd.DataFrame, protocol: str, metric: str) -> pd.DataFram
     own = scores[(scores["protocol"] == protocol) & (scores["metric"] == metric)]
     means = group_means(own, "track", "severity")
     names = means.index.get_level_values("track")
-    tracks = [name for name in dict.fromkeys(names) if name != CLEAN]
+    tracks = [name for name in dict.fromkeys(names) if name in TRACKS]
     most = max((len(TRACKS[name].severities) for name in tracks), default=0)
     table = means.unstack("severity").reindex(index=tracks, columns=range(most + 1))
     table[0] = means.get((CLEAN, 0), np.nan)

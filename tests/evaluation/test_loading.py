@@ -101,7 +101,7 @@ def test_told_a_method_gets_the_true_law_of_a_track_and_the_record_says_so(
     build_store(tracked, open_source(tracked, tiny_folder), tmp_path / "psf.zarr")
     store = Dataset(tmp_path / "psf.zarr")
     told = load_for(store, "local", {}, told=True)
-    assert told.fit is None
+    assert told.learner is None
     assert told.uses == ("recipe",)
     first = run_method(store, told, "test", tmp_path / "run").result
     assert knew_blur(first)

@@ -14,7 +14,7 @@ from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.methods.calibration import calibrate
 from dfdbench.methods.check import MadePair
-from dfdbench.methods.fit import Learned, check_learned
+from dfdbench.methods.method import Learned, check_learned
 
 Image = NDArray[np.uint8]
 

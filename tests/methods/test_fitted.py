@@ -14,7 +14,6 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LEVELS, RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.check import MadePair
-from dfdbench.methods.fit import restore, teach
 from dfdbench.methods.fitted import (
     Calibrated,
     depth_table,
@@ -23,7 +22,7 @@ from dfdbench.methods.fitted import (
     least_label,
 )
 from dfdbench.methods.guided import Guided
-from dfdbench.methods.method import Predict
+from dfdbench.methods.method import Predict, restore, teach
 from dfdbench.methods.rational_filters import RationalFilters
 from dfdbench.methods.registry import load, load_method
 from dfdbench.methods.sgm import SemiGlobal

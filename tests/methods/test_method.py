@@ -1,10 +1,15 @@
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from dfdbench.errors import MethodError
-from dfdbench.methods.method import Method
+from dfdbench.errors import MethodError, StoreError
+from dfdbench.methods.check import MadePair
+from dfdbench.methods.method import Method, TrainingPair, check_learned, restore, teach
 
 
 def raising(*_: object) -> None:
@@ -86,3 +91,139 @@ def test_what_is_no_text_is_told_by_its_name(name: str, said: object) -> None:
     with pytest.raises(MethodError, match="cannot be read") as told:
         Method("m", "m:m", predict).require_readable()
     assert told.value.problems[0].where == f"m:m: {name}"
+
+
+PAIR = MadePair(*(np.zeros((2, 2, 3), np.uint8),) * 2, np.full((2, 2), 9, np.uint8), np.eye(2) > 0)
+
+
+class Learning:
+    """Learns whatever it is told to return."""
+
+    def __init__(self, returned: Any = None) -> None:
+        self.returned = returned
+        self.given: Any = {}
+
+    def fit(self, pairs: Sequence[TrainingPair]) -> Any:
+        if isinstance(self.returned, BaseException):
+            raise self.returned
+        return self.returned
+
+    def restore(self, learned: dict[str, Any]) -> None:
+        self.given = learned
+
+    def __call__(self, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]) -> Any:
+        return infocus[..., 0]
+
+
+def method(predict: Any) -> Method:
+    return Method("learning", "m:Learning", predict)
+
+
+def test_what_was_learned_comes_back_as_numbers_and_arrays() -> None:
+    sigmas = np.linspace(0, 1, 3)
+    learning = Learning({"sigmas": sigmas, "gain": np.float32(1.5), "count": 3, "odd": True})
+    lesson = teach(method(learning), [PAIR])
+    assert lesson.learned is not None
+    assert lesson.seconds >= 0
+    assert np.array_equal(learning.given.pop("sigmas"), sigmas)
+    assert learning.given == {"gain": 1.5, "count": 3, "odd": True}
+    assert type(learning.given["gain"]) is float
+    # What the method does with its own does not reach what is kept.
+    lesson.learned["sigmas"][0] = 7  # type: ignore[index]
+    assert sigmas[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("returned", "told"),
+    [
+        ([1.0], "a mapping of names"),
+        ({"law": object()}, "'law'"),
+        ({"name": "disk"}, "'name'"),
+        ({3: 1.0}, r"no text as name: 3"),
+        ({"": 1.0}, r"no text as name: ''"),
+        ({"gain": float("nan")}, r"not finite: nan .*'gain'"),
+        ({"gain": np.inf}, r"not finite: inf"),
+        ({"levels": np.full(3, np.nan)}, r"not finite: nan .*'levels'"),
+        ({"ragged": [[1], [1, 2]]}, "'ragged'"),
+        (ValueError("too dark"), "cannot be fitted.*fit.*ValueError: too dark"),
+        (SystemExit(3), "cannot be fitted.*fit.*SystemExit: 3"),
+    ],
+)
+def test_a_fit_that_raises_or_returns_what_cannot_be_kept_says_why(
+    returned: Any, told: str
+) -> None:
+    with pytest.raises(MethodError, match=told):
+        teach(method(Learning(returned)), [PAIR])
+
+
+def test_what_reading_a_pair_raises_is_told_as_it_is() -> None:
+    with pytest.raises(StoreError, match="damaged"):
+        teach(method(Learning(StoreError("damaged"))), [PAIR])
+
+
+def test_a_fit_that_keeps_its_knowledge_in_itself_is_not_given_any() -> None:
+    learning = Learning(None)
+    learning.given = {"mine": 1}
+    assert teach(method(learning), [PAIR]).learned is None
+    assert learning.given == {"mine": 1}
+
+
+def test_nothing_that_takes_it_back_and_no_fit_to_call_are_refused() -> None:
+    class Forgetful:
+        def fit(self, pairs: Any) -> Any:
+            return {"level": 3}
+
+        def __call__(self, infocus: Any, defocus: Any) -> Any:
+            return infocus[..., 0]
+
+    class Odd(Forgetful):
+        fit = "sigma"  # type: ignore[assignment]
+
+    with pytest.raises(MethodError, match=r"nothing takes it back[\s\S]*restore\(learned\)"):
+        teach(method(Forgetful()), [PAIR])
+    with pytest.raises(MethodError, match="fit cannot be called"):
+        teach(method(Odd()), [PAIR])
+    assert method(Learning).learner is not None
+    assert method(lambda infocus, defocus: infocus).learner is None
+
+
+def test_a_restore_that_raises_says_why() -> None:
+    learning = Learning()
+    learning.restore = lambda learned: learned["sigma"]  # type: ignore[method-assign]
+    with pytest.raises(MethodError, match=r"does not take back.*restore.*KeyError"):
+        restore(method(learning), {"gain": 1.0})
+
+
+def test_a_fit_is_seeded_prints_to_standard_error_and_leaves_the_process_alone(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Loud(Learning):
+        def fit(self, pairs: Any) -> Any:
+            print("epoch 1")
+            np.seterr(all="raise")
+            return {"drawn": np.random.uniform()}
+
+    first, again = (teach(method(Loud()), [PAIR], seed=4).learned for _ in range(2))
+    assert first == again
+    assert np.geterr()["invalid"] == "warn"
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "epoch 1\n" * 2)
+
+
+def test_a_fit_that_raises_says_in_which_line() -> None:
+    with pytest.raises(MethodError, match=r"KeyError: 'gone' \(test_method.py:\d+ in \w+\)"):
+        teach(Method("mine", "m:Learning", Learning(KeyError("gone"))), [])
+
+
+def test_what_training_did_not_show_may_be_unknown() -> None:
+    assert check_learned({"measured": np.array([1.0, np.nan]), "none": np.array([])}, "m:f")
+
+
+def test_a_mapping_that_breaks_when_it_is_read_is_the_fit_s_mistake() -> None:
+    class Broken(dict[str, float]):
+        def items(self) -> Any:
+            raise RuntimeError("boom")
+
+    with pytest.raises(MethodError, match="cannot be read") as told:
+        check_learned(Broken(a=1.0), "m:f")
+    assert told.value.problems[0].got.startswith("RuntimeError: boom")

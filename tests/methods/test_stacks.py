@@ -10,7 +10,7 @@ import pytest
 
 from dfdbench.errors import MethodError
 from dfdbench.methods.calibration import calibrate_images
-from dfdbench.methods.fit import Learned, check_learned
+from dfdbench.methods.method import Learned, check_learned
 from dfdbench.methods.registry import load
 from dfdbench.methods.stacks import fused, is_pair, sharp_and_blurred
 from tests.made_stacks import made_capture, stack_of

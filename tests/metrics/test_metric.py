@@ -156,7 +156,7 @@ def test_in_metres_every_table_figure_and_page_shows_their_metrics(
         for figure in figures:
             assert figure is not None
             texts = [t for axis in figure.axes for t in (axis.get_xlabel(), axis.get_ylabel())]
-            assert any("δ < 1.25³" in text for text in texts)
+            assert any("δ < 1.15" in text for text in texts)
             assert not any("NRMSE" in text for text in texts)
         page = write_html([run], protocol, tmp_path / protocol).read_text("utf-8")
         assert "<span>δ &lt; 1.25 <b>" in page

@@ -1,0 +1,207 @@
+"""Running pairs of a row again: what comes out, what is found out, whose code is run."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dfdbench.board.row_file import Row, read_row, row_of, row_text
+from dfdbench.board.verification import verify
+from dfdbench.building.build import build_store
+from dfdbench.building.sources import open_source
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.tracked import with_track
+from dfdbench.errors import DfdbenchError, InputError, ResultError
+from dfdbench.evaluation.loading import load_for
+from dfdbench.evaluation.plan import RunOptions
+from dfdbench.evaluation.run import run_method
+from dfdbench.results.record import Result
+from tests.board.made_boards import scored
+
+HERE = Path("row.json")
+
+
+@pytest.fixture
+def stores(
+    tiny_store: Dataset, tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> dict[str, Dataset]:
+    """The tiny set and one of its tracks by name, as if they were released and built here."""
+    manifest = with_track(tiny_store.manifest, "gain-3")
+    build_store(manifest, open_source(manifest, tiny_folder), tmp_path / "gain.zarr")
+    found = {"tiny-1": tiny_store, "tiny-1@gain-3": Dataset(tmp_path / "gain.zarr")}
+    monkeypatch.setattr(
+        "dfdbench.board.row_file.released_manifests", lambda: (tiny_store.manifest,)
+    )
+    monkeypatch.setattr("dfdbench.board.verification.open_dataset", found.__getitem__)
+    return found
+
+
+def run_on(
+    store: Dataset, folder: Path, entry: str = "local", told: bool = False, **parameters: Any
+) -> Result:
+    method = load_for(store, entry, parameters, told=told)
+    options = RunOptions(keep_predictions=False)
+    return run_method(store, method, "test", folder / store.manifest.stem, options).result
+
+
+@pytest.fixture
+def row(stores: dict[str, Dataset], tmp_path: Path) -> Row:
+    return row_of([run_on(stores["tiny-1"], tmp_path, window=3)], ["clean"])
+
+
+def tampered(row: Row, scores: float = 1.0, **changes: Any) -> Row:
+    (run,) = row.runs
+    lower = {
+        protocol: {name: [(v or 0) * scores for v in column] for name, column in columns.items()}
+        for protocol, columns in run.scores.items()
+    }
+    return row.model_copy(update={"runs": [run.model_copy(update={"scores": lower, **changes})]})
+
+
+def test_an_honest_row_gives_the_same_depth_maps(row: Row, tmp_path: Path) -> None:
+    # From its file, as a reviewer has it.
+    (tmp_path / "row.json").write_text(row_text(row), "utf-8")
+    found = verify(read_row(tmp_path / "row.json"), HERE, count=3, seed=4)
+    assert found.passed
+    assert found.same_source
+    assert [pair.same_map for pair in found.pairs] == [True] * 3
+    assert (found.drawn_from, found.seed) == (7, 4)
+    again = verify(row, HERE, count=3, seed=4)
+    assert [pair.name for pair in again.pairs] == [pair.name for pair in found.pairs]
+    assert len(verify(row, HERE, count=99).pairs) == 7
+
+
+def test_nobody_knows_the_draw_beforehand(row: Row) -> None:
+    draws = [verify(row, HERE, count=3) for _ in range(4)]
+    assert len({found.seed for found in draws}) == 4
+    assert len({tuple(pair.name for pair in found.pairs) for found in draws}) > 1
+
+
+@pytest.mark.parametrize(
+    ("tamper", "told"),
+    [
+        (lambda row: tampered(row, 0.5), "same depth map, scores at most"),
+        (
+            lambda row: tampered(row, 0.5, prediction_sha256=["0" * 64] * 7),
+            "another depth map, scores at most",
+        ),
+    ],
+)
+def test_scores_that_were_made_up_are_found_out(
+    row: Row, tamper: Callable[[Row], Row], told: str
+) -> None:
+    found = verify(tamper(row), HERE, count=2)
+    assert not found.passed
+    assert told in str(found.pairs[0])
+
+
+def test_a_depth_map_that_differs_within_the_tolerance_passes(row: Row) -> None:
+    found = verify(tampered(row, prediction_sha256=["0" * 64] * 7), HERE)
+    assert found.passed
+    assert not any(pair.same_map for pair in found.pairs)
+    assert not verify(tampered(row, 0.999), HERE, tolerance=0).passed
+
+
+@pytest.mark.parametrize("tolerance", [float("inf"), float("nan"), -0.1, 9999.0])
+def test_a_tolerance_outside_0_to_1_is_refused(row: Row, tolerance: float) -> None:
+    with pytest.raises(InputError, match="a number from 0 to 1"):
+        verify(row, HERE, tolerance=tolerance)
+
+
+def test_what_cannot_be_run_again_is_refused(row: Row) -> None:
+    with pytest.raises(ResultError, match="nothing to run again"):
+        verify(row_of([scored("mine", 0.1)], ["clean"]), HERE)
+    nothing = tampered(row, status=["failed"] * 7)
+    with pytest.raises(ResultError, match="nothing to verify"):
+        verify(nothing, HERE)
+    with pytest.raises(ResultError, match="not what the row was run on"):
+        verify(tampered(row, fingerprint="8" * 64), HERE)
+
+
+def claiming(row: Row, **method: Any) -> Row:
+    return row.model_copy(update={"method": row.method.model_copy(update=method)})
+
+
+@pytest.mark.parametrize(
+    "claim",
+    [
+        {"uses": []},
+        {"trained_on": "demo-1, split train"},
+        {"weights_sha256": "0" * 64},
+        {"fitted_on": "tiny-1, split train"},
+    ],
+)
+def test_what_a_method_was_given_is_as_the_row_says(row: Row, claim: dict[str, Any]) -> None:
+    found = verify(claiming(row, **claim), HERE, count=1)
+    assert not found.passed
+    assert f"{next(iter(claim))} is " in str(found.pairs[0])
+
+
+def test_code_of_others_is_imported_only_if_it_is_trusted(
+    row: Row, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("theirs.py").write_text(
+        "from pathlib import Path\nPath('imported').touch()\n"
+        "from dfdbench.methods.baselines import Local\n"
+        "def predict(infocus, defocus, window=3):\n"
+        "    return Local(window=window)(infocus, defocus)\n"
+    )
+    entry = "theirs.py:predict"
+    # Its name is one of ours: what counts is what would be imported.
+    forged = claiming(row, name="local", entry=entry, uses=[])
+    for trusted in ((), ("theirs.py",), ("theirs.py:other", "theirs:predict")):
+        with pytest.raises(ResultError, match="only if you trust it"):
+            verify(forged, HERE, trusted=trusted)
+    assert not Path("imported").exists()
+    found = verify(forged, HERE, count=2, trusted=[entry])
+    assert Path("imported").exists()
+    assert [pair.same_map for pair in found.pairs] == [True, True]
+    assert (found.passed, found.same_source) == (True, False)
+
+
+FITTED = """
+import numpy as np
+
+class Mean:
+    def fit(self, pairs):
+        return {"level": np.mean([pair.levels.mean() for pair in pairs])}
+
+    def restore(self, learned):
+        self.level = learned["level"]
+
+    def __call__(self, infocus, defocus):
+        return np.full(infocus.shape[:2], self.level)
+"""
+
+
+def test_a_fitted_method_is_fitted_anew(
+    stores: dict[str, Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("fitted_mean.py").write_text(FITTED)
+    entry = "fitted_mean.py:Mean"
+    method = load_for(stores["tiny-1"], entry, {})
+    fitted = run_method(stores["tiny-1"], method, "K2", tmp_path / "run").result
+    found = verify(row_of([fitted], ["clean"]), HERE, count=99, trusted=[entry])
+    assert found.passed
+    assert len(found.pairs) == 3
+
+
+def test_runs_on_tracks_are_run_again_as_they_were(
+    stores: dict[str, Dataset], tmp_path: Path
+) -> None:
+    results = [run_on(store, tmp_path, told=True, window=3) for store in stores.values()]
+    row = row_of(results, ["tracks-1"])
+    found = verify(row, HERE, count=9, seed=3)
+    assert found.passed
+    assert found.drawn_from == 14
+    assert {pair.name.partition(": ")[0] for pair in found.pairs} == {"clean", "gain-3"}
+    # Not given the blur, it is fitted, which random images do not allow, or gives other maps.
+    silent = results[1].method.model_copy(update={"uses": []})
+    forged = row_of([results[0], results[1].model_copy(update={"method": silent})], ["tracks-1"])
+    try:
+        assert not verify(forged, HERE, count=14).passed
+    except DfdbenchError as error:
+        assert "do not show" in str(error)  # noqa: PT017
