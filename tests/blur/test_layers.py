@@ -60,10 +60,11 @@ def made_scene(seed: int) -> tuple[Floats, NDArray[np.uint8]]:
     return image, depth.astype(np.uint8)
 
 
+@pytest.mark.parametrize("focus", ["near", "far"])
 @pytest.mark.parametrize("exponent", list(KERNELS))
-def test_it_is_the_formula(exponent: float) -> None:
+def test_it_is_the_formula(exponent: float, focus: str) -> None:
     image, depth = made_scene(int(exponent))
-    kernels = without_tails(KERNELS[exponent])
+    kernels = without_tails(KERNELS[exponent][:: 1 if focus == "near" else -1])
     exact = pixel_by_pixel(image, depth, kernels)
     assert np.abs(composite_layers(image, depth, kernels) - exact).max() < 1e-9
 

@@ -9,7 +9,7 @@ import pytest
 from dfdbench.blur.tracks import SUITES
 from dfdbench.board.board import leaderboard
 from dfdbench.board.ranking import Entry, ScoreBoard, boards, mean_of_all, over_tracks
-from dfdbench.results.record import Result
+from dfdbench.results.record import Result, average
 from tests.board.made_boards import add, only_board, scored, submit
 from tests.board.made_tracks import ALL, make_tracks
 from tests.made_results import limited, make_demo_result
@@ -54,6 +54,26 @@ def test_ties_go_to_nmae_and_full_ties_share_a_rank(tmp_path: Path) -> None:
     submit(made.model_copy(update={"pairs": pairs}), tmp_path)
     found = ranks(only_board(tmp_path))
     assert found == [(1, "a"), (1, "b"), (1, "c"), (4, "z"), (5, "last")]
+
+
+def test_each_protocol_ranks_by_its_own_scores(tmp_path: Path) -> None:
+    for name, thesis, valid in (("a", 0.1, 0.4), ("b", 0.2, 0.2)):
+        made = make_demo_result(lambda _, own=thesis: own, name, protocols=("thesis",))
+        other = make_demo_result(lambda _, own=valid: own, name, protocols=("valid",))
+        pairs = [
+            pair.model_copy(update={"scores": pair.scores | also.scores})
+            for pair, also in zip(made.pairs, other.pairs, strict=True)
+        ]
+        update = {
+            "pairs": pairs,
+            "protocols": made.protocols + other.protocols,
+            "averages": average(pairs, ["thesis", "valid"]),
+        }
+        submit(made.model_copy(update=update), tmp_path)
+    found = {board.protocol: board for board in leaderboard(tmp_path).boards}
+    assert ranks(found["thesis"]) == [(1, "a"), (2, "b")]
+    assert ranks(found["valid"]) == [(1, "b"), (2, "a")]
+    assert found["valid"].standings[1].scores["nrmse"] == pytest.approx(0.4)
 
 
 def test_other_data_or_protocol_is_another_ranking(tmp_path: Path) -> None:
