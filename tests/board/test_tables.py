@@ -163,6 +163,7 @@ def tracked(folder: Path, *rows: tuple[str, dict[str, Any]]) -> ScoreBoard:
 
 def test_a_row_shows_clean_beside_the_mean_of_each_track(tmp_path: Path) -> None:
     table = tracks_table(tracked(tmp_path, ("mine", {})), tmp_path)
+    assert table.title == "demo-1, split test, tracks-1, protocol valid: NRMSE ↓"
     assert table.columns[2:11] == (
         "clean", "noise", "psf", "law", "occlusion", "shift", "gain", "camera", "mean of tracks",
     )  # fmt: skip
