@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 from skimage.metrics import structural_similarity
 
 from dfdbench.errors import InputError
@@ -81,6 +82,24 @@ def test_ssim_is_that_of_scikit_image_and_symmetric(truth: Floats, test: Floats)
     assert ours <= 1
 
 
+def test_ssim_weighs_a_window_by_its_known_pixels() -> None:
+    random = np.random.default_rng(6)
+    truth, test = random.uniform(0, 255, (2, 20, 24))
+    mask = random.random(truth.shape) < 0.7
+
+    def local(values: Floats) -> Floats:
+        known = gaussian_filter(mask.astype(float), 1.5, radius=5)
+        return np.asarray(gaussian_filter(values * mask, 1.5, radius=5) / known)
+
+    a, b, c1, c2 = local(truth), local(test), 2.55**2, 7.65**2
+    variances = local(truth**2) - a**2 + local(test**2) - b**2
+    covariance = local(truth * test) - a * b
+    similar = (2 * a * b + c1) * (2 * covariance + c2) / ((a**2 + b**2 + c1) * (variances + c2))
+    inner = np.s_[5:-5, 5:-5]
+    expected = similar[inner][mask[inner]].mean()
+    assert ssim(truth, test, mask=mask) == pytest.approx(expected, abs=1e-12)
+
+
 @pytest.mark.parametrize("shape", [(11, 11), (12, 40), (370, 463)])
 def test_ssim_on_real_sizes(shape: tuple[int, int]) -> None:
     random = np.random.default_rng(5)
@@ -144,6 +163,7 @@ def test_wrong_input_is_named(metric: object) -> None:
         (good, good + np.nan, {}, "not finite"),
         (good, good.astype(complex), {}, "complex128"),
         (good[0], good[0], {}, "wrong shape"),
+        (good[:0], good[:0], {}, "wrong shape"),
         (good, good, {"data_range": 0}, "wrong range"),
         (good, good, {"mask": np.ones((12, 12))}, "wrong mask"),
         (good, good, {"mask": np.ones((3, 3), bool)}, "wrong mask"),
