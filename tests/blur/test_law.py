@@ -38,6 +38,8 @@ def test_a_gaussian_law_has_the_recipes_kernels() -> None:
         ({"sigmas": [1.0, 2.0], "gain": 0}, "gain"),
         ({"sigmas": [1.0, 2.0], "offset": float("nan")}, "offset"),
         ({"sigmas": [1.0, 2.0], "noise": 0.3}, "noise"),
+        ({"sigmas": [1.0, 2.0], "noise": [0.3, -0.1]}, "noise"),
+        ({"sigmas": [1.0, 2.0], "infocus_noise": -0.1}, "infocus_noise"),
         ({"sigmas": [1.0, 2.0], "linear": 1}, "linear"),
         ({"sigmas": [1.0, 2.0], "sigma_min": 1}, "sigma_min"),
     ],
