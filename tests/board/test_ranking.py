@@ -137,6 +137,12 @@ def test_a_suite_needs_every_severity_of_every_track() -> None:
     assert np.isnan(mean_of_all(lacking))
 
 
+def test_a_suite_of_one_track_is_of_its_runs_alone(tmp_path: Path) -> None:
+    submit(list(make_tracks(labels=["stack-9"]).values()), tmp_path)
+    (standing,) = only_board(tmp_path).standings
+    assert [run.dataset.degradation for run in standing.entry.runs] == ["stack-9"]
+
+
 def test_a_new_track_takes_no_rank_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     submit(list(make_tracks("old", 0.2, labels=ALL[:-3]).values()), tmp_path)
     smaller = {"tracks-1": tuple(ALL[:-3]), "tracks-2": tuple(ALL)}

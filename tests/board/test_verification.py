@@ -96,6 +96,14 @@ def test_scores_that_were_made_up_are_found_out(
     assert told in str(found.pairs[0])
 
 
+def test_a_score_that_was_left_out_is_found_out(row: Row) -> None:
+    (run,) = row.runs
+    scores = {**run.scores, "valid": {**run.scores["valid"], "ssim": [None] * 7}}
+    without = row.model_copy(update={"runs": [run.model_copy(update={"scores": scores})]})
+    found = verify(without, HERE, count=2)
+    assert [pair.difference for pair in found.pairs] == [float("inf")] * 2
+
+
 def test_a_depth_map_that_differs_within_the_tolerance_passes(row: Row) -> None:
     found = verify(tampered(row, prediction_sha256=["0" * 64] * 7), HERE)
     assert found.passed
