@@ -57,9 +57,11 @@ def test_ties_go_to_nmae_and_full_ties_share_a_rank(tmp_path: Path) -> None:
 
 
 def test_each_protocol_ranks_by_its_own_scores(tmp_path: Path) -> None:
+    def under(protocol: str, name: str, value: float) -> Result:
+        return make_demo_result(lambda pair: value, name, protocols=(protocol,))
+
     for name, thesis, valid in (("a", 0.1, 0.4), ("b", 0.2, 0.2)):
-        made = make_demo_result(lambda _, own=thesis: own, name, protocols=("thesis",))
-        other = make_demo_result(lambda _, own=valid: own, name, protocols=("valid",))
+        made, other = under("thesis", name, thesis), under("valid", name, valid)
         pairs = [
             pair.model_copy(update={"scores": pair.scores | also.scores})
             for pair, also in zip(made.pairs, other.pairs, strict=True)
