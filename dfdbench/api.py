@@ -339,7 +339,7 @@ def run_tracks(
         find_entry(method)
     check = partial(require_fit_to_submit, split=split) if for_board else None
     options = RunOptions(keep_predictions=False, seed=seed)
-    with _folder(out, source) as folder:
+    with _folder(out, source, replaces=False) as folder:
         stores = {CLEAN: built_track(plain, dataset, CLEAN, source, cache, shown)}
         load_for(stores[CLEAN], method, parameters, seed, given_blur)
         for label in labels[1:]:
@@ -422,10 +422,12 @@ def _opened(dataset: str | Dataset, cache: Path | None) -> Dataset:
 
 
 @contextmanager
-def _folder(out: Path | str | None, *inputs: Path | str | None) -> Iterator[Path]:
+def _folder(
+    out: Path | str | None, *inputs: Path | str | None, replaces: bool = True
+) -> Iterator[Path]:
     """Give a run's folder: the one named, or a temporary one, which goes if the run fails."""
     if out is not None:
-        yield output_place(out, *inputs, replaces=True)
+        yield output_place(out, *inputs, replaces=replaces)
         return
     folder = Path(tempfile.mkdtemp(prefix="dfdbench-"))
     try:

@@ -161,13 +161,13 @@ def test_a_method_that_is_fitted_finds_depth_where_no_line_would(name: str) -> N
     assert isinstance(method.predict, Calibrated)
     with pytest.raises(MethodError, match="the method knows no blur yet"):
         method.predict(*scene(9)[:1] * 2)
-    assert method.fit is not None
+    assert method.learner is not None
     method.predict.restore(dict(found_of(law).as_learned()))
     infocus, defocus, depth = pairs(law, 1)[0][:3]
     # The same blur on both sides of the focus: either level is right.
     found = FOCUSED[np.asarray(method.predict(infocus, defocus)).astype(int)]
     assert np.median(np.abs(found - FOCUSED[depth])) < 0.03
-    assert load_method(name, {}, {}).fit is None
+    assert load_method(name, {}, {}).learner is None
 
 
 def test_a_law_can_be_given_by_a_file(tmp_path: object) -> None:

@@ -57,7 +57,7 @@ def test_a_recipe_that_is_none_is_refused_by_name(module: Path, fields: Any, tol
 
 
 def test_the_blur_is_withheld_only_from_who_can_find_it_out(tmp_path: Path) -> None:
-    assert load_method("local", {"recipe": None}, {}).fit is not None
+    assert load_method("local", {"recipe": None}, {}).learner is not None
     (tmp_path / "solver.py").write_text(
         "class Solver:\n"
         "    def __init__(self, recipe):\n        self.recipe = recipe\n"

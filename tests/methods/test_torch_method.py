@@ -55,7 +55,6 @@ def test_batch_norm_answers_as_it_learned(network: Path, name: str, factor: floa
 def test_a_fit_that_trains_leaves_no_trace(network: Path) -> None:
     method = load_method(f"{network}:Net", {}, {})
     assert method.trained_on == "nothing"
-    assert method.fit is not None
     method.fit([])
     image = np.zeros((9, 12, 3), np.uint8)
     assert call(method.predict, image, image).depth is not None
