@@ -31,9 +31,6 @@ if TYPE_CHECKING:
     from dfdbench.results.record import Environment
 
 
-cache_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
-
-
 def list_datasets(
     cache: Cache = None,
     entries: Annotated[
@@ -113,7 +110,6 @@ def verify(name: DataSetArgument, workers: Workers = None, cache: Cache = None) 
     print("sound        the store holds what was built")
 
 
-@cache_app.callback()
 def cache_verb(context: typer.Context, cache: Cache = None) -> None:
     """List what lies in the cache: downloads and built data sets; `clear` removes it."""
     if context.invoked_subcommand is not None:
@@ -128,7 +124,6 @@ def cache_verb(context: typer.Context, cache: Cache = None) -> None:
     print_table(Table(title, ("kind", "name", "files", "size"), rows, "llrr"))
 
 
-@cache_app.command("clear")
 def clear_cache(
     names: Annotated[
         list[str] | None,

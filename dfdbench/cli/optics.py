@@ -20,19 +20,11 @@ from dfdbench.optics.thin_lens import ThinLens
 from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Table
 
-app = typer.Typer(
-    help="What a lens does to a point, and which voltage steps make a good pair.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-)
-
 _OPTIONS = {"f_number": "--f-number", "focus_distance": "--focus"}
 _ROWS = 20
 _DRAWN = 3
 
 
-@app.command()
 def blur(
     f_number: Annotated[float, typer.Option(help="Focal length over aperture.")],
     focal_length: Annotated[str, typer.Option(help="With its unit: 9.6mm.")],
@@ -69,7 +61,6 @@ def blur(
     print_table(_blur_table(lens, near, far))
 
 
-@app.command()
 def pairs(
     lens: Annotated[
         Path | None,
@@ -96,7 +87,6 @@ def pairs(
     print_table(_pair_table(ranked, limit))
 
 
-@app.command()
 def sharpness(
     source: Annotated[Path, typer.Argument(help="Folder with temperature, up and down.")],
     out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("sharpness"),

@@ -225,12 +225,6 @@ def _each_once(paths: Sequence[Path]) -> list[Path]:
     return list(found.values())
 
 
-leaderboard_verbs = typer.Typer(
-    invoke_without_command=True, add_completion=False, rich_markup_mode=None
-)
-
-
-@leaderboard_verbs.callback()
 def leaderboard(
     context: typer.Context,
     check: Annotated[
@@ -258,7 +252,6 @@ def leaderboard(
     say(f"written      {path}")
 
 
-@leaderboard_verbs.command("verify")
 def verify_rows(
     rows: Annotated[list[Path], typer.Argument(help="Files of leaderboard/results.")],
     pairs: Annotated[int, typer.Option(min=1, help="How many pairs are run again.")] = 5,

@@ -266,18 +266,9 @@ def _at_scene(problem: Problem, source: Path, name: str) -> Problem:
     )
 
 
-app = typer.Typer(
-    help="Make captures as the thesis's rig would write them.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-)
-
-
 _LARGEST_TURN = 10.0  # degrees
 
 
-@app.command("realworld")
 def simulate_realworld(
     out: Annotated[Path, typer.Option(help="Folder to write the scenes into.")],
     scenes: Annotated[str, typer.Option(help="Which: k00-k07,k33.")] = "k00-k07",
@@ -314,7 +305,6 @@ def simulate_realworld(
     say(f"next         dfdbench rig register {scenes} --source {out}")
 
 
-@app.command("lens")
 def simulate_lens(out: Annotated[Path, typer.Option(help="Folder to write into.")]) -> None:
     """Simulate the captures of a lens test: a dot over temperature, and voltage up and down."""
     output_place(out)

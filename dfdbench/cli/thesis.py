@@ -316,21 +316,9 @@ def reduce(
     say(f"next         dfdbench thesis experiment reduction --dataset {dataset} --rows {folder}")
 
 
-app = typer.Typer(
-    help="Search for a network's architecture, as chapter 6 of the thesis does.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-)
 _BEST, _TABLE = "best.toml", "search.md"
 
 
-@app.callback()
-def _search() -> None:
-    pass
-
-
-@app.command("architecture")
 def architecture(
     dataset: DataSet = "middlebury",
     split: Annotated[str, typer.Option(help="The split to train on.")] = "train",
