@@ -6,9 +6,17 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, JsonValue, TypeAdapter, WithJsonSchema, create_model
+from pydantic import (
+    AfterValidator,
+    Field,
+    JsonValue,
+    TypeAdapter,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
 
 from dfdbench.datasets.manifest import Manifest, Name, Pair, simulated_label
 from dfdbench.metrics.metric import IN_METRES, METRICS, Metric, mean_of
@@ -23,10 +31,6 @@ from dfdbench.metrics.protocol import (
 from dfdbench.metrics.scores import LARGEST_NUMBER
 from dfdbench.system.strict import Record
 
-if TYPE_CHECKING:
-    pass
-
-
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 #: Bounds far above any run's keep sums of such numbers finite.
 Seconds = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1e9)]
@@ -38,7 +42,6 @@ Seed = Annotated[int, Field(ge=0, lt=2**32)]
 #: Text in one line, without what steers a terminal.
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]+$", max_length=1000)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-#: What depth maps that were made elsewhere may hold.
 #: How a result of such maps is marked wherever its method is named.
 SCORED = "scored, not run"
 
@@ -240,6 +243,26 @@ class Result(Record):
     pairs: list[PairResult]
     averages: dict[Name, dict[str, Finite | None]] | None
     warnings: list[str] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _check(self) -> Result:
+        data, pairs, protocols = self.dataset, self.pairs, self.protocol_names
+        # Tables and figures look pairs up by axis, maps of depth by scene and coordinates.
+        if not {data.blocks, data.rows or data.blocks} <= set(data.axes):
+            raise ValueError(f"blocks and rows are not among the axes {', '.join(data.axes)}")
+        if len(set(data.axes)) < len(data.axes) or len(set(protocols)) < len(protocols):
+            raise ValueError("an axis or a protocol is listed twice")
+        for pair in pairs:
+            if pair.coordinates.keys() != set(data.axes) or pair.id != pair.pair_on(data.axes).id:
+                raise ValueError(f"{pair.id} is not where its name says")
+            if pair.status == "ok" and pair.scores.keys() != set(protocols):
+                raise ValueError(f"{pair.id} is not scored under {', '.join(protocols)}")
+            if pair.machine >= len(self.environments):
+                raise ValueError(f"{pair.id} was run on a machine that is not listed")
+        counts = len(pairs), sum(pair.status == "ok" for pair in pairs)
+        if counts != (data.expected, data.evaluated) or len({p.id for p in pairs}) < len(pairs):
+            raise ValueError("the pairs do not add up")
+        return self
 
     @property
     def protocol_names(self) -> tuple[str, ...]:
