@@ -47,7 +47,7 @@ class Verb:
 
     def load(self, name: str) -> Any:
         """Import the verb and return it as a command of this name."""
-        style = {"no_args_is_help": not self.place, "rich_markup_mode": None}
+        style: Any = {"no_args_is_help": not self.place, "rich_markup_mode": None}
         if not self.place:
             return LazyGroup(name=name, help=self.about, verbs=self.verbs, **style)
         module, function = self.place.split(".")
