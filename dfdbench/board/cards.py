@@ -130,8 +130,5 @@ def find_card(
         if card.is_of(name, entry, parameters) and given_blur in (None, card.given_blur):
             return found
     shown = " ".join([name, *(f"{key}={value}" for key, value in parameters.items())])
-    raise ResultError(
-        f"{shown}{', given the blur,' * bool(given_blur)} has no card",
-        where=str(folder / METHODS),
-        fix=WRITE_CARD,
-    )
+    what = f"{shown}{', given the blur,' * bool(given_blur)} has no card"
+    raise ResultError(what, where=str(folder / METHODS), fix=WRITE_CARD)

@@ -73,11 +73,9 @@ def draw_seed(folder: Path, seed: int | str | None = None) -> Draw:
     """
     commit = describe_environment().git
     if commit is None or commit.endswith("-dirty"):
-        raise ResultError(
-            "the code that is to be run is in no commit",
-            where=commit or "no git checkout",
-            fix="commit it first: the board says which commit was run",
-        )
+        fix = "commit it first: the board says which commit was run"
+        where = commit or "no git checkout"
+        raise ResultError("the code that is to be run is in no commit", where=where, fix=fix)
     number = secrets.randbelow(_MOST) if seed is None else int(of_seed("unseen", seed)[7:])
     earlier = read_draws(folder)
     before = next((draw for draw in earlier if draw.seed == number), None)

@@ -37,11 +37,8 @@ def require_submittable(limit: int | None) -> None:
         If the run is limited to some pairs, or there is no leaderboard here.
     """
     if limit:
-        raise InputError(
-            "a limited run cannot be submitted",
-            where=f"--limit {limit}",
-            fix="leave out --limit; pairs that were run already are taken over",
-        )
+        fix = "leave out --limit; pairs that were run already are taken over"
+        raise InputError("a limited run cannot be submitted", where=f"--limit {limit}", fix=fix)
     require_leaderboard(LEADERBOARD)
 
 
@@ -139,7 +136,7 @@ def _require_one_method(runs: Sequence[Result]) -> None:
         Problem(
             "the runs are not of one method on one split",
             where=f"{run.dataset.degradation}: {name}",
-            expected=f"{_facts(runs[0])[name]}, as on {runs[0].dataset.degradation}",
+            expected=str(_facts(runs[0])[name]),
             got=str(value),
         )
         for run in runs
@@ -154,21 +151,17 @@ def _require_same_method(there: Result, new: Result, path: Path) -> None:
     found, own = _facts(there), _facts(new)
     others = [name for name in own if found.get(name) != own[name]]
     if others:
-        raise ResultError(
-            f"another method of this name is there: its {others[0]} is "
-            f"{found.get(others[0])}, not {own[others[0]]}",
-            where=str(path),
-            fix="give your method a card of another name; if the row is yours, remove its file",
-        )
+        name = others[0]
+        what = f"another method is there: its {name} is {found.get(name)}, not {own[name]}"
+        fix = "give your method a card of another name; if the row is yours, remove its file"
+        raise ResultError(what, where=str(path), fix=fix)
 
 
 def _require_no_less(there: Sequence[Result], new: Sequence[Result], path: Path) -> None:
     whole = {run.dataset.degradation for run in there if run.complete}
     for run in new:
         if run.dataset.degradation in whole and not run.complete:
-            raise ResultError(
-                f"a partial run on {run.dataset.degradation}, {run.dataset.evaluated} of "
-                f"{run.dataset.expected} pairs, would replace a complete one",
-                where=str(path),
-                fix="run the rest: the same command continues where it stopped",
-            )
+            data, fix = run.dataset, "run the rest: the same command continues where it stopped"
+            done = f"{data.degradation}, {data.evaluated} of {data.expected} pairs"
+            what = f"a partial run on {done}, would replace a complete one"
+            raise ResultError(what, where=str(path), fix=fix)

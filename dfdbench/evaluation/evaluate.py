@@ -96,17 +96,12 @@ def without_track(dataset: str) -> Manifest:
     """
     manifest = find_manifest(dataset)
     if manifest.on_track:
-        raise InputError(
-            "this runs over all tracks of a data set",
-            where=dataset,
-            fix=f"name {dataset.rpartition('@')[0]}; --track NAME chooses among its tracks",
-        )
+        fix = f"name {dataset.rpartition('@')[0]}; --track NAME chooses among its tracks"
+        raise InputError("this runs over all tracks of a data set", where=dataset, fix=fix)
     if manifest.recipe is None:
-        raise InputError(
-            "there are no tracks: the defocus images are captured, and a track makes them",
-            where=dataset,
-            fix="name a data set with synthetic blur: `dfdbench list`",
-        )
+        what = "there are no tracks: the defocus images are captured, and a track makes them"
+        fix = "name a data set with synthetic blur: `dfdbench list`"
+        raise InputError(what, where=dataset, fix=fix)
     return manifest
 
 

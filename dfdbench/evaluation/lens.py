@@ -28,6 +28,7 @@ _LENS = (*_NEEDED, "infocus_f_number")
 _OF_LAW = tuple(field.name for field in fields_of(BlurLaw) if field.name != SIGMAS)
 # In pixels; so narrow a kernel changes nothing, and a width of 0 is none.
 _LEAST_SIGMA = 0.1
+_SAY = "--param recipe=FILE.toml with what the manifest's rig and depth.scale lack"
 
 
 def rig_of(manifest: Manifest) -> Rig:
@@ -134,11 +135,7 @@ def lens_law(told: Mapping[str, Any], where: str = "lens") -> BlurLaw:
     if lacking:
         problems.append(
             Problem(
-                "the lens is not known well enough",
-                where=where,
-                expected=", ".join((*_NEEDED, _SCALE)),
-                got=f"no {', '.join(lacking)}",
-                fix="--param recipe=FILE.toml with what the manifest's rig and depth.scale lack",
+                f"the lens is not known well enough: no {', '.join(lacking)}", where=where, fix=_SAY
             )
         )
     if problems:

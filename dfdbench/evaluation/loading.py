@@ -61,12 +61,9 @@ def load_for(
     if is_local(store.path):
         found.sources.apart = (Path(str(store.path)),)
     if told and "recipe" not in found.uses:
-        raise MethodError(
-            "nothing to tell: the method does not ask for the blur recipe, or was given one",
-            where=found.entry,
-            expected="a constructor parameter recipe that is left open, as graph-cuts has it",
-            fix="leave out --given-blur, or --param recipe",
-        )
+        what = "nothing to give: the method does not ask for the blur recipe, or was given one"
+        fix = "leave out --given-blur, or --param recipe"
+        raise MethodError(what, where=found.entry, fix=fix)
     return _on(store, found, recorded, images)
 
 
@@ -120,12 +117,9 @@ def _on(
     """
     depth = store.manifest.depth
     if found.answers_in(depth.kind) != depth.kind and depth.scale is None:
-        raise MethodError(
-            f"the method answers in metres, and nothing says what levels of {store.manifest.stem} "
-            "are in metres",
-            where=found.name,
-            expected="depth.scale in the manifest, or a method that answers in levels",
-        )
+        what = f"it answers in metres, and {store.manifest.stem} does not say what levels are"
+        fix = "put depth.scale into the manifest, or choose a method that answers in levels"
+        raise MethodError(what, where=found.name, fix=fix)
     named = {} if images is None else {"images": list(images)}
     return replace(found, images=images, parameters=found.parameters | recorded | named)
 
@@ -186,22 +180,16 @@ def _formation_of(store: Dataset) -> BlurRecipe | BlurLaw | None:
 def _recipe_of(store: Dataset) -> BlurRecipe:
     recipe = store.recipe
     if recipe is None and store.manifest.on_track:
-        raise MethodError(
-            "the method asks for the blur recipe, and a track does not tell it",
-            where=str(store.path),
-            expected="a method that learns or calibrates the blur from training pairs",
-            got=store.manifest.short,
-            fix="--param recipe=published gives it one, which is not how these images were made",
-        )
+        what = "the method asks for the blur recipe, and a track does not give it"
+        fix = "choose one that is fitted; --param recipe=published gives one, but not the true one"
+        raise MethodError(what, where=store.manifest.short, fix=fix)
     if recipe is None:
-        raise MethodError(
-            "the method asks for a blur recipe, and there is none",
-            where=str(store.path),
-            expected="a data set with synthetic blur",
-            got=f"{store.manifest.short}: captured defocus",
-            fix="--param recipe=FILE.toml tells a lens, and recipe=rig that of the manifest; "
-            "recipe=published gives a recipe, which is not how these images were made",
+        what = "the method asks for a blur recipe, and captured images have none"
+        fix = (
+            "--param recipe=FILE.toml describes a lens, recipe=rig takes the manifest's; "
+            "recipe=published gives a recipe, but not how these images were made"
         )
+        raise MethodError(what, where=store.manifest.short, fix=fix)
     return recipe
 
 
@@ -243,13 +231,9 @@ def _training_levels(store: Dataset) -> NDArray[np.int64]:
     """Return how many known pixels of the training split's depth maps have each level."""
     splits = [split.name for split in store.manifest.splits]
     if "train" not in splits:
-        raise StoreError(
-            what="the method asks for the depth of the training split, and there is none",
-            where=str(store.path),
-            expected="a split called train in the manifest",
-            got=", ".join(splits) or "no splits",
-            fix="--param training_mean=LEVEL, 0 to 255, or build from a manifest that has one",
-        )
+        what = "the method asks for the depth of the training split, and there is no split train"
+        fix = "--param training_mean=LEVEL, 0 to 255, or build from a manifest that has one"
+        raise StoreError(what, where=str(store.path), fix=fix)
     counts = np.zeros(256, np.int64)
     seen: set[tuple[str, tuple[int, ...]]] = set()
     for pair in store.pairs("train"):

@@ -169,13 +169,9 @@ def _require_same(expected: dict[str, Hashes], method: Method) -> None:
     ]
     differing += changes(expected.get("used", {}), method.used)
     if differing:
-        raise MethodError(
-            "a worker would run another version of the method",
-            where=f"{method.entry}, on {platform.node()}",
-            expected="the files and versions of the process that began the run",
-            got="; ".join(differing),
-            fix="give the workers the same environment and files, and start them again",
-        )
+        what = f"a worker would run another version of the method: {'; '.join(differing)}"
+        fix = "give the workers the same environment and files, and start them again"
+        raise MethodError(what, where=f"{method.entry}, on {platform.node()}", fix=fix)
 
 
 @lru_cache(maxsize=1)

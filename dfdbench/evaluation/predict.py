@@ -126,14 +126,11 @@ class DepthPredictor:
         if self.method.learner is None:
             return
         if fitted is None or not (fitted / FIT).is_file():
-            raise MethodError(
-                "the method learns the blur of a camera, and nothing says what it is"
-                if fitted is None
-                else "the run kept nothing that the method learned",
-                where=str(fitted or self.method.entry),
-                fix="name a run of this method on captures of the same camera (--fitted RUN), or "
-                "say what the lens is (--lens FILE)",
-            )
+            what = "the run kept nothing that the method learned"
+            if fitted is None:
+                what = "the method learns the blur of a camera, and nothing says what it is"
+            fix = "name a run on the same camera (--fitted RUN), or the lens (--lens FILE)"
+            raise MethodError(what, where=str(fitted or self.method.entry), fix=fix)
         learned = read_fit(fitted).learned
         assert learned is not None  # `keep_fit` writes nothing else
         restore(self.method, learned)
@@ -187,17 +184,14 @@ class DepthPredictor:
         """
         found = ""
         if infocus.shape != defocus.shape or infocus.ndim != 3:
-            raise InputError(
-                f"the photographs differ in size: {_size(infocus)} and {_size(defocus)}",
-                fix="crop or resample them to the same size",
-            )
+            sizes = f"{_size(infocus)} and {_size(defocus)}"
+            fix = "crop or resample them to the same size"
+            raise InputError(f"the photographs differ in size: {sizes}", fix=fix)
         if self._align:
             needed = matching_of([("the photographs", infocus, defocus)])
             if not needed.measured:
-                raise InputError(
-                    "the photographs cannot be laid on each other",
-                    fix="align them yourself and say --no-align",
-                )
+                fix = "align them yourself and say --no-align"
+                raise InputError("the photographs cannot be laid on each other", fix=fix)
             infocus, defocus, _, _ = matched(infocus, defocus, needed.align, needed.match_gain)
             if needed.align != "none" or needed.match_gain:
                 found = "; ".join((*needed.found, *needed.open))
@@ -351,11 +345,8 @@ def captures_in(folder: Path) -> dict[str, tuple[Path, ...]]:
 
 def _load(method: str | Callable[..., Any], parameters: Mapping[str, Any], seed: int) -> Method:
     def recipe() -> None:
-        raise MethodError(
-            "the method needs to be given the blur",
-            where=str(method),
-            fix="say what the lens is (--lens FILE), or give a recipe (--param recipe=published)",
-        )
+        fix = "say what the lens is (--lens FILE), or give a recipe (--param recipe=published)"
+        raise MethodError("the method needs to be given the blur", where=str(method), fix=fix)
 
     offers: dict[str, Callable[[], Any]] = {"recipe": recipe, "seed": lambda: seed, "rig": Rig}
     unknown: dict[str, Callable[[], Any]] = {"recipe": lambda: None}

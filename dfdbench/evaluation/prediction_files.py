@@ -125,17 +125,14 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
 def _unfit(folder: Path, store: Dataset, split: str, unit: Unit) -> list[Problem]:
     problems = []
     if not folder.is_dir():
-        problems.append(
-            Problem("no folder of depth maps", where=str(folder), expected="a folder with files")
-        )
+        problems.append(Problem("no folder of depth maps", where=str(folder)))
     if not store.pairs(split):
         problems.append(Problem(f"the store holds no pair of split {split}", where=str(store.path)))
     if unit == "metres" and store.manifest.depth.scale is None:
         problems.append(
             Problem(
-                "the manifest does not say how levels become metres",
+                "no depth.scale in the manifest makes metres of levels",
                 where=store.manifest.stem,
-                expected="depth.scale in the manifest",
                 fix="hand in depth levels: --unit levels",
             )
         )

@@ -218,13 +218,9 @@ def _fitted(plan: RunPlan, before: Path | None, pool: Pool | None) -> Fit | None
         fit = fit_from(plan.method, plan.options.fitted)
     fit = fit or fit_method(plan.store, plan.method, plan.split, plan.options.seed)
     if fit and fit.learned is None and pool is not None:
-        raise MethodError(
-            "what the method learned cannot be sent to other processes",
-            where=f"{plan.method.entry}: fit",
-            expected="a fit that returns what it learned, as numbers and arrays by name",
-            got="None: it is kept in the method itself",
-            fix="leave out --workers and --scheduler",
-        )
+        what = "what the method learned cannot be sent to other processes: its fit returns None"
+        fix = "leave out --workers and --scheduler"
+        raise MethodError(what, where=f"{plan.method.entry}: fit", fix=fix)
     return fit
 
 

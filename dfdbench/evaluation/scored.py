@@ -102,12 +102,8 @@ def _method_record(name: str, unit: Unit) -> MethodRecord:
             scored=unit,
         )
     except ValidationError as error:
-        raise InputError(
-            "no name for a method",
-            where=repr(name)[:80],
-            expected="one line of text",
-            fix="--method NAME",
-        ) from error
+        what = f"no name for a method, which is one line of text: {name!r:.80}"
+        raise InputError(what, fix="--method NAME") from error
 
 
 def _warnings(found: PredictionFiles) -> list[str]:

@@ -84,10 +84,8 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
         if values[0] != values[1]:
             problems.append(
                 Problem(
-                    "runs on different data are not comparable",
+                    f"runs on different data are not comparable: {values[0]} and {values[1]}",
                     where=f"dataset.{what}",
-                    expected=values[0],
-                    got=values[1],
                     fix="run both methods on the same built data set and split",
                 )
             )
@@ -98,13 +96,8 @@ def check_comparable(first: Result, second: Result, protocol: str) -> None:
         require_scored(protocol, result.protocol_names, f"{result.method.name}'s result")
         definitions += [known for known in result.protocols if label_of(known) == protocol]
     if definitions[0] != definitions[1]:
-        raise ResultError(
-            f"protocol {protocol} is defined differently in the two results",
-            where="",
-            expected=str(definitions[0]),
-            got=str(definitions[1]),
-            fix="run both with the same version",
-        )
+        what = f"protocol {protocol} is defined differently in the two results"
+        raise ResultError(what, fix="run both with the same version")
 
 
 def changes(first: Result, second: Result, protocol: str, metric: str) -> tuple[PairChange, ...]:

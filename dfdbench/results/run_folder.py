@@ -56,11 +56,11 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
     set_aside = None
     if folder.exists() and any(folder.iterdir()):
         if not (folder / RUN_IDENTITY).exists():
-            raise ResultError(
+            what, fix = (
                 "the folder holds something else than a run",
-                where=str(folder),
-                fix="choose another with --out DIR",
+                "choose another with --out DIR",
             )
+            raise ResultError(what, where=str(folder), fix=fix)
         if not goes_on:
             set_aside = folder.with_name(folder.name + PREVIOUS)
             if set_aside.exists():
@@ -192,13 +192,9 @@ def read_prediction(folder: Path, pair: Pair, shape: tuple[int, int]) -> NDArray
         if kept and not ((depth >= 0) & (depth <= LAST_LEVEL)).all():
             raise ValueError(f"levels outside 0 to {LAST_LEVEL}")
     except (LookupError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
-        raise ResultError(
-            what="no depth maps of a run",
-            where=str(place),
-            expected=f"float32 maps of {shape[0]} x {shape[1]} pixels, {pair.id} among them",
-            got=str(error)[:200],
-            fix="run the method again with --fresh",
-        ) from error
+        maps = f"depth maps of {shape[0]} x {shape[1]} pixels, {pair.id} among them"
+        what, fix = f"not a run's {maps}: {error!s:.200}", "run the method again with --fresh"
+        raise ResultError(what, where=str(place), fix=fix) from error
     return depth if kept else None
 
 
@@ -213,10 +209,5 @@ def require_pairs_of(result: Result, store: Dataset, path: Path) -> None:
     known = {pair.id: pair.at for pair in store.manifest.pairs()}
     strange = [pair.id for pair in result.pairs if known.get(pair.id) != pair.coordinates]
     if strange:
-        raise ResultError(
-            what="pairs that the data set does not have",
-            where=f"{path}: pairs",
-            expected=f"pairs of {store.manifest.stem}",
-            got=listed(strange, most=1),
-            fix="run the method again",
-        )
+        what = f"{store.manifest.stem} has no pair {listed(strange, most=1)}"
+        raise ResultError(what, where=f"{path}: pairs", fix="run the method again")

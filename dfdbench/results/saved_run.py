@@ -99,10 +99,7 @@ class SavedRun:
                 raise unknown_name("pair of the run", pair, records)
             pair = records[pair]
         if not isinstance(pair, PairResult):
-            raise TypeError(
-                "a pair of a run is named by its id or its record, as run.result.pairs[0]; "
-                f"got {pair!r}"
-            )
+            raise TypeError(f"a pair is named by its id or its record, not {pair!r}")
         if self.store is None:
             return None
         prediction = read_prediction(self.path.parent, pair.pair, self.store.shape_of(pair.scene))
@@ -163,12 +160,8 @@ def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
     if dataset:
         store = open_dataset(dataset)
         if store.fingerprint != result.dataset.fingerprint:
-            raise ResultError(
-                "the store holds other data than the run was made with",
-                where=str(file),
-                expected=result.dataset.fingerprint,
-                got=store.fingerprint,
-            )
+            what = "the store holds other data than the run was made with"
+            raise ResultError(what, where=f"{store.path}, {file}")
         found, without = store, ""
     else:
         found, without = _find_store(file.parent, result)
@@ -199,22 +192,15 @@ def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
 
 def _no_run(folder: Path) -> Problem:
     if is_begun(folder):
-        return Problem(
-            "the run in this folder was stopped before its end",
-            where=str(folder),
-            expected=RESULT,
-            got="the pairs that it finished, which are kept",
-            fix="the same command that began it finishes it",
+        what = (
+            "the run in this folder was stopped before its end; the pairs that it finished are kept"
         )
+        fix = "the same command that began it finishes it"
+        return Problem(what, where=str(folder), fix=fix)
     below = [found.parent for depth in ("*", "*/*") for found in folder.glob(f"{depth}/{RESULT}")]
-    return Problem(
-        "no run in this folder",
-        where=str(folder),
-        expected=f"a folder with {RESULT}, or a result file",
-        fix=f"name the runs: {listed(sorted(below), most=3)}"
-        if below
-        else "`dfdbench run` makes one",
-    )
+    found = f"name the runs: {listed(sorted(below), most=3)}"
+    fix = found if below else "`dfdbench run` makes one"
+    return Problem(f"no run in this folder: no {RESULT}", where=str(folder), fix=fix)
 
 
 def told_apart(runs: Iterable[SavedRun]) -> list[SavedRun]:

@@ -203,7 +203,7 @@ def test_metres_without_a_scale_and_a_folder_that_is_none(
     with pytest.raises(ResultError) as raised:
         find_predictions(folder / "no", tiny_store, "test", "metres")
     assert "no folder of depth maps" in str(raised.value)
-    assert "does not say how levels become metres" in str(raised.value)
+    assert "no depth.scale in the manifest" in str(raised.value)
 
 
 def test_files_of_other_pairs_are_counted_and_of_many_wrong_ones_some_are_told(
