@@ -436,23 +436,21 @@ def _refuse_mixtures(
             Problem(
                 "--each takes no split and no result",
                 where="--each",
-                fix=f"leave out {_list(others)}",
+                fix=f"leave out {' and '.join(others)}",
             )
         )
     elif run and (tests := [name for name in named if name in ("--test", "--test-dataset")]):
         problems.append(
             Problem(
-                "a result says itself what tests", where="--result", fix=f"leave out {_list(tests)}"
+                "a result says itself what tests",
+                where="--result",
+                fix=f"leave out {' and '.join(tests)}",
             )
         )
     if run and {"--train", "--fold"} <= set(named):
         problems.append(Problem("a fold says what trains", where="--fold", fix="leave out --train"))
     if problems:
         raise InputError.of(problems)
-
-
-def _list(options: list[str]) -> str:
-    return " and ".join(options)
 
 
 def _answer_coverage(record: CoverageRecord, folder: Path, format: AnswerFormat) -> None:

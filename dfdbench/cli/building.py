@@ -141,12 +141,8 @@ def _steps(pair: str | None) -> tuple[int, int] | None:
     try:
         infocus, defocus = (int(step) for step in pair.split(","))
     except ValueError:
-        raise InputError(
-            "not a pair of voltage steps",
-            where="--pair",
-            expected="two steps, as 141,129",
-            got=pair,
-        ) from None
+        what = f"not a pair of voltage steps, as 141,129: {pair}"
+        raise InputError(what, where="--pair") from None
     return infocus, defocus
 
 
@@ -154,10 +150,7 @@ def _refuse_memory(plan: BuildPlan) -> None:
     # From Python it is as good a place as any other.
     if plan.place.protocol == "memory":
         raise InputError(
-            "a store in memory ends with this command",
-            where="--store",
-            expected="a path or a URL",
-            got=str(plan.place),
+            f"a store in memory, {plan.place}, ends with this command", where="--store"
         )
 
 
@@ -233,11 +226,8 @@ def new_dataset(
     written = new_manifest(folder, name)
     path = output_place(out or written.name, folder)
     if path.exists():
-        raise InputError(
-            f"a {'folder' if path.is_dir() else 'file'} of that name is there",
-            where=str(path),
-            fix="name another: --out FILE.toml",
-        )
+        what = f"a {'folder' if path.is_dir() else 'file'} of that name is there"
+        raise InputError(what, where=str(path), fix="name another: --out FILE.toml")
     with writing(path):
         write_whole(path, written.toml)
     for heading, lines in (("found", written.found), ("say yourself", written.open)):

@@ -64,7 +64,7 @@ def predict(
     ] = None,
     seed: Seed = 0,
 ) -> None:
-    """Estimate depth from two photographs, or a folder of pairs or stacks, without a data set."""
+    """Estimate depth from two photographs, or a folder of pairs or stacks; no data set is needed."""
     from dfdbench.evaluation.predict import DepthPredictor, captures_in
 
     if fitted and lens:
@@ -73,20 +73,16 @@ def predict(
         )
     folder = len(images) == 1 and images[0].is_dir()
     if not folder and len(images) != 2:
-        raise InputError(
-            f"two photographs are needed, or a folder of pairs; got {counted(len(images), 'path')}",
-            fix="dfdbench predict sharp.png blurred.png --out depth.png",
+        what = (
+            f"two photographs or a folder of pairs are needed, not {counted(len(images), 'path')}"
         )
+        raise InputError(what, fix="dfdbench predict sharp.png blurred.png --out depth.png")
     if folder and figure:
         raise InputError("a figure is drawn of one pair", where="--figure", fix="leave it out")
     captures = captures_in(images[0]) if folder else {}
     if folder and not captures:
-        raise InputError(
-            "no pair and no stack in this folder",
-            where=str(images[0]),
-            fix="name photographs PAIR/infocus.png and PAIR/defocus.png, or write stacks, as "
-            "`dfdbench export --images-only` does",
-        )
+        fix = "name photographs PAIR/infocus.png and PAIR/defocus.png, or export --images-only"
+        raise InputError("no pair and no stack in this folder", where=str(images[0]), fix=fix)
     output_place(out, *images, fitted)
     if figure:
         output_place(figure, *images, fitted, option="--figure")

@@ -50,12 +50,8 @@ def blur(
         ) from None
     near, far = _range(range)
     if near <= lens.focal_length:
-        raise InputError(
-            "no real image",
-            where="--range",
-            expected=f"distances beyond the focal length, {focal_length}",
-            got=" ".join(range),
-        )
+        what = f"no real image within the focal length, {focal_length}: {' '.join(range)}"
+        raise InputError(what, where="--range")
     # A figure that cannot be kept is told before anything is printed.
     save_figure(blur_figure(lens, near, far), out)
     print_table(_blur_table(lens, near, far))
@@ -77,12 +73,8 @@ def pairs(
     near, far = _range(range)
     ranked = rank_pairs(table, near, far)
     if not ranked:
-        raise InputError(
-            "no pair has a monotonic difference of blur over the range",
-            where="--range",
-            got=f"{near:g} to {far:g} m",
-            fix="choose a narrower range",
-        )
+        what = f"no pair has a monotonic difference of blur from {near:g} to {far:g} m"
+        raise InputError(what, where="--range", fix="choose a narrower range")
     save_figure(pair_figure(table, ranked[:_DRAWN]), out)
     print_table(_pair_table(ranked, limit))
 
@@ -187,10 +179,6 @@ def _pair_table(ranked: tuple[StepPair, ...], limit: int) -> Table:
 def _range(given: tuple[str, str]) -> tuple[float, float]:
     near, far = (parse_length(text, "--range", unit="m") for text in given)
     if near >= far:
-        raise InputError(
-            "the range is empty",
-            where="--range",
-            expected="the nearer end first",
-            got=" ".join(given),
-        )
+        what = f"the range is empty: {' '.join(given)}"
+        raise InputError(what, where="--range", fix="name the nearer end first")
     return near, far

@@ -177,12 +177,8 @@ def value_of(text: str, where: str) -> Any:
         why = str(error)
         if isinstance(error, json.JSONDecodeError):
             why = f"{error.msg} at character {error.pos + 1}"
-        raise InputError(
-            "broken JSON",
-            where=where,
-            expected='as {"name": 0.5}, or a text in double quotes',
-            got=f"{why} of {text[:200]}",
-        ) from None
+        fix = 'write it as {"name": 0.5}, or put a text into double quotes'
+        raise InputError(f"broken JSON: {why} of {text[:200]}", where=where, fix=fix) from None
 
 
 def pool_of(workers: int | None, scheduler: str | None = None) -> Pool:
@@ -259,12 +255,8 @@ def parse_length(text: str, where: str, unit: str = "", at_most: str = "") -> fl
     match = _LENGTH.fullmatch(text)
     number, found = (float(match[1]), match[2] or unit) if match else (math.nan, "")
     if not number > 0 or not math.isfinite(number) or found not in _METRES:
-        raise InputError(
-            "not a length",
-            where=where,
-            expected="a positive number and a unit: 9.6mm, 0.5m, 4.8um",
-            got=text,
-        )
+        what = f"not a positive length with its unit, as 9.6mm, 0.5m or 4.8um: {text}"
+        raise InputError(what, where=where)
     length = number * _METRES[found]
     if at_most and length > parse_length(at_most, where):
         raise InputError("too long", where=where, expected=f"{at_most} at most", got=text)

@@ -120,20 +120,14 @@ def _refuse_what_does_not_fit(
 ) -> None:
     if format not in _PAGES:
         if figure_format:
-            raise InputError(
-                "a table's figure has the form that its name says",
-                where="--figure-format",
-                fix=f"--figure accuracy.{figure_format[0]}",
-            )
+            what = "a table's figure has the form that its name says"
+            fix = f"--figure accuracy.{figure_format[0]}"
+            raise InputError(what, where="--figure-format", fix=fix)
         return
     for option, given in (("--metric", metric), ("--figure", figure)):
         if given:
-            raise InputError(
-                "a page shows every metric and figure",
-                where=option,
-                expected="--format table, latex or csv beside it",
-                got=f"--format {format.value}",
-            )
+            fix = "leave it out, or add --format table, latex or csv"
+            raise InputError("a page shows every metric and figure", where=option, fix=fix)
 
 
 def _write_page(
@@ -200,12 +194,8 @@ def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
     if out.is_dir() or not out.suffix:
         return out / "compare.png"
     if out.suffix.lower() not in PICTURES:
-        raise InputError(
-            "not a picture's name",
-            where="--out",
-            expected=f"a folder, or {', '.join(PICTURES)}",
-            got=out.name,
-        )
+        what = f"not a folder and no picture ({', '.join(PICTURES)}): {out.name}"
+        raise InputError(what, where="--out")
     return out
 
 

@@ -129,19 +129,14 @@ def save_figure(figure: Figure, path: Path) -> None:
     from dfdbench.figures.style import write_figure
 
     if path.suffix.lower() not in PICTURES:
-        raise InputError(
-            "not a picture's name",
-            where=str(path),
-            expected=f"one that ends in {', '.join(PICTURES)}",
-        )
+        raise InputError(f"not a picture's name, {', '.join(PICTURES)}", where=str(path))
     output_place(path, option="")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_figure(figure, path)
     except OSError as error:
-        raise InputError(
-            "cannot write the figure", where=str(path), got=reason_of(error)
-        ) from error
+        what = f"cannot write the figure: {reason_of(error)}"
+        raise InputError(what, where=str(path)) from error
     say(f"figure       {path}")
 
 
@@ -279,12 +274,8 @@ def writing(place: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ResultError(
-            "cannot write the answer",
-            where=str(error.filename or place),
-            got=reason_of(error),
-            fix="choose another place with --out",
-        ) from error
+        what, where = f"cannot write the answer: {reason_of(error)}", str(error.filename or place)
+        raise ResultError(what, where=where, fix="choose another place with --out") from error
 
 
 def give(

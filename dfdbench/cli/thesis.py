@@ -180,12 +180,8 @@ def _rows_of(
     if name != _REDUCTION:
         raise InputError(f"{name} has no rows", where="--rows", fix="leave it out")
     if config != _PUBLISHED:
-        raise InputError(
-            "each row brings its own configuration",
-            where="--config",
-            got=config,
-            fix="leave it out; dfdbench thesis reduce takes it",
-        )
+        fix = "leave it out; dfdbench thesis reduce takes it"
+        raise InputError("each row brings its own configuration", where="--config", fix=fix)
     return configurations_in(rows, chosen)
 
 
@@ -231,9 +227,7 @@ def _listed(text: str | None) -> list[Any] | None:
         return None
     values = [part.strip() for part in text.split(",")]
     if not all(values):
-        raise InputError(
-            "not a list of values", where="--values", expected="as 0,1,2", got=repr(text)
-        )
+        raise InputError(f"not a list of values, as 0,1,2: {text!r}", where="--values")
     return [value_of(value, "--values") for value in values]
 
 

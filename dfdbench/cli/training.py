@@ -62,9 +62,8 @@ def train_command(
     store = open_dataset(dataset, cache=cache)
     configuration = read_configuration(config, values_of(changes, "--set"))
     if split is not None and fold is not None:
-        raise InputError(
-            "--split and --fold both say what trains", where="--fold", fix="give one of them"
-        )
+        what = "--split and --fold both say what trains"
+        raise InputError(what, where="--fold", fix="give one of them")
     split = split or "train"
     start = find_weights(method.value, weights) if weights else None
     task = task_of(method.value, store, configuration, split, fold, seed, start)
@@ -160,19 +159,16 @@ def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
     if resume and fresh:
         raise InputError("--resume goes on, --fresh starts anew", fix="choose one")
     if training.foreign:
-        raise InputError(
+        what, fix = (
             "the folder holds something else than a training",
-            where=str(folder),
-            fix="choose another with --out DIR",
+            "choose another with --out DIR",
         )
+        raise InputError(what, where=str(folder), fix=fix)
     if resume and not started:
         raise InputError("no checkpoint to go on from", where=str(folder), fix="leave --resume out")
     if training.holds_files and not resume and not fresh:
-        raise InputError(
-            "there is a training already",
-            where=str(folder),
-            fix="--resume goes on, --fresh starts anew, --out DIR takes another folder",
-        )
+        fix = "--resume goes on, --fresh starts anew, --out DIR takes another folder"
+        raise InputError("there is a training already", where=str(folder), fix=fix)
 
 
 RESUMED = "--resume goes on from the last checkpoint, at most a minute back"
@@ -239,9 +235,7 @@ def seconds_of(text: str | None) -> float | None:
         return None
     parts = re.fullmatch(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s)?", text)
     if not parts or not any(float(part or 0) for part in parts.groups()):
-        raise InputError(
-            "not a duration", where="--max-time", expected="as 90s, 30m, 1h30m", got=text
-        )
+        raise InputError(f"not a duration, as 90s, 30m or 1h30m: {text}", where="--max-time")
     units = zip(parts.groups(), _SECONDS.values(), strict=True)
     return sum(float(part or 0) * unit for part, unit in units)
 

@@ -61,6 +61,6 @@ def output_place(
     return Path(named)
 
 
-def _refused(into: str, where: str, found: Path | str) -> InputError:
+def _refused(into: str, where: str, found: object) -> InputError:
     what = f"this command would write into {into}: {found}"
     return InputError(what, where=where, fix="choose another place")

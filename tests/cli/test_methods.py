@@ -42,7 +42,7 @@ def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_
     images = photographs(tmp_path)
     (tmp_path / "empty").mkdir()
     for words, says in (
-        ((images[0], "--method", "local"), "two photographs are needed"),
+        ((images[0], "--method", "local"), "two photographs or a folder of pairs are needed"),
         ((str(tmp_path / "empty"), "--method", "local"), "no pair and no stack in this folder"),
         ((*images, "--fitted", "run", "--lens", "lens.toml"), "both a fit and a lens"),
         ((images[0], "nothing.png", "--method", "mymodule:predict"), "nothing.png"),

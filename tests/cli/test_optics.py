@@ -68,7 +68,7 @@ def test_a_lens_table_without_numbers_is_told(dfdbench: Command, cell: str) -> N
         (["--pixel", "4.8m"], "1mm at most"),
         (["--f-number", "-1"], "--f-number"),
         (["--focus", "1mm"], "--focus"),
-        (["--range", "5mm", "8mm"], "beyond the focal length"),
+        (["--range", "5mm", "8mm"], "within the focal length"),
         (["--out", "blur.jpg"], "not a picture's name"),
     ],
 )

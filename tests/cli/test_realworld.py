@@ -77,7 +77,7 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     )
     method = "asking.py:Asking"
     asked = dfdbench("run", "--method", method, "--dataset", "realworld", "--split", "k34")
-    assert (asked.status, "captured defocus" in asked.err) == (2, True)
+    assert (asked.status, "captured images have none" in asked.err) == (2, True)
     assert "| texture | scenes |" in dfdbench(*run, "--format", "markdown").out
     lines = csv.DictReader(io.StringIO(dfdbench(*run, "--format", "csv").out))
     parted = {line["geometry"]: line for line in lines if line["metric"] == "nrmse"}
@@ -101,21 +101,21 @@ def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:
     ("arguments", "told"),
     [
         (("rig", "simulate", "realworld", "--out", "o", "--scenes", "k64"), "of k00 to k63"),
-        (("rig", "simulate", "realworld", "--out", "o", "--steps", "1-3"), "127, 128"),
-        (("rig", "simulate", "realworld", "--out", "o", "--exposures", "x"), "10, 20"),
+        (("rig", "simulate", "realworld", "--out", "o", "--steps", "1-3"), "of 127 to 143"),
+        (("rig", "simulate", "realworld", "--out", "o", "--exposures", "x"), "of 10 to 70"),
         (("rig", "simulate", "realworld", "--out", "o", "--turn", "1,2"), "yaw,pitch,roll"),
         (("rig", "simulate", "realworld", "--out", "o", "--turn", "nan,0,0"), "10 degrees at most"),
         (("rig", "simulate", "realworld", "--out", "o", "--exposures", "0"), "unknown value"),
         (("rig", "simulate", "realworld", "--out", "o", "--steps", "140-130"), "130-140"),
         (("rig", "register", "k33", "--source", "."), "no raw captures"),
-        (("rig", "register", "all", "--source", "."), "no raw scene found"),
-        (("rig", "register", "all", "--source", "none"), "no such folder"),
+        (("rig", "register", "all", "--source", "."), "no raw scene, such as"),
+        (("rig", "register", "all", "--source", "none"), "no folder of captures"),
         (("rig", "register", "all", "--source", ".", "--dataset", "middlebury"), "not captured by"),
         (("rig", "register", "all", "--source", ".", "--baseline", "93"), "--baseline"),
         (("rig", "register", "all", "--source", ".", "--pixel", "4.8m"), "1mm at most"),
         (("rig", "optics", "sharpness", "none"), "no captures of a lens test"),
         (("build", "realworld", "--source", "none"), "no such folder"),
-        (("build", "realworld", "--source", "none", "--pair", "141"), "two steps, as 141,129"),
+        (("build", "realworld", "--source", "none", "--pair", "141"), "voltage steps, as 141,129"),
     ],
 )
 def test_a_mistake_ends_with_a_message_and_status_2(

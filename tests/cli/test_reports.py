@@ -197,7 +197,7 @@ def test_another_method_of_the_same_name_replaces_none_without_a_word(dfdbench: 
         Path("mine.py").write_text(f"def predict(infocus, defocus):\n    return {answer}\n")
         outcome = dfdbench(*run)
     assert outcome.status == 2
-    assert "another method of this name is there: its source_sha256 is" in outcome.err
+    assert "another method is there: its source_sha256 is" in outcome.err
     assert "demo-1-test/mine-py-predict.json" in outcome.err
 
 

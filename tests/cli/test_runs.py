@@ -194,7 +194,7 @@ def test_what_cannot_be_scored_is_told_with_status_2(dfdbench: Command, tmp_path
     assert "pairs without a depth map: 54" in told.err
     assert "Traceback" not in told.err
     told = dfdbench("score", "--predictions", "empty", "--dataset", "demo", "--unit", "metres")
-    assert "does not say how levels become metres" in told.err
+    assert "no depth.scale in the manifest" in told.err
 
 
 WHOLE = make_demo_result(lambda _: 0.1)

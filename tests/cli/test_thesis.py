@@ -227,7 +227,7 @@ def test_users_mistakes_end_with_status_2_search(dfdbench: Command, tiny_store: 
         (["--set=crop=16"], "chooses this itself"),
         (["--split=train"], "too few to hold"),
         (["--scheduler=tcp://127.0.0.1:9", "--workers=2"], "own number of workers"),
-        (["--max-time=30"], "as 90s, 30m, 1h30m"),
+        (["--max-time=30"], "as 90s, 30m or 1h30m"),
     ):
         done = dfdbench(*search, "--out", str(FOLDER), *arguments)
         assert done.status == 2, (arguments, done.err)

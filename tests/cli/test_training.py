@@ -78,9 +78,9 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset
     Path("taken").write_text("keep")
     store = ["--dataset", str(tiny_store.path)]
     for arguments, message in (
-        (["--max-time", "30"], "as 90s, 30m, 1h30m"),
-        (["--max-time", "soon"], "as 90s, 30m, 1h30m"),
-        (["--max-time", "0s"], "as 90s, 30m, 1h30m"),
+        (["--max-time", "30"], "as 90s, 30m or 1h30m"),
+        (["--max-time", "soon"], "as 90s, 30m or 1h30m"),
+        (["--max-time", "0s"], "as 90s, 30m or 1h30m"),
         (["--set", "filters=[]"], "at least 1 item"),
         (["--set", "noise=nan"], "noise"),
         (["--set", "normalization=fixed"], "needs weights to begin with"),
