@@ -254,6 +254,11 @@ def compare_depths(
     )
 
 
+def as_json(record: CoverageRecord) -> str:
+    """Return a record as its file has it."""
+    return record.model_dump_json(indent=1) + "\n"
+
+
 def _side_record(side: Side) -> SideRecord:
     histogram = side.histogram
     return SideRecord(

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from matplotlib.figure import Figure
 
 from dfdbench.audit.coverage import (
     CoverageRecord,
     Criterion,
     DensityBound,
+    as_json,
     compare_depths,
     coverage_table,
     each_as_json,
@@ -31,20 +30,12 @@ from dfdbench.audit.depth_errors import (
 )
 from dfdbench.audit.difficulty import (
     COARSE,
-    Difficulty,
     difficulty_as_json,
     difficulty_rows,
     difficulty_table,
-    smallest_step,
+    split_difficulty,
 )
-from dfdbench.audit.leaks import (
-    Leak,
-    LeakError,
-    find_leaks,
-    leaks_between,
-    scene_hashes,
-    scenes_alike,
-)
+from dfdbench.audit.leaks import LeakError, find_leaks, leaks_between, scene_hashes, scenes_alike
 from dfdbench.audit.run_errors import (
     conclusion,
     error_table,
@@ -52,7 +43,7 @@ from dfdbench.audit.run_errors import (
     join_errors,
     scene_table,
 )
-from dfdbench.audit.sides import Side, all_but, depth_maps, scene_histograms, side_of, sides_of
+from dfdbench.audit.sides import all_but, scene_histograms, side_of, sides_of
 from dfdbench.audit.splits import (
     Folds,
     ProposalSettings,
@@ -67,20 +58,19 @@ from dfdbench.audit.splits import (
     ranking_as_json,
     split_fragment,
 )
-from dfdbench.audit.trained_on import RunSides, sides_of_run
-from dfdbench.blur.recipe import LAST_LEVEL
+from dfdbench.audit.trained_on import Training, sides_of_run
 from dfdbench.cli.options import Cache, DataSetArgument, Out, Printed, Split, data_sets
 from dfdbench.cli.screen import (
-    Answer,
     Answered,
     AnswerFormat,
+    Files,
     give,
     print_tables,
     progress,
     save_figure,
 )
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
+from dfdbench.datasets.manifest import ALL_PAIRS, Manifest
 from dfdbench.errors import InputError, Problem, StoreError
 from dfdbench.figures.audits import (
     coverage_figure,
@@ -168,25 +158,11 @@ def difficulty(
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
     store = open_dataset(dataset)
-    default = Path("results") / f"{store.path.stem}-difficulty" / split
-    folder = output_place(default if out is None else out)
+    folder = _place(out, store, "difficulty", split)
     manifest = store.manifest
-    manifest.scenes_of(split)
-    pairs = store.pairs(split)
-    if store.recipe is None:
-        why = "its track tells none" if manifest.on_track else "captured images"
-        raise InputError(f"no blur recipe is known: {why}", where=str(store.path))
-    if not pairs:
-        raise InputError(f"no pair of split {split}", where=str(store.path))
-    for scene in dict.fromkeys(pair.scene for pair in pairs):
-        depth_maps(store, scene)
-    found: dict[Pair, Difficulty] = {}
     with progress("looking at pairs", "nothing was written") as step:
-        for number, pair in enumerate(pairs, 1):
-            found[pair] = _difficulty_of(store, pair, noise)
-            step(number, len(pairs))
+        found = split_difficulty(store, split, noise, step)
     rows = difficulty_rows(manifest, found)
-    content = difficulty_as_json(manifest, store.fingerprint, noise, rows)
     order = sorted(found, key=lambda pair: found[pair].share_above(COARSE))
     # The easiest pair, the middle one and the hardest.
     chosen = dict.fromkeys((order[0], order[len(order) // 2], order[-1]))
@@ -194,17 +170,9 @@ def difficulty(
         f"easiest, median and hardest pair of {manifest.label}, {split}",
         [(pair.id, store.read(pair).infocus, found[pair]) for pair in chosen],
     )
-    answer = Answer(content, (difficulty_table(manifest, rows, noise),))
-    give(answer, format, folder, {"difficulty.json": content, "difficulty.png": figure})
-
-
-def _difficulty_of(store: Dataset, pair: Pair, noise: int) -> Difficulty:
-    images, recipe = store.read(pair), store.recipe
-    assert recipe is not None
-    depth = images.levels
-    if store.manifest.depth.grows_with == "distance":
-        depth = LAST_LEVEL - depth
-    return smallest_step(images.infocus, depth, images.valid, recipe, noise)
+    content = difficulty_as_json(manifest, store.fingerprint, noise, rows)
+    table = difficulty_table(manifest, rows, noise)
+    give([table], format, folder, {"difficulty.json": content, "difficulty.png": figure})
 
 
 def split_command(
@@ -238,34 +206,25 @@ def split_command(
     scenes = _scenes(store, criterion, bound, allow)
     settings = ProposalSettings(store.fingerprint, scenes, seed)
     if test_scenes is not None:
-        _propose_tests(store.manifest, settings, test_scenes, _Place(store, out), format)
-    elif folds is not None:
-        _propose_folds(store.manifest, settings, folds, _Place(store, out), format)
+        name, table, files = _propose_tests(store.manifest, settings, test_scenes)
+    else:
+        name, table, files = _propose_folds(store.manifest, settings, folds or 0)
+    give([table], format, _place(out, store, "splits", name), files)
 
 
-@dataclass(frozen=True)
-class _Place:
-    store: Dataset
-    out: str | None
-
-    def folder(self, name: str) -> Path:
-        default = Path("results") / f"{self.store.path.stem}-splits" / name
-        return output_place(default if self.out is None else self.out)
-
-
-def _told(manifest: Manifest, settings: ProposalSettings) -> str:
+def _chosen_by(manifest: Manifest, settings: ProposalSettings) -> str:
     scenes, absent = settings.scenes, settings.absent(manifest)
-    told = f"criterion {scenes.criterion}, seed {settings.seed}"
+    said = f"criterion {scenes.criterion}, seed {settings.seed}"
     if scenes.criterion is not Criterion.thesis and scenes.bound != DensityBound():
-        told += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
+        said += f", density factor {scenes.bound.factor:g}, floor {scenes.bound.floor:g}"
     if scenes.allowed:
-        told += f", allowed share {scenes.allowed:g}"
-    return told + (f"; without {', '.join(absent)}, which the store lacks" if absent else "")
+        said += f", allowed share {scenes.allowed:g}"
+    return said + (f"; without {', '.join(absent)}, which the store lacks" if absent else "")
 
 
 def _propose_tests(
-    manifest: Manifest, settings: ProposalSettings, size: int, place: _Place, format: AnswerFormat
-) -> None:
+    manifest: Manifest, settings: ProposalSettings, size: int
+) -> tuple[str, Table, dict[str, str]]:
     scenes = settings.scenes
     published = _published_test(manifest, scenes)
     ranking = rank_tests(scenes, size, settings.seed, published)
@@ -273,18 +232,17 @@ def _propose_tests(
     train = tuple(name for name in scenes.names if name not in best)
     why = (
         f"dfdbench audit split {manifest.short} --test-scenes {size}: first of "
-        f"{len(ranking.candidates):,} ({_told(manifest, settings)})"
+        f"{len(ranking.candidates):,} ({_chosen_by(manifest, settings)})"
     )
-    content = ranking_as_json(manifest, settings, ranking, published)
+    table = ranked_splits_table(manifest, ranking, published, scenes.criterion)
     fragment = split_fragment(manifest, best, train, why)
-    folder = place.folder(f"test-{size}")
-    answer = Answer(content, (ranked_splits_table(manifest, ranking, published, scenes.criterion),))
-    give(answer, format, folder, {"split.toml": fragment, "split.json": content})
+    content = ranking_as_json(manifest, settings, ranking, published)
+    return f"test-{size}", table, {"split.json": content, "split.toml": fragment}
 
 
 def _propose_folds(
-    manifest: Manifest, settings: ProposalSettings, number: int, place: _Place, format: AnswerFormat
-) -> None:
+    manifest: Manifest, settings: ProposalSettings, number: int
+) -> tuple[str, Table, dict[str, str]]:
     scenes = settings.scenes
     proposals = propose_folds(scenes, number, settings.seed)
     best = proposals[0]
@@ -293,12 +251,13 @@ def _propose_folds(
         tuple(name for name in fold.test_scenes if name in scenes.names) for fold in manifest.folds
     ]
     published = Folds(tuple(scenes.judge([test for test in tests if test])))
-    why = f"dfdbench audit split {manifest.short} --folds {number} ({_told(manifest, settings)})"
+    why = (
+        f"dfdbench audit split {manifest.short} --folds {number} ({_chosen_by(manifest, settings)})"
+    )
     content = folds_as_json(manifest, settings, proposals, hopeless, published)
-    folder = place.folder(f"folds-{number}")
-    answer = Answer(content, (folds_table(manifest, proposals, hopeless, published),))
-    files = {"folds.toml": folds_fragment(best, why), "folds.json": content}
-    give(answer, format, folder, files)
+    table = folds_table(manifest, proposals, hopeless, published)
+    files = {"folds.json": content, "folds.toml": folds_fragment(best, why)}
+    return f"folds-{number}", table, files
 
 
 def _scenes(store: Dataset, criterion: Criterion, bound: DensityBound, allow: float) -> Scenes:
@@ -381,7 +340,8 @@ def coverage(
     format: Answered = AnswerFormat.table,
 ) -> None:
     """Ask whether training covers the depths of the test; status 1 where it does not."""
-    rule = Rule(DensityBound(density_factor, density_floor), criterion, allow)
+    bound = DensityBound(density_factor, density_floor)
+    compare = partial(compare_depths, bound=bound, criterion=criterion, allowed_share=allow)
     if result and result.is_dir():
         result = result / RESULT
     run = load_result(result) if result else None
@@ -389,31 +349,21 @@ def coverage(
     _refuse_mixtures(dataset, run, each, [option for option, name in named.items() if name])
     store = open_dataset(dataset or (run.dataset.name if run else ""))
     if each:
-        _answer_each(store, each, rule, out, format)
+        _answer_each(store, each, compare, out, format)
     elif run and result:
         saw = run.method.trained_on or run.method.fitted_on
         sides = sides_of_run(store, run.dataset.split, saw, train, fold)
-        _answer_errors(store, run, result.parent, sides, rule, out, format)
+        record = compare(sides.train, sides.test, leaks=leaks_between(sides.train, sides.test))
+        _answer_errors(store, run, result.parent, sides.training, record, out, format)
     else:
         other = open_dataset(test_dataset) if test_dataset else None
         both = sides_of(store, train, test, fold, other)
-        record = rule.compare(*both, leaks_between(*both))
-        _answer_coverage(record, _place(out, _folder(store, record)), format)
-
-
-@dataclass(frozen=True)
-class Rule:
-    """By which a test counts as covered."""
-
-    bound: DensityBound
-    criterion: Criterion
-    allowed_share: float
-
-    def compare(self, train: Side, test: Side, leaks: Sequence[Leak]) -> CoverageRecord:
-        """Hold a test side against a training side."""
-        return compare_depths(
-            train, test, self.bound, self.criterion, self.allowed_share, tuple(leaks)
-        )
+        record = compare(*both, leaks=leaks_between(*both))
+        figure = coverage_figure(record)
+        place = _place(out, store, "coverage", _compared(record))
+        files: Files = {"coverage.json": as_json(record), "coverage.png": figure}
+        give([coverage_table(record)], format, place, files, verdict_line(record))
+        _end(record)
 
 
 def _end(*records: CoverageRecord) -> None:
@@ -453,17 +403,12 @@ def _refuse_mixtures(
         raise InputError.of(problems)
 
 
-def _answer_coverage(record: CoverageRecord, folder: Path, format: AnswerFormat) -> None:
-    content = record.model_dump_json(indent=1) + "\n"
-    answer = Answer(content, (coverage_table(record),), verdict_line(record))
-    give(
-        answer, format, folder, {"coverage.json": content, "coverage.png": coverage_figure(record)}
-    )
-    _end(record)
-
-
 def _answer_each(
-    store: Dataset, each: Each, rule: Rule, out: str | None, format: AnswerFormat
+    store: Dataset,
+    each: Each,
+    compare: partial[CoverageRecord],
+    out: str | None,
+    format: AnswerFormat,
 ) -> None:
     manifest, histograms = store.manifest, scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
@@ -477,13 +422,13 @@ def _answer_each(
             train, test = all_but(store, histograms, name), side_of(store, histograms, name, scenes)
             of_train, of_test = ({s: hashes[s] for s in side.scenes} for side in (train, test))
             leaks = find_leaks(manifest, of_train, manifest, of_test)
-            records[name] = rule.compare(train, test, leaks)
+            records[name] = compare(train, test, leaks=tuple(leaks))
     bad = sum(not record.covered for record in records.values())
-    verdict = f"{bad} of {len(records)} are NOT covered by criterion {rule.criterion}"
-    content = each_as_json(records, each)
-    folder = _place(out, Path("results") / f"{store.path.stem}-coverage" / f"each-{each}")
-    answer = Answer(content, (each_table(records, each),), verdict)
-    give(answer, format, folder, {"coverage.json": content})
+    criterion = compare.keywords["criterion"]
+    verdict = f"{bad} of {len(records)} are NOT covered by criterion {criterion}"
+    files = {"coverage.json": each_as_json(records, each)}
+    place = _place(out, store, "coverage", f"each-{each}")
+    give([each_table(records, each)], format, place, files, verdict)
     _end(*records.values())
 
 
@@ -491,40 +436,38 @@ def _answer_errors(
     store: Dataset,
     run: Result,
     folder: Path,
-    sides: RunSides,
-    rule: Rule,
+    training: Training,
+    record: CoverageRecord,
     out: str | None,
     format: AnswerFormat,
 ) -> None:
-    record = rule.compare(sides.train, sides.test, leaks_between(sides.train, sides.test))
     join = join_errors(store, run, folder, record)
     title = (
         f"errors of {run.method.title} on {run.dataset.label}, {run.dataset.split}, by what "
         f"{record.train.label}, {record.train.split}, covers"
     )
-    meaning = conclusion(join, record, sides.training)
-    content = errors_as_json(join, run, record, sides.training)
-    answer = Answer(content, (error_table(join, title, meaning), scene_table(join)))
-    files: dict[str, str | Figure] = {
-        "errors.json": content,
-        "coverage.json": record.model_dump_json(indent=1) + "\n",
+    tables = [error_table(join, title, conclusion(join, record, training)), scene_table(join)]
+    files: Files = {
+        "errors.json": errors_as_json(join, run, record, training),
+        "coverage.json": as_json(record),
         "coverage.png": coverage_figure(record),
         "errors.png": level_error_figure(join, title),
         "masks.png": mask_figure(store, run, folder, join),
     }
     # By default beside the result: the one folder in a run that others may write to.
     place = folder / "coverage" if out is None else output_place(out)
-    give(answer, format, place, files)
+    give(tables, format, place, files)
     _end(record)
 
 
-def _place(out: str | None, default: Path) -> Path:
+def _place(out: str | None, store: Dataset, what: str, name: str) -> Path:
+    default = Path("results", f"{store.path.stem}-{what}", name)
     return output_place(default if out is None else out)
 
 
-def _folder(store: Dataset, record: CoverageRecord) -> Path:
+def _compared(record: CoverageRecord) -> str:
     test = record.test
     name = test.split if test.dataset == record.train.dataset else f"{test.dataset}-{test.split}"
     if not record.train.split.startswith("all but"):
-        name = f"{record.train.split}-{name}"
-    return Path("results") / f"{store.path.stem}-coverage" / name
+        return f"{record.train.split}-{name}"
+    return name

@@ -64,7 +64,7 @@ def predict(
     ] = None,
     seed: Seed = 0,
 ) -> None:
-    """Estimate depth from two photographs, or a folder of pairs or stacks; no data set is needed."""
+    """Estimate depth from two photographs, or a folder of pairs or stacks, without a data set."""
     from dfdbench.evaluation.predict import DepthPredictor, captures_in
 
     if fitted and lens:

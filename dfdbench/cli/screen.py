@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from io import TextIOWrapper
 from pathlib import Path
@@ -232,6 +232,10 @@ def _bar(
             raise typer.Exit(INTERRUPTED) from None
 
 
+#: By name; the first is the whole answer as JSON.
+Files = Mapping[str, "str | Figure"]
+
+
 class AnswerFormat(StrEnum):
     """How the answer is printed."""
 
@@ -241,25 +245,6 @@ class AnswerFormat(StrEnum):
 
 
 Answered = Annotated[AnswerFormat, typer.Option(help="How the answer is printed.")]
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a verb found.
-
-    Parameters
-    ----------
-    content : str
-        All of it as JSON.
-    tables : tuple of Table
-        What is shown of it.
-    verdict : str
-        A last line below the tables; may be empty.
-    """
-
-    content: str
-    tables: tuple[Table, ...]
-    verdict: str = ""
 
 
 @contextmanager
@@ -279,43 +264,56 @@ def writing(place: Path) -> Iterator[None]:
 
 
 def give(
-    answer: Answer, format: AnswerFormat, folder: Path, files: Mapping[str, str | Figure]
+    tables: Sequence[Table], format: AnswerFormat, folder: Path, files: Files, verdict: str = ""
 ) -> None:
     """Write an answer's files into a folder, print the answer, say where the files are.
 
     A reader of standard output that has enough, as ``head`` has, changes nothing: the files are
     there, and the command ends with the status that it would have had.
 
+    Parameters
+    ----------
+    tables : sequence of Table
+        What is shown of it.
+    format : AnswerFormat
+        How it is printed.
+    folder : Path
+        Where its files go.
+    files : mapping of str to str or Figure
+        By name, the whole answer as JSON first.
+    verdict : str
+        A last line below the tables; may be empty.
+
     Raises
     ------
     ResultError
-        Where the folder cannot be written.
+        If the folder cannot be written.
     """
     replaced = _write(folder, files)
     try:
-        _show(answer, format)
+        if format is AnswerFormat.json:
+            print(next(iter(files.values())), end="")
+        else:
+            _show(tables, format, verdict)
         sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     say(f"written to   {folder}{', in place of an earlier answer' if replaced else ''}")
 
 
-def _show(answer: Answer, format: AnswerFormat) -> None:
-    if format is AnswerFormat.json:
-        print(answer.content, end="")
-        return
-    for table in answer.tables:
+def _show(tables: Sequence[Table], format: AnswerFormat, verdict: str) -> None:
+    for table in tables:
         if not table.rows:
             print("\n".join((table.title, *table.notes)))
         elif format is AnswerFormat.markdown:
             print(as_markdown(table))
         else:
             print_table(table)
-    if answer.verdict:
-        print(answer.verdict)
+    if verdict:
+        print(verdict)
 
 
-def _write(folder: Path, files: Mapping[str, str | Figure]) -> bool:
+def _write(folder: Path, files: Files) -> bool:
     from matplotlib.figure import Figure
 
     from dfdbench.figures.style import write_figure

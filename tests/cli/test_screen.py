@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from dfdbench.cli import screen
-from dfdbench.cli.screen import Answer, AnswerFormat, give, print_table
+from dfdbench.cli.screen import AnswerFormat, give, print_table
 from dfdbench.errors import ResultError
 from dfdbench.tables.table import Table
 from tests.cli.test_optics import BLUR
@@ -122,7 +122,7 @@ def test_a_table_of_somebody_elses_text_steers_no_terminal(
 
 
 TABLE = Table("a title", ("name",), (("value",),), "l", ("a note",))
-ANSWER = Answer('{"a": 1}\n', (TABLE,), "the verdict")
+CONTENT = '{"a": 1}\n'
 
 
 @pytest.mark.parametrize(
@@ -136,11 +136,11 @@ ANSWER = Answer('{"a": 1}\n', (TABLE,), "the verdict")
 def test_an_answer_is_printed_in_one_form_and_kept_in_all(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], format: AnswerFormat, told: str
 ) -> None:
-    give(ANSWER, format, tmp_path / "new", {"a.json": ANSWER.content, "a.png": Figure()})
+    give([TABLE], format, tmp_path / "new", {"a.json": CONTENT, "a.png": Figure()}, "the verdict")
     out, err = capsys.readouterr()
     assert told in out
     assert ("the verdict" in out) == (format is not AnswerFormat.json)
-    assert (tmp_path / "new/a.json").read_text() == ANSWER.content
+    assert (tmp_path / "new/a.json").read_text() == CONTENT
     assert (tmp_path / "new/a.png").exists()
     assert err == f"written to   {tmp_path / 'new'}\n"
 
@@ -149,7 +149,7 @@ def test_a_table_without_rows_is_told_without_its_heading(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     empty = Table("nothing lacks", ("name",), (), "l", ("a note",))
-    give(Answer("", (empty,)), AnswerFormat.table, tmp_path, {})
+    give([empty], AnswerFormat.table, tmp_path, {})
     assert capsys.readouterr().out == "nothing lacks\na note\n"
 
 
@@ -157,7 +157,7 @@ def test_an_earlier_answer_is_said_to_be_replaced_where_it_differs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for content, told in (("one", False), ("one", False), ("two", True)):
-        give(ANSWER, AnswerFormat.json, tmp_path, {"a.json": content})
+        give([TABLE], AnswerFormat.json, tmp_path, {"a.json": content})
         assert ("in place of an earlier answer" in capsys.readouterr().err) == told
 
 
@@ -167,20 +167,20 @@ def test_a_place_that_cannot_be_written_is_told_before_anything_is_printed(
     (tmp_path / "file").write_text("x")
     for place in (tmp_path / "file", tmp_path / "file/below"):
         with pytest.raises(ResultError, match="cannot write the answer"):
-            give(ANSWER, AnswerFormat.table, place, {"a.json": "x"})
+            give([TABLE], AnswerFormat.table, place, {"a.json": "x"})
     (tmp_path / "in the way/a.json").mkdir(parents=True)
     with pytest.raises(ResultError, match=r"a\.json"):
-        give(ANSWER, AnswerFormat.table, tmp_path / "in the way", {"a.json": "x"})
+        give([TABLE], AnswerFormat.table, tmp_path / "in the way", {"a.json": "x"})
     assert capsys.readouterr().out == ""
 
 
 SCRIPT = """
 import sys
 from pathlib import Path
-from dfdbench.cli.screen import Answer, AnswerFormat, give
+from dfdbench.cli.screen import AnswerFormat, give
 from dfdbench.tables.table import Table
 rows = tuple(("value",) for _ in range(50_000))
-give(Answer("", (Table("T", ("name",), rows, "l"),)), AnswerFormat(sys.argv[1]), Path("kept"),
+give([Table("T", ("name",), rows, "l")], AnswerFormat(sys.argv[1]), Path("kept"),
      {"a.json": "whole"})
 sys.exit(7)
 """
