@@ -7,17 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from dfdbench.blur.tracks import CLEAN, SUITES
+from dfdbench.board import row_file
 from dfdbench.board.board import LEADERBOARD, require_leaderboard
 from dfdbench.board.cards import find_card
-from dfdbench.board.row_file import (
-    CLEAN_SUITE,
-    read_row,
-    require_pairs,
-    row_of,
-    row_problems,
-    row_text,
-    training_problems,
-)
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.errors import InputError, Problem, ResultError
@@ -55,7 +47,7 @@ def require_fit_to_submit(method: Method, store: Dataset, split: str) -> None:
     find_card(LEADERBOARD, method.name, without_folder(method.entry), parameters)
     require_sound(store)
     trained_on, weights = method.trained_on, method.weights_sha256
-    problems = training_problems(
+    problems = row_file.training_problems(
         trained_on, weights, store.manifest.stem, split, f"--split {split}"
     )
     if problems:
@@ -84,25 +76,29 @@ def submit(results: Result | Sequence[Result], folder: Path) -> Path:
     runs = [results] if isinstance(results, Result) else list(results)
     labels = {run.dataset.degradation for run in runs}
     _require_one_method(runs)
-    row = row_of(runs, [CLEAN_SUITE])
-    require_pairs(row, "this run")
-    if problems := list(row_problems(row, folder, "this run")):
+    row = row_file.row_of(runs, [row_file.CLEAN_SUITE])
+    row_file.require_pairs(row, "this run")
+    if problems := list(row_file.row_problems(row, folder, "this run")):
         raise ResultError.of(problems)
     method = row.method
     name = find_card(folder, method.name, method.entry, method.parameters, row.given_blur)
     path = row.place(folder, name)
     suites: list[str] = []
     if path.exists():
-        there = read_row(path)
+        there = row_file.read_row(path)
         _require_same_method(there.results[0], runs[0], path)
         _require_no_less(there.results, runs, path)
         runs += [run for run in there.results if run.dataset.degradation not in labels]
         suites = there.suites
     # Clean images that were run along with tracks do not enter the ranking of clean images.
-    entered = [CLEAN_SUITE] if labels == {CLEAN} else _suites({r.dataset.degradation for r in runs})
-    order = [CLEAN_SUITE, *SUITES]
-    row = row_of(runs, sorted({*suites, *entered}, key=order.index))
-    write_whole(path, row_text(row))
+    entered = (
+        [row_file.CLEAN_SUITE]
+        if labels == {CLEAN}
+        else _suites({r.dataset.degradation for r in runs})
+    )
+    order = [row_file.CLEAN_SUITE, *SUITES]
+    row = row_file.row_of(runs, sorted({*suites, *entered}, key=order.index))
+    write_whole(path, row_file.row_text(row))
     return path
 
 

@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from dfdbench.audit import depth_errors, run_errors, splits
 from dfdbench.audit.coverage import (
     CoverageRecord,
     Criterion,
@@ -21,13 +22,6 @@ from dfdbench.audit.coverage import (
     each_table,
     verdict_line,
 )
-from dfdbench.audit.depth_errors import (
-    DepthErrors,
-    constant_errors,
-    depth_error_tables,
-    depth_errors,
-    level_count_table,
-)
 from dfdbench.audit.difficulty import (
     COARSE,
     difficulty_as_json,
@@ -36,50 +30,14 @@ from dfdbench.audit.difficulty import (
     split_difficulty,
 )
 from dfdbench.audit.leaks import LeakError, find_leaks, leaks_between, scene_hashes, scenes_alike
-from dfdbench.audit.run_errors import (
-    conclusion,
-    error_table,
-    errors_as_json,
-    join_errors,
-    scene_table,
-)
 from dfdbench.audit.sides import all_but, scene_histograms, side_of, sides_of
-from dfdbench.audit.splits import (
-    Folds,
-    ProposalSettings,
-    Scenes,
-    folds_as_json,
-    folds_fragment,
-    folds_table,
-    hopeless_scenes,
-    propose_folds,
-    rank_tests,
-    ranked_splits_table,
-    ranking_as_json,
-    split_fragment,
-)
 from dfdbench.audit.trained_on import Training, sides_of_run
+from dfdbench.cli import screen
 from dfdbench.cli.options import Cache, DataSetArgument, Out, Printed, Split, data_sets
-from dfdbench.cli.screen import (
-    Answered,
-    AnswerFormat,
-    Files,
-    give,
-    print_tables,
-    progress,
-    save_figure,
-)
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest
 from dfdbench.errors import InputError, Problem, StoreError
-from dfdbench.figures.audits import (
-    coverage_figure,
-    depth_error_figure,
-    depths_figure,
-    difficulty_figure,
-    level_error_figure,
-    mask_figure,
-)
+from dfdbench.figures import audits
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result
 from dfdbench.results.record_file import RESULT, load_result
@@ -114,9 +72,9 @@ def depths(
         scenes = store.manifest.scenes_of(split or ALL_PAIRS)
         side = side_of(store, scene_histograms(store), split or ALL_PAIRS, scenes)
         if figure is not None:
-            save_figure(depths_figure(side), figure)
-        tables = [level_count_table(side)]
-    print_tables(tables, format)
+            screen.save_figure(audits.depths_figure(side), figure)
+        tables = [depth_errors.level_count_table(side)]
+    screen.print_tables(tables, format)
 
 
 def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Table]:
@@ -126,25 +84,27 @@ def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Tab
     for (folder, result), label in zip(runs, labels, strict=True):
         # Two runs of one method are told apart by their folders.
         name = f"{label}, {folder.name}" if labels.count(label) > 1 else label
-        found.append(depth_errors(store, result, folder, name))
+        found.append(depth_errors.depth_errors(store, result, folder, name))
     first = runs[0][1]
     if _CONSTANT not in labels:
         found += _constant(store, first)
-    tables = depth_error_tables(store, first.dataset.split, found)
+    tables = depth_errors.depth_error_tables(store, first.dataset.split, found)
     if figure is not None:
         title = f"{store.manifest.label}, split {first.dataset.split}: errors by depth"
-        save_figure(depth_error_figure(title, found, store.manifest.depth.scale), figure)
+        screen.save_figure(
+            audits.depth_error_figure(title, found, store.manifest.depth.scale), figure
+        )
     return tables
 
 
-def _constant(store: Dataset, result: Result) -> list[DepthErrors]:
+def _constant(store: Dataset, result: Result) -> list[depth_errors.DepthErrors]:
     from dfdbench.evaluation.loading import training_mean
 
     try:
         level = training_mean(store)
     except StoreError:  # nothing to train on: then there is no constant to stand beside
         return []
-    return [constant_errors(store, result, level, _CONSTANT)]
+    return [depth_errors.constant_errors(store, result, level, _CONSTANT)]
 
 
 def difficulty(
@@ -154,25 +114,25 @@ def difficulty(
         int, typer.Option(min=0, max=255, help="Whole grey levels that a change must exceed.")
     ] = 0,
     out: Out = None,
-    format: Answered = AnswerFormat.table,
+    format: screen.Answered = screen.AnswerFormat.table,
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
     store = open_dataset(dataset)
     folder = _place(out, store, "difficulty", split)
     manifest = store.manifest
-    with progress("looking at pairs", "nothing was written") as step:
+    with screen.progress("looking at pairs", "nothing was written") as step:
         found = split_difficulty(store, split, noise, step)
     rows = difficulty_rows(manifest, found)
     order = sorted(found, key=lambda pair: found[pair].share_above(COARSE))
     # The easiest pair, the middle one and the hardest.
     chosen = dict.fromkeys((order[0], order[len(order) // 2], order[-1]))
-    figure = difficulty_figure(
+    figure = audits.difficulty_figure(
         f"easiest, median and hardest pair of {manifest.label}, {split}",
         [(pair.id, store.read(pair).infocus, found[pair]) for pair in chosen],
     )
     content = difficulty_as_json(manifest, store.fingerprint, noise, rows)
     table = difficulty_table(manifest, rows, noise)
-    give([table], format, folder, {"difficulty.json": content, "difficulty.png": figure})
+    screen.give([table], format, folder, {"difficulty.json": content, "difficulty.png": figure})
 
 
 def split_command(
@@ -194,7 +154,7 @@ def split_command(
         ),
     ] = 0,
     out: Out = None,
-    format: Answered = AnswerFormat.table,
+    format: screen.Answered = screen.AnswerFormat.table,
 ) -> None:
     """Propose splits or folds by scene whose training covers their tests' depths."""
     if (test_scenes is None) == (folds is None):
@@ -204,15 +164,15 @@ def split_command(
     store = open_dataset(dataset)
     bound = DensityBound(density_factor, density_floor)
     scenes = _scenes(store, criterion, bound, allow)
-    settings = ProposalSettings(store.fingerprint, scenes, seed)
+    settings = splits.ProposalSettings(store.fingerprint, scenes, seed)
     if test_scenes is not None:
         name, table, files = _propose_tests(store.manifest, settings, test_scenes)
     else:
         name, table, files = _propose_folds(store.manifest, settings, folds or 0)
-    give([table], format, _place(out, store, "splits", name), files)
+    screen.give([table], format, _place(out, store, "splits", name), files)
 
 
-def _chosen_by(manifest: Manifest, settings: ProposalSettings) -> str:
+def _chosen_by(manifest: Manifest, settings: splits.ProposalSettings) -> str:
     scenes, absent = settings.scenes, settings.absent(manifest)
     said = f"criterion {scenes.criterion}, seed {settings.seed}"
     if scenes.criterion is not Criterion.thesis and scenes.bound != DensityBound():
@@ -223,51 +183,53 @@ def _chosen_by(manifest: Manifest, settings: ProposalSettings) -> str:
 
 
 def _propose_tests(
-    manifest: Manifest, settings: ProposalSettings, size: int
+    manifest: Manifest, settings: splits.ProposalSettings, size: int
 ) -> tuple[str, Table, dict[str, str]]:
     scenes = settings.scenes
     published = _published_test(manifest, scenes)
-    ranking = rank_tests(scenes, size, settings.seed, published)
+    ranking = splits.rank_tests(scenes, size, settings.seed, published)
     best = ranking.candidates[0].test
     train = tuple(name for name in scenes.names if name not in best)
     why = (
         f"dfdbench audit split {manifest.short} --test-scenes {size}: first of "
         f"{len(ranking.candidates):,} ({_chosen_by(manifest, settings)})"
     )
-    table = ranked_splits_table(manifest, ranking, published, scenes.criterion)
-    fragment = split_fragment(manifest, best, train, why)
-    content = ranking_as_json(manifest, settings, ranking, published)
+    table = splits.ranked_splits_table(manifest, ranking, published, scenes.criterion)
+    fragment = splits.split_fragment(manifest, best, train, why)
+    content = splits.ranking_as_json(manifest, settings, ranking, published)
     return f"test-{size}", table, {"split.json": content, "split.toml": fragment}
 
 
 def _propose_folds(
-    manifest: Manifest, settings: ProposalSettings, number: int
+    manifest: Manifest, settings: splits.ProposalSettings, number: int
 ) -> tuple[str, Table, dict[str, str]]:
     scenes = settings.scenes
-    proposals = propose_folds(scenes, number, settings.seed)
+    proposals = splits.propose_folds(scenes, number, settings.seed)
     best = proposals[0]
-    hopeless = hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
+    hopeless = splits.hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
     tests = [
         tuple(name for name in fold.test_scenes if name in scenes.names) for fold in manifest.folds
     ]
-    published = Folds(tuple(scenes.judge([test for test in tests if test])))
+    published = splits.Folds(tuple(scenes.judge([test for test in tests if test])))
     why = (
         f"dfdbench audit split {manifest.short} --folds {number} ({_chosen_by(manifest, settings)})"
     )
-    content = folds_as_json(manifest, settings, proposals, hopeless, published)
-    table = folds_table(manifest, proposals, hopeless, published)
-    files = {"folds.json": content, "folds.toml": folds_fragment(best, why)}
+    content = splits.folds_as_json(manifest, settings, proposals, hopeless, published)
+    table = splits.folds_table(manifest, proposals, hopeless, published)
+    files = {"folds.json": content, "folds.toml": splits.folds_fragment(best, why)}
     return f"folds-{number}", table, files
 
 
-def _scenes(store: Dataset, criterion: Criterion, bound: DensityBound, allow: float) -> Scenes:
+def _scenes(
+    store: Dataset, criterion: Criterion, bound: DensityBound, allow: float
+) -> splits.Scenes:
     histograms = {name: h for name, h in scene_histograms(store).items() if h.known}
     groups = scenes_alike(store.manifest, scene_hashes(store, histograms))
     counts = np.stack([histogram.counts for histogram in histograms.values()])
-    return Scenes(tuple(histograms), counts, tuple(groups), criterion, bound, allow)
+    return splits.Scenes(tuple(histograms), counts, tuple(groups), criterion, bound, allow)
 
 
-def _published_test(manifest: Manifest, scenes: Scenes) -> tuple[str, ...]:
+def _published_test(manifest: Manifest, scenes: splits.Scenes) -> tuple[str, ...]:
     # Ranked only where all its scenes are built: a part of it is another test.
     names = {split.name for split in manifest.splits}
     test = manifest.scenes_of("test") if "test" in names else ()
@@ -337,7 +299,7 @@ def coverage(
     density_factor: FactorOption = DensityBound.factor,
     density_floor: FloorOption = DensityBound.floor,
     out: Out = None,
-    format: Answered = AnswerFormat.table,
+    format: screen.Answered = screen.AnswerFormat.table,
 ) -> None:
     """Ask whether training covers the depths of the test; status 1 where it does not."""
     bound = DensityBound(density_factor, density_floor)
@@ -359,10 +321,10 @@ def coverage(
         other = open_dataset(test_dataset) if test_dataset else None
         both = sides_of(store, train, test, fold, other)
         record = compare(*both, leaks=leaks_between(*both))
-        figure = coverage_figure(record)
+        figure = audits.coverage_figure(record)
         place = _place(out, store, "coverage", _compared(record))
-        files: Files = {"coverage.json": as_json(record), "coverage.png": figure}
-        give([coverage_table(record)], format, place, files, verdict_line(record))
+        files: screen.Files = {"coverage.json": as_json(record), "coverage.png": figure}
+        screen.give([coverage_table(record)], format, place, files, verdict_line(record))
         _end(record)
 
 
@@ -408,7 +370,7 @@ def _answer_each(
     each: Each,
     compare: partial[CoverageRecord],
     out: str | None,
-    format: AnswerFormat,
+    format: screen.AnswerFormat,
 ) -> None:
     manifest, histograms = store.manifest, scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
@@ -428,7 +390,7 @@ def _answer_each(
     verdict = f"{bad} of {len(records)} are NOT covered by criterion {criterion}"
     files = {"coverage.json": each_as_json(records, each)}
     place = _place(out, store, "coverage", f"each-{each}")
-    give([each_table(records, each)], format, place, files, verdict)
+    screen.give([each_table(records, each)], format, place, files, verdict)
     _end(*records.values())
 
 
@@ -439,24 +401,27 @@ def _answer_errors(
     training: Training,
     record: CoverageRecord,
     out: str | None,
-    format: AnswerFormat,
+    format: screen.AnswerFormat,
 ) -> None:
-    join = join_errors(store, run, folder, record)
+    join = run_errors.join_errors(store, run, folder, record)
     title = (
         f"errors of {run.method.title} on {run.dataset.label}, {run.dataset.split}, by what "
         f"{record.train.label}, {record.train.split}, covers"
     )
-    tables = [error_table(join, title, conclusion(join, record, training)), scene_table(join)]
-    files: Files = {
-        "errors.json": errors_as_json(join, run, record, training),
+    tables = [
+        run_errors.error_table(join, title, run_errors.conclusion(join, record, training)),
+        run_errors.scene_table(join),
+    ]
+    files: screen.Files = {
+        "errors.json": run_errors.errors_as_json(join, run, record, training),
         "coverage.json": as_json(record),
-        "coverage.png": coverage_figure(record),
-        "errors.png": level_error_figure(join, title),
-        "masks.png": mask_figure(store, run, folder, join),
+        "coverage.png": audits.coverage_figure(record),
+        "errors.png": audits.level_error_figure(join, title),
+        "masks.png": audits.mask_figure(store, run, folder, join),
     }
     # By default beside the result: the one folder in a run that others may write to.
     place = folder / "coverage" if out is None else output_place(out)
-    give(tables, format, place, files)
+    screen.give(tables, format, place, files)
     _end(record)
 
 

@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dfdbench.blur.recipe import RECIPES
-from dfdbench.cli.options import (
-    Cache,
-    DataSetArgument,
-    Scheduler,
-    Split,
-    Workers,
-    data_sets,
-    pool_of,
-)
+from dfdbench.cli import options
 from dfdbench.cli.screen import download_progress, progress, say, writing
 from dfdbench.datasets.catalog import find_manifest, of_seed
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -44,7 +36,7 @@ def build(
         str,
         typer.Argument(
             help="A data set's name or a manifest's path; NAME@TRACK-SEVERITY on a track.",
-            autocompletion=data_sets,
+            autocompletion=options.data_sets,
         ),
     ],
     source: Annotated[
@@ -55,8 +47,8 @@ def build(
         str | None, typer.Option(help="Where to build, a path or a URL; default: the cache.")
     ] = None,
     recipe: Annotated[str | None, typer.Option(help=f"Blur recipe: {', '.join(RECIPES)}.")] = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
     pair: Annotated[
         str | None,
         typer.Option(help="In-focus and defocus voltage step of captured pairs: 141,129."),
@@ -78,7 +70,7 @@ def build(
         str | None,
         typer.Option(metavar="N", help="Of unseen and unseen-stack: draws rooms and camera."),
     ] = None,
-    cache: Cache = None,
+    cache: options.Cache = None,
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
     from dfdbench.building.build import build_store
@@ -92,7 +84,7 @@ def build(
         # The cache may be inside the folder of the files; a place that the user names may not.
         read = source if store else None
         output_place(plan.place.path, read, option="--store", replaces=True)
-    pool = pool_of(workers, scheduler)
+    pool = options.pool_of(workers, scheduler)
     with download_progress(f"fetching {plan.manifest.short}") as fetched:
         obtained = obtain(plan, source, mirror or (), offline, cache, fetched)
     tell_fetched(obtained)
@@ -111,17 +103,17 @@ def build(
 
 
 def export(
-    name: DataSetArgument,
+    name: options.DataSetArgument,
     png: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write PNG files into.")],
     out: Annotated[Path | None, typer.Option(hidden=True, callback=_called_png)] = None,
-    split: Split = "all",
+    split: options.Split = "all",
     images_only: Annotated[
         bool,
         typer.Option(
             "--images-only", help="Write no depth, to run a method where it cannot see the truth."
         ),
     ] = False,
-    cache: Cache = None,
+    cache: options.Cache = None,
 ) -> None:
     """Export pairs as PNG files (Middlebury pairs keep the thesis's file names)."""
     from dfdbench.building.export import export_png

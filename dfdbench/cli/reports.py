@@ -14,16 +14,8 @@ from dfdbench.board.board import LEADERBOARD
 from dfdbench.board.board import leaderboard as open_board
 from dfdbench.board.row_file import read_row
 from dfdbench.board.verification import SCORE_TOLERANCE
+from dfdbench.cli import screen
 from dfdbench.cli.options import FigureFormat, FigureFormats, Printed, Protocol
-from dfdbench.cli.screen import (
-    PICTURES,
-    print_table,
-    print_tables,
-    progress,
-    save_figure,
-    say,
-    writing,
-)
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import first_protocol
@@ -84,7 +76,7 @@ def report(
     paths, left_out = without_previous(_each_once(results))
     for old, new in left_out:
         both = f"`dfdbench compare {old} {new}` sets them side by side"
-        say(f"left out: {old}, the run before {new.name}; {both}")
+        screen.say(f"left out: {old}, the run before {new.name}; {both}")
     runs = told_apart(open_saved_run(path, dataset) for path in paths)
     shown = protocol or first_protocol(runs[0].result.dataset.short)
     if page and format in _PAGES:
@@ -94,12 +86,12 @@ def report(
 
     tables = paper_tables(runs, shown, metric or ())
     if out is not None:
-        with writing(out):
+        with screen.writing(out):
             write_whole(out, render(tables, Format(format.value)))
         print(out)
     elif format is ReportFormat.table:
         for table in tables:
-            print_table(table)
+            screen.print_table(table)
     else:
         print(render(tables, Format(format.value)), end="")
     if figure is not None:
@@ -107,9 +99,9 @@ def report(
 
         drawn = accuracy_figure(runs, shown)
         if drawn is None:
-            say("no figure: no run is complete")
+            screen.say("no figure: no run is complete")
         else:
-            save_figure(drawn, figure)
+            screen.save_figure(drawn, figure)
 
 
 def _refuse_what_does_not_fit(
@@ -135,17 +127,17 @@ def _write_page(
 ) -> None:
     from dfdbench.report.page import write_html, write_markdown
 
-    with writing(folder):
+    with screen.writing(folder):
         # Before the drawing, which takes a while.
         folder.mkdir(parents=True, exist_ok=True)
         if format is ReportFormat.html:
-            with progress("drawing pairs", "the same command draws them anew") as step:
+            with screen.progress("drawing pairs", "the same command draws them anew") as step:
                 path = write_html(runs, protocol, folder, step, also)
         else:
             path = write_markdown(runs, protocol, folder, also)
     for run in runs:
         if run.without:
-            say(f"no pictures of {run.label}: {run.without}")
+            screen.say(f"no pictures of {run.label}: {run.without}")
     print(path)
 
 
@@ -171,19 +163,19 @@ def compare(
     (tables,) = found.tables.values()
     if format is Format.table:
         for table in tables:
-            print_table(table)
+            screen.print_table(table)
     else:
         # A sheet holds one kind of row.
         print(render(tables[:1] if format is Format.csv else tables, format), end="")
     figure = found.figure(min(most, _PANELS))
     if figure is None:
         why = "; ".join(dict.fromkeys(run.without for run in runs if run.without))
-        say(f"no panels: {why or 'no pair with depth maps changed'}")
+        screen.say(f"no panels: {why or 'no pair with depth maps changed'}")
         return
-    with writing(picture):
+    with screen.writing(picture):
         picture.parent.mkdir(parents=True, exist_ok=True)
         write_figure(figure, picture)
-    say(f"panels       {picture}")
+    screen.say(f"panels       {picture}")
 
 
 def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
@@ -193,8 +185,8 @@ def _picture(out: Path | None, first: SavedRun, second: SavedRun) -> Path:
         return Path("results") / f"compare-{dataset.name}-{dataset.split}-{a}-vs-{b}.png"
     if out.is_dir() or not out.suffix:
         return out / "compare.png"
-    if out.suffix.lower() not in PICTURES:
-        what = f"not a folder and no picture ({', '.join(PICTURES)}): {out.name}"
+    if out.suffix.lower() not in screen.PICTURES:
+        what = f"not a folder and no picture ({', '.join(screen.PICTURES)}): {out.name}"
         raise InputError(what, where="--out")
     return out
 
@@ -209,7 +201,7 @@ def _each_once(paths: Sequence[Path]) -> list[Path]:
     for path in paths:
         file = Path(os.path.realpath(path / RESULT if path.is_dir() else path))
         if file in found:
-            say(f"given twice, shown once: {path}")
+            screen.say(f"given twice, shown once: {path}")
         else:
             found[file] = path
     return list(found.values())
@@ -238,8 +230,8 @@ def leaderboard(
         print(f"{folder}: {counted(len(board.rows), 'row')} valid, README up to date")
         return
     path = board.write()
-    print_tables(board.tables(), format)
-    say(f"written      {path}")
+    screen.print_tables(board.tables(), format)
+    screen.say(f"written      {path}")
 
 
 def verify_rows(
@@ -272,16 +264,16 @@ def verify_rows(
     for path in rows:
         row = read_row(path)
         if row.method.scored:
-            say(f"left out     {path}: scored, not run: there is nothing to run again")
+            screen.say(f"left out     {path}: scored, not run: there is nothing to run again")
             continue
-        with progress(f"verifying {path.stem}", "the same command draws anew") as step:
+        with screen.progress(f"verifying {path.stem}", "the same command draws anew") as step:
             found = verify(row, path, pairs, seed, tolerance, trust or (), weights, step)
         print(f"{'verified' if found.passed else 'DIFFERS':<12} {path}")
         print(f"drawn        {len(found.pairs)} of {found.drawn_from} pairs by --seed {found.seed}")
         for pair in found.pairs:
             print(f"{'same' if pair.passes(tolerance) else 'DIFFERENT':<12} {pair}")
         if not found.same_source:
-            say("the method's source file is not the one that the row was made with")
+            screen.say("the method's source file is not the one that the row was made with")
         failed |= not found.passed
     if failed:
         raise typer.Exit(1)

@@ -13,31 +13,8 @@ import typer
 
 from dfdbench.building.build import build_store
 from dfdbench.building.voltage_pairs import voltage_pair_sets
-from dfdbench.cli.options import (
-    Cache,
-    DataSet,
-    Out,
-    Printed,
-    Scheduler,
-    Seed,
-    pool_of,
-    pool_of_processes,
-    value_of,
-    values_of,
-)
+from dfdbench.cli import options, training
 from dfdbench.cli.screen import print_table, print_tables, progress, save_figure, say, writing
-from dfdbench.cli.training import (
-    Changes,
-    Configuration,
-    Device,
-    MaxTime,
-    Network,
-    Threads,
-    Weights,
-    seconds_of,
-    stepping,
-    use_threads,
-)
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
@@ -68,7 +45,9 @@ def experiment(
             "reduction, sharpest-step or voltage-pairs."
         ),
     ],
-    method: Annotated[Network, typer.Option(help="The network to train.")] = Network.dfd_net,
+    method: Annotated[
+        training.Network, typer.Option(help="The network to train.")
+    ] = training.Network.dfd_net,
     dataset: Annotated[
         str | None,
         typer.Option(
@@ -87,9 +66,9 @@ def experiment(
             "wrote, instead of those of the thesis's Table D.2.",
         ),
     ] = None,
-    config: Configuration = _PUBLISHED,
-    changes: Changes = None,
-    weights: Weights = None,
+    config: training.Configuration = _PUBLISHED,
+    changes: training.Changes = None,
+    weights: training.Weights = None,
     values: Annotated[
         str | None, typer.Option(metavar="A,B,...", help="Values to try instead of the thesis's.")
     ] = None,
@@ -99,20 +78,20 @@ def experiment(
             min=1, help="How often to train with each value; default: as often as the thesis."
         ),
     ] = None,
-    max_time: MaxTime = None,
-    out: Out = None,
-    format: Printed = Format.table,
-    device: Device = "auto",
-    threads: Threads = None,
-    cache: Cache = None,
+    max_time: training.MaxTime = None,
+    out: options.Out = None,
+    format: options.Printed = Format.table,
+    device: training.Device = "auto",
+    threads: training.Threads = None,
+    cache: options.Cache = None,
 ) -> None:
     """Train for each value and seed of an experiment of the thesis; a stopped one is resumed."""
-    limit = seconds_of(max_time)
+    limit = training.seconds_of(max_time)
     with needed():
         from dfdbench.figures.trainings import experiment_figure
         from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.experiments import find_experiment, trials
-    use_threads(threads)
+    training.use_threads(threads)
     asked, chosen = find_experiment(name), _listed(values)
     configs = _rows_of(name, rows, chosen, config)
     store, stem = _data_of(asked, name, dataset, chosen, source, cache)
@@ -124,7 +103,7 @@ def experiment(
         method.value,
         store,
         configs or config,
-        values_of(changes, "--set"),
+        options.values_of(changes, "--set"),
         folder,
         chosen,
         repeats,
@@ -151,7 +130,7 @@ def _train_all(
     for number, trial in enumerate(planned, 1):
         label = f"{number} of {len(planned)}: {trial.folder.name}"
         with progress(label) as bar:
-            card = run_trial(trial, limit, device, stepping(bar))
+            card = run_trial(trial, limit, device, training.stepping(bar))
         cards.append((trial.value, card))
         tables = [experiment_table(asked, cards, protocol) for protocol in LOGGED]
         keep_tables(folder, tables)
@@ -210,7 +189,9 @@ def _built_pairs(
     sets = voltage_pair_sets(manifest, pairs, source, cache)
     for pair, files in sets.to_build.items():
         with progress(f"building {manifest.stem}, steps {pair}") as step:
-            report = build_store(manifest, files, sets.places[pair], None, pool_of(None), step)
+            report = build_store(
+                manifest, files, sets.places[pair], None, options.pool_of(None), step
+            )
         pairs_built = counted(report.pairs, "pair")
         say(f"built        {report.path}: {pairs_built}, {len(report.missing)} missing")
     return {pair: Dataset(place) for pair, place in sets.places.items()}
@@ -228,7 +209,7 @@ def _listed(text: str | None) -> list[Any] | None:
     values = [part.strip() for part in text.split(",")]
     if not all(values):
         raise InputError(f"not a list of values, as 0,1,2: {text!r}", where="--values")
-    return [value_of(value, "--values") for value in values]
+    return [options.value_of(value, "--values") for value in values]
 
 
 class Rounding(StrEnum):
@@ -252,7 +233,7 @@ def reduce(
             metavar="FILE", help="Weights of a DfD-Net: a file, or the name of shipped ones."
         ),
     ],
-    dataset: DataSet = "middlebury",
+    dataset: options.DataSet = "middlebury",
     split: Annotated[
         str, typer.Option(help="Sample the first pair of each scene of this split.")
     ] = "test",
@@ -263,18 +244,18 @@ def reduce(
     rounds: Annotated[
         Rounding | None, typer.Option(help="Also round to multiples of 8, up (H) or down (L).")
     ] = None,
-    config: Configuration = "published",
-    changes: Changes = None,
-    seed: Seed = 0,
+    config: training.Configuration = "published",
+    changes: training.Changes = None,
+    seed: options.Seed = 0,
     tuning: Annotated[
         Tuning,
         typer.Option(help="After 100 epochs a neuron follows its own inputs, or its neighbours'."),
     ] = Tuning.own,
-    out: Out = None,
-    format: Printed = Format.table,
-    device: Device = "auto",
-    threads: Threads = None,
-    cache: Cache = None,
+    out: options.Out = None,
+    format: options.Printed = Format.table,
+    device: training.Device = "auto",
+    threads: training.Threads = None,
+    cache: options.Cache = None,
 ) -> None:
     """Count the different outputs of each layer; write configurations of narrower networks."""
     with needed():
@@ -282,10 +263,10 @@ def reduce(
         from dfdbench.methods.networks.weights import find_weights
         from dfdbench.training.configuration import read_configuration
         from dfdbench.training.reduction.reduce import reduce_weights
-    use_threads(threads)
+    training.use_threads(threads)
     place = find_weights("dfd-net", weights)
     store = open_dataset(dataset, cache=cache)
-    configuration = read_configuration(config, values_of(changes, "--set"))
+    configuration = read_configuration(config, options.values_of(changes, "--set"))
     name = Path(weights).stem + (f"-level{level}" if level else "")
     default = Path("training") / f"{store.path.stem}-reduction" / name
     folder = output_place(default if out is None else out, place)
@@ -314,7 +295,7 @@ _BEST, _TABLE = "best.toml", "search.md"
 
 
 def architecture(
-    dataset: DataSet = "middlebury",
+    dataset: options.DataSet = "middlebury",
     split: Annotated[str, typer.Option(help="The split to train on.")] = "train",
     as_thesis: Annotated[
         bool,
@@ -356,29 +337,29 @@ def architecture(
         str | None,
         typer.Option(metavar="30m", help="Stop this call after this time, as 90s, 30m, 1h30m."),
     ] = None,
-    config: Configuration = "published",
-    changes: Changes = None,
-    seed: Seed = 0,
-    out: Out = None,
+    config: training.Configuration = "published",
+    changes: training.Changes = None,
+    seed: options.Seed = 0,
+    out: options.Out = None,
     workers: Annotated[
         int | None,
         typer.Option(min=1, max=1024, help="Trainings at once; default: one, in this process."),
     ] = None,
-    scheduler: Scheduler = None,
-    device: Device = "auto",
-    threads: Threads = None,
-    cache: Cache = None,
+    scheduler: options.Scheduler = None,
+    device: training.Device = "auto",
+    threads: training.Threads = None,
+    cache: options.Cache = None,
 ) -> None:
     """Search DfD-Net's widths, filters, activations and patches by a swarm; a stopped one resumes.
 
     Each particle's network is trained from scratch; the objective is Eq. 6.1.
     """
-    limit = seconds_of(max_time)
+    limit = training.seconds_of(max_time)
     with needed():
         from dfdbench.training.configuration import read_configuration
         from dfdbench.training.search.particle import bounds_of
         from dfdbench.training.search.plan import Choices, plan_search
-    changed = values_of(changes, "--set") | ({"steps": steps} if steps else {})
+    changed = options.values_of(changes, "--set") | ({"steps": steps} if steps else {})
     base = read_configuration(config, changed)
     asked = Choices(
         split,
@@ -400,8 +381,10 @@ def architecture(
     name = f"{variant}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     folder = output_place(out or Path("training") / f"{store.path.stem}-search" / name)
     say(f"select on    {plan.selected_on}")
-    where = _Where(pool_of_processes(workers, scheduler), device, _threads(threads, workers))
-    use_threads(where.threads)
+    where = _Where(
+        options.pool_of_processes(workers, scheduler), device, _threads(threads, workers)
+    )
+    training.use_threads(where.threads)
     outcome = _searched(plan, folder, iterations, where, limit)
     _tell(plan, folder, outcome, dataset)
 
@@ -462,4 +445,4 @@ def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) 
 
 def _named(bounds: list[str] | None) -> dict[str, Any]:
     # As text: JSON has no 8:512.
-    return {name: str(value) for name, value in values_of(bounds, "--bounds").items()}
+    return {name: str(value) for name, value in options.values_of(bounds, "--bounds").items()}

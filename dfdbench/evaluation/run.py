@@ -26,6 +26,7 @@ from dfdbench.evaluation.plan import RunOptions, RunPlan, plan_run, protocols_on
 from dfdbench.methods.calling import UNIT_LEVELS, difference
 from dfdbench.methods.method import Method
 from dfdbench.methods.sources import Hashes
+from dfdbench.results import run_folder
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import (
     DatasetRecord,
@@ -36,15 +37,6 @@ from dfdbench.results.record import (
     average,
 )
 from dfdbench.results.record_file import RESULT, save_result
-from dfdbench.results.run_folder import (
-    add_to_journal,
-    keep_identity,
-    keep_prediction,
-    keep_store_place,
-    open_run_folder,
-    read_identity,
-    read_journal,
-)
 from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
 from dfdbench.tables.table import counted, listed
@@ -149,10 +141,10 @@ def run_method(
             before = None
         plan = replace(plan, fit=_fitted(plan, folder if before else None, pool))
         known = _Known(plan.identity, before)
-        set_aside = open_run_folder(folder, known.content, before is not None)
+        set_aside = run_folder.open_run_folder(folder, known.content, before is not None)
         if plan.fit:
             keep_fit(folder, plan.fit)
-        keep_store_place(folder, store.path)
+        run_folder.keep_store_place(folder, store.path)
         journal = _Journal(plan, folder, known, on_pair)
         reused = journal.done
         _evaluate(plan, journal, pool)
@@ -164,7 +156,7 @@ def run_method(
 
 def _begun(folder: Path) -> dict[str, Any] | None:
     """Return what a folder's run is known by; None if there is none, empty if it is damaged."""
-    found = read_identity(folder)
+    found = run_folder.read_identity(folder)
     try:
         _Environments.validate_python((found or {}).get(_ENVIRONMENTS, []), strict=True)
     except ValidationError:
@@ -232,7 +224,7 @@ class _Journal:
     ) -> None:
         self._plan, self._folder, self._known, self._on_pair = plan, folder, known, on_pair
         places = range(len(known.environments))
-        found = read_journal(folder)
+        found = run_folder.read_journal(folder)
         self._finished = {name: each for name, each in found.items() if each.machine in places}
         self.to_do = [pair for pair in plan.chosen if pair.id not in self._finished]
         self.done = len(plan.chosen) - len(self.to_do)
@@ -247,9 +239,9 @@ class _Journal:
                 return
             self._first = evaluated
         if self._known.add(evaluated.used, evaluated.environment):
-            keep_identity(self._folder, self._known.content)
+            run_folder.keep_identity(self._folder, self._known.content)
         if evaluated.depth is not None and plan.options.keep_predictions:
-            keep_prediction(self._folder, plan.store.manifest, pair, evaluated.depth)
+            run_folder.keep_prediction(self._folder, plan.store.manifest, pair, evaluated.depth)
         machine = self._known.environments.index(evaluated.environment)
         self._keep(evaluated.record.model_copy(update={"machine": machine}))
         self.done += 1
@@ -258,7 +250,7 @@ class _Journal:
 
     def _keep(self, record: PairResult) -> None:
         self._finished[record.id] = record
-        add_to_journal(self._folder, record)
+        run_folder.add_to_journal(self._folder, record)
 
     def _compare(self, first: EvaluatedElsewhere, second: EvaluatedElsewhere) -> None:
         differs = difference(first.depth, second.depth)

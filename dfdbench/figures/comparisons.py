@@ -12,20 +12,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.datasets.captures import Capture
-from dfdbench.figures.style import (
-    COLOURS,
-    DEPTH_LABELS,
-    MARKERS,
-    SKY,
-    brightened,
-    brightening,
-    depth_scales,
-    legend_below,
-    marks,
-    plain_text,
-    without_ticks,
-    wrapped,
-)
+from dfdbench.figures import style
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.results.differences import PairChange
@@ -71,11 +58,11 @@ def time_figure(runs: Sequence[SavedRun]) -> Figure | None:
         [seconds for _, seconds in timed],
         orientation="horizontal",
         patch_artist=True,
-        boxprops={"facecolor": SKY, "alpha": 0.7},
+        boxprops={"facecolor": style.SKY, "alpha": 0.7},
         widths=0.6,
         whis=(0, 100),
     )
-    names = [wrapped(plain_text(label), 40) for label, _ in timed]
+    names = [style.wrapped(style.plain_text(label), 40) for label, _ in timed]
     axis.set_yticks(range(1, len(timed) + 1), names)
     axis.invert_yaxis()
     axis.set_xscale("log")
@@ -101,9 +88,9 @@ def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
     figure = Figure(figsize=(7, 4.2), layout="constrained")
     axis = figure.subplots()
     for number, (label, seconds, score) in enumerate(found):
-        marker = MARKERS[(number + number // len(COLOURS)) % len(MARKERS)]
-        style = {**marks(number), "marker": marker, "markersize": 9}
-        axis.plot(seconds, score, label=plain_text(label), **style)
+        marker = style.MARKERS[(number + number // len(style.COLOURS)) % len(style.MARKERS)]
+        look = {**style.marks(number), "marker": marker, "markersize": 9}
+        axis.plot(seconds, score, label=style.plain_text(label), **look)
     axis.set_xscale("log")
     axis.set_yscale("log")
     for side in (axis.xaxis, axis.yaxis):
@@ -113,7 +100,7 @@ def accuracy_figure(runs: Sequence[SavedRun], protocol: str) -> Figure | None:
     axis.set_ylabel(find_metric(name).heading)
     axis.set_title(f"{runs[0].result.dataset.name}, protocol {title_of(protocol)}", fontsize=11)
     axis.grid(which="both", alpha=0.3)
-    legend_below(figure, axis)
+    style.legend_below(figure, axis)
     return figure
 
 
@@ -130,7 +117,7 @@ def change_figure(
         return None
     figure = Figure(figsize=(15, 1.9 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 6, squeeze=False)
-    names = [plain_text(run.label) for run in (first, second)]
+    names = [style.plain_text(run.label) for run in (first, second)]
     figure.suptitle(f"A: {names[0]}    B: {names[1]}    changed much, scene by scene")
     heads = ("in-focus", "ground truth", "A", "B", "A − truth", "B − truth")
     for axis, head in zip(grid[0], heads, strict=True):
@@ -147,18 +134,18 @@ def _draw_maps(
     figure: Figure, axes: NDArray[Any], images: Capture, predictions: Sequence[NDArray[Any]]
 ) -> None:
     known = images.depth.astype(np.float64)
-    scale, errors = depth_scales(images.about, known)
+    scale, errors = style.depth_scales(images.about, known)
     unit, sharp = images.about.kind, images.shown[0]
-    times = brightening(sharp)
-    axes[0].imshow(brightened(sharp, times))
+    times = style.brightening(sharp)
+    axes[0].imshow(style.brightened(sharp, times))
     if times > 1:
         axes[0].set_xlabel(f"shown {times} times brighter", fontsize=8)
     for axis, depth in zip(axes[1:4], (known, *predictions), strict=True):
         shown = axis.imshow(depth, interpolation="nearest", **scale)
     for axis, depth in zip(axes[4:], predictions, strict=True):
         error = axis.imshow(depth - known, interpolation="nearest", **errors)
-    without_ticks(axes, "0.75")
-    figure.colorbar(shown, ax=axes[3], label=DEPTH_LABELS[unit], fraction=0.05)
+    style.without_ticks(axes, "0.75")
+    figure.colorbar(shown, ax=axes[3], label=style.DEPTH_LABELS[unit], fraction=0.05)
     figure.colorbar(error, ax=axes[5], label=unit, fraction=0.05, extend="both")
 
 
@@ -183,17 +170,20 @@ def _scene_figure(
                     place[dataset.rows] = value
                 found = _scores(run, protocol, metric.name, place)
                 offset = (number - (len(runs) - 1) / 2) * 0.6 / len(runs)
-                style = {**marks(number), "color": COLOURS[number % (len(COLOURS) - 1)]}
+                look = {
+                    **style.marks(number),
+                    "color": style.COLOURS[number % (len(style.COLOURS) - 1)],
+                }
                 at = [scenes.index(scene) + offset for scene, _ in found]
                 scores = [score for _, score in found]
-                axis.plot(at, scores, label=plain_text(run.label), **style)
+                axis.plot(at, scores, label=style.plain_text(run.label), **look)
             axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
             axis.grid(alpha=0.3)
             if column == 0:
                 axis.set_ylabel(metric.axis_label)
             if line == 0:
                 axis.set_title(f"{dataset.blocks} {level}")
-    legend_below(figure, grid[0][0])
+    style.legend_below(figure, grid[0][0])
     return figure
 
 
@@ -234,9 +224,9 @@ def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -
         for number, (method, means) in enumerate(scores.items()):
             values = means.loc[track].tolist() if track in means.index else []
             longest = max(longest, len(values))
-            line = _LINES[number // len(COLOURS) % len(_LINES)]
-            style = {**marks(number), "linestyle": line, "markersize": None}
-            axis.plot(range(len(values)), values, label=plain_text(method), **style)
+            line = _LINES[number // len(style.COLOURS) % len(_LINES)]
+            look = {**style.marks(number), "linestyle": line, "markersize": None}
+            axis.plot(range(len(values)), values, label=style.plain_text(method), **look)
         axis.set_title(track, fontsize=10)
         axis.set_xlabel("severity")
         axis.set_xticks(range(longest), [CLEAN, *map(str, range(1, longest))])
@@ -245,7 +235,7 @@ def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -
         axis.set_ylabel(find_metric(metric).heading)
     # Only now is the height of the shared axis known.
     axes.flat[0].set_ylim(bottom=0)
-    figure.suptitle(plain_text(title), fontsize=11)
+    figure.suptitle(style.plain_text(title), fontsize=11)
     if len(scores) > 1:
         handles, labels = axes.flat[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)

@@ -16,22 +16,7 @@ from dfdbench.blur.recipe import LAST_LEVEL, LEVELS
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Scene
-from dfdbench.figures.style import (
-    BLUE,
-    DEPTH_LABELS,
-    RED,
-    SKY,
-    brightened,
-    brightening,
-    depth_scales,
-    depth_span,
-    legend_below,
-    marks,
-    plain_text,
-    single_axes,
-    without_ticks,
-    write_forms,
-)
+from dfdbench.figures import style
 from dfdbench.metrics.metric import mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
@@ -74,7 +59,7 @@ def draw_run(
         path
         for name, figure in figures.items()
         if figure is not None
-        for path in write_forms(figure, target, name, ("png", *also))
+        for path in style.write_forms(figure, target, name, ("png", *also))
     ]
 
 
@@ -98,7 +83,7 @@ def panel_figure(
     figure = Figure(figsize=(15, 2.55 * len(rows) + 0.9), layout="constrained")
     grid = figure.subplots(len(rows), 5, squeeze=False)
     figure.suptitle(
-        f"{plain_text(result.method.title)}: {kind} pairs of {result.dataset.label}, "
+        f"{style.plain_text(result.method.title)}: {kind} pairs of {result.dataset.label}, "
         f"split {result.dataset.split}, protocol {title_of(protocol)}"
     )
     for axis, head in zip(grid[0], HEADS, strict=True):
@@ -131,7 +116,7 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     figure = Figure(figsize=(whole, 0.8 + 2.4 * len(metrics)), layout="constrained")
     grid = figure.subplots(len(metrics), len(columns), squeeze=False, sharey="row", sharex=True)
     figure.suptitle(
-        f"{plain_text(result.method.title)} on {result.dataset.label}, "
+        f"{style.plain_text(result.method.title)} on {result.dataset.label}, "
         f"split {result.dataset.split}, protocol {title_of(protocol)}"
     )
     for line, metric in zip(grid, metrics.values(), strict=True):
@@ -144,7 +129,7 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
                 found = [(p.scene, p.score(protocol, metric.name)) for p in of_level]
                 at = [scenes.index(name) + offset for name, score in found if score is not None]
                 scores = [score for _, score in found if score is not None]
-                axis.plot(at, scores, label=f"{blocks} {level}", **marks(number))
+                axis.plot(at, scores, label=f"{blocks} {level}", **style.marks(number))
             axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
             axis.grid(alpha=0.3)
     for axis, value in zip(grid[0], columns, strict=True):
@@ -161,19 +146,19 @@ def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:
     truth, found = _depth_counts(store, result, folder)
     if not truth.any():
         return None
-    figure, axis = single_axes(9, 4)
+    figure, axis = style.single_axes(9, 4)
     levels = np.arange(LEVELS)
     truth, found = 100 * truth / truth.sum(), 100 * found / found.sum()
-    axis.fill_between(levels, truth, step="mid", color=SKY, alpha=0.6, label="ground truth")
-    label = f"prediction of {plain_text(result.method.title)}"
-    axis.step(levels, found, where="mid", color=RED, linewidth=1, label=label)
+    axis.fill_between(levels, truth, step="mid", color=style.SKY, alpha=0.6, label="ground truth")
+    label = f"prediction of {style.plain_text(result.method.title)}"
+    axis.step(levels, found, where="mid", color=style.RED, linewidth=1, label=label)
     axis.set(
         xlabel="depth level",
         ylabel="known pixels (%)",
         xlim=(0, LAST_LEVEL),
         title=f"depths of {result.dataset.label}, split {result.dataset.split}",
     )
-    legend_below(figure, axis)
+    style.legend_below(figure, axis)
     return figure
 
 
@@ -204,22 +189,22 @@ def pixel_time_figure(store: Dataset, result: Result) -> Figure | None:
     sizes = np.array(sorted(times))
     # An intercept would mean nothing for sizes that are much alike, as Middlebury's.
     rate = seconds.sum() / pixels.sum()
-    figure, axis = single_axes(9, 5)
-    axis.plot(pixels, seconds, ".", color=BLUE, alpha=0.4, label="a pair")
+    figure, axis = style.single_axes(9, 5)
+    axis.plot(pixels, seconds, ".", color=style.BLUE, alpha=0.4, label="a pair")
     means = [np.mean(times[size]) for size in sizes]
     label = "mean of the pairs of a size"
-    axis.plot(sizes, means, "D", color=RED, fillstyle="none", label=label)
+    axis.plot(sizes, means, "D", color=style.RED, fillstyle="none", label=label)
     label = f"in proportion: {1e5 * rate:.3g} s for 100,000 pixels"
     axis.plot(sizes, rate * sizes, color="black", linewidth=1, label=label)
     axis.set(
         xlabel="pixels of an image",
         ylabel="seconds per pair",
         ylim=(0, None),
-        title=f"time of {plain_text(result.method.title)} on {result.dataset.label}, "
+        title=f"time of {style.plain_text(result.method.title)} on {result.dataset.label}, "
         f"split {result.dataset.split}",
     )
     axis.xaxis.set_major_formatter("{x:,.0f}")
-    legend_below(figure, axis)
+    style.legend_below(figure, axis)
     return figure
 
 
@@ -283,7 +268,7 @@ def _group_figure(
                 for place, group in enumerate(labels)
                 if group in by_label
             }
-            _draw_run(axis, rows, number, plain_text(name))
+            _draw_run(axis, rows, number, style.plain_text(name))
         axis.set_xlabel(metric.axis_label)
         axis.locator_params(axis="x", nbins=4)
         axis.grid(axis="x", alpha=0.3)
@@ -291,14 +276,14 @@ def _group_figure(
     grid[0].set_ylim(len(labels) - 0.5, -0.5)
     grid[0].set_ylabel(what)
     first = next(iter(results.values()))
-    whose = "" if several else f"{plain_text(next(iter(results)))} on "
+    whose = "" if several else f"{style.plain_text(next(iter(results)))} on "
     figure.suptitle(
         f"{whose}{first.dataset.label}, split {first.dataset.split}, "
         f"protocol {title_of(protocol)}: mean and standard deviation; a dot is a pair",
         fontsize=10,
     )
     if several:
-        legend_below(figure, grid[0])
+        style.legend_below(figure, grid[0])
     return figure
 
 
@@ -316,8 +301,8 @@ def _by_label(
 
 
 def _draw_run(axis: Axes, rows: Mapping[float, Sequence[float]], number: int, name: str) -> None:
-    dots: dict[str, Any] = {**marks(number), "marker": ".", "markersize": None}
-    bars: dict[str, Any] = {**marks(number), "capsize": 2, "linestyle": None, "linewidth": 1}
+    dots: dict[str, Any] = {**style.marks(number), "marker": ".", "markersize": None}
+    bars: dict[str, Any] = {**style.marks(number), "capsize": 2, "linestyle": None, "linewidth": 1}
     for at, values in rows.items():
         axis.plot(values, [at] * len(values), alpha=0.35, markeredgewidth=0, **dots)
         spread = np.std(values, ddof=1) if len(values) > 1 else 0.0
@@ -372,7 +357,7 @@ def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> 
     count = 3 if prediction is None else len(HEADS)
     rows, columns = pair.depth.shape
     figure = Shown(figsize=(3 * count, 3 * rows / columns + 0.6), layout="constrained")
-    figure.suptitle(plain_text(pair.pair.id), fontsize=10)
+    figure.suptitle(style.plain_text(pair.pair.id), fontsize=10)
     axes = list(figure.subplots(1, count))
     for axis, head in zip(axes, HEADS, strict=False):
         axis.set_title(head, fontsize=10)
@@ -388,22 +373,22 @@ def draw_pair(
 ) -> None:
     """Draw a pair into three axes, or into five with a prediction; depth and error get scales."""
     known = images.depth.astype(np.float64)
-    scale, errors = depth_scales(images.about, known)
+    scale, errors = style.depth_scales(images.about, known)
     unit = images.about.kind
     sharp, blurred = images.shown
-    times = brightening(sharp)
-    axes[0].imshow(brightened(sharp, times))
-    axes[1].imshow(brightened(blurred, times))
+    times = style.brightening(sharp)
+    axes[0].imshow(style.brightened(sharp, times))
+    axes[1].imshow(style.brightened(blurred, times))
     if times > 1:
         axes[0].set_xlabel(f"both images shown {times} times brighter", fontsize=8)
     truth = axes[2].imshow(known, interpolation="nearest", **scale)
-    without_ticks(axes, "0.75")
+    style.without_ticks(axes, "0.75")
     if prediction is None:
-        figure.colorbar(truth, ax=axes[2], label=DEPTH_LABELS[unit], fraction=0.05)
+        figure.colorbar(truth, ax=axes[2], label=style.DEPTH_LABELS[unit], fraction=0.05)
         return
     axes[3].imshow(prediction, interpolation="nearest", **scale)
     error = axes[4].imshow(prediction - known, interpolation="nearest", **errors)
-    figure.colorbar(truth, ax=axes[3], label=DEPTH_LABELS[unit], fraction=0.05)
+    figure.colorbar(truth, ax=axes[3], label=style.DEPTH_LABELS[unit], fraction=0.05)
     figure.colorbar(error, ax=axes[4], label=unit, fraction=0.05, extend="both")
 
 
@@ -417,9 +402,9 @@ def predicted_figure(
     for axis, head, image in zip(axes, HEADS, (infocus, defocus), strict=False):
         axis.set_title(head, fontsize=10)
         axis.imshow(image)
-    low, high = depth_span(np.asarray(depth, np.float64))
+    low, high = style.depth_span(np.asarray(depth, np.float64))
     shown = axes[2].imshow(depth, cmap="viridis", vmin=low, vmax=high, interpolation="nearest")
     axes[2].set_title("depth", fontsize=10)
-    without_ticks(axes, "0.75")
+    style.without_ticks(axes, "0.75")
     figure.colorbar(shown, ax=axes[2], label="depth level (brighter is nearer)", fraction=0.05)
     return figure

@@ -15,16 +15,9 @@ from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.metrics.protocol import metrics_of
+from dfdbench.results import run_folder
 from dfdbench.results.record import PairResult, Result, shown_protocol
 from dfdbench.results.record_file import RESULT, load_result
-from dfdbench.results.run_folder import (
-    PREDICTIONS,
-    PREVIOUS,
-    is_begun,
-    read_prediction,
-    read_store_place,
-    require_pairs_of,
-)
 from dfdbench.results.run_tables import run_score_table
 from dfdbench.results.summary import ranked, summarise
 from dfdbench.results.wording import labelled, method_label, score_text
@@ -102,7 +95,9 @@ class SavedRun:
             raise TypeError(f"a pair is named by its id or its record, not {pair!r}")
         if self.store is None:
             return None
-        prediction = read_prediction(self.path.parent, pair.pair, self.store.shape_of(pair.scene))
+        prediction = run_folder.read_prediction(
+            self.path.parent, pair.pair, self.store.shape_of(pair.scene)
+        )
         if prediction is None:
             return None
         return self.store.read(pair.pair), prediction
@@ -154,7 +149,7 @@ def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
         raise ResultError.of(_no_run(path))
     file = path / RESULT if path.is_dir() else path
     result = load_result(file)
-    if not (file.parent / PREDICTIONS).is_dir():
+    if not (file.parent / run_folder.PREDICTIONS).is_dir():
         return SavedRun(file, result, None, "no depth maps lie beside the result")
     found: Dataset | None
     if dataset:
@@ -166,14 +161,14 @@ def open_saved_run(path: Path | str, dataset: str | None = None) -> SavedRun:
     else:
         found, without = _find_store(file.parent, result)
     if found:
-        require_pairs_of(result, found, file)
+        run_folder.require_pairs_of(result, found, file)
     return SavedRun(file, result, found, without)
 
 
 def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
     """Return the store that a run was made with, or None and why there is none."""
     wanted = result.dataset.fingerprint
-    noted = read_store_place(folder)
+    noted = run_folder.read_store_place(folder)
     without = ""
     if noted:
         with contextlib.suppress(DfdbenchError):
@@ -191,7 +186,7 @@ def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
 
 
 def _no_run(folder: Path) -> Problem:
-    if is_begun(folder):
+    if run_folder.is_begun(folder):
         what = (
             "the run in this folder was stopped before its end; the pairs that it finished are kept"
         )
@@ -248,8 +243,8 @@ def without_previous(paths: Sequence[Path]) -> tuple[list[Path], list[tuple[Path
     kept, left_out = [], []
     for path in paths:
         folder = _folder(path)
-        newer = given.get(folder.with_name(folder.name.removesuffix(PREVIOUS)))
-        if folder.name.endswith(PREVIOUS) and newer is not None:
+        newer = given.get(folder.with_name(folder.name.removesuffix(run_folder.PREVIOUS)))
+        if folder.name.endswith(run_folder.PREVIOUS) and newer is not None:
             left_out.append((path, newer))
         else:
             kept.append(path)
