@@ -37,8 +37,7 @@ from dfdbench.methods.registry import load_method as _load_method
 from dfdbench.metrics.protocol import Unit, find_protocol
 from dfdbench.report.objects import Comparison, Run
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import Result, protocol_on
-from dfdbench.results.record_file import RESULT
+from dfdbench.results.record import RESULT, Result, protocol_on
 from dfdbench.results.saved_run import SavedRun
 from dfdbench.results.saved_run import open_saved_run as _open_run
 from dfdbench.system.location import Place

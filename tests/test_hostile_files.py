@@ -28,7 +28,7 @@ from dfdbench.evaluation.prediction_files import find_predictions
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.parameters import read_fields
 from dfdbench.optics.lens_table import read_lens_table
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, load_result
 from dfdbench.results.run_folder import PREDICTIONS, read_prediction
 from dfdbench.results.saved_run import open_saved_run
 from dfdbench.rig.lidar import read_beams, read_ranges

@@ -39,8 +39,7 @@ from dfdbench.datasets.manifest import ALL_PAIRS, Manifest
 from dfdbench.errors import InputError, Problem, StoreError
 from dfdbench.figures import audits
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import Result
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.results.wording import method_label
 from dfdbench.tables.table import Format, Table
 

@@ -18,8 +18,7 @@ from dfdbench.cli import screen
 from dfdbench.cli.options import FigureFormat, FigureFormats, Printed, Protocol
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
-from dfdbench.results.record import first_protocol
-from dfdbench.results.record_file import RESULT
+from dfdbench.results.record import RESULT, first_protocol
 from dfdbench.results.saved_run import SavedRun, open_saved_run, told_apart, without_previous
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render

@@ -34,8 +34,7 @@ from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.registry import entry_of, load_method, make_method
 from dfdbench.metrics.protocol import Unit
-from dfdbench.results.record import Result
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.system.files import write_whole
 
 if TYPE_CHECKING:

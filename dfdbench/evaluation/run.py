@@ -29,14 +29,15 @@ from dfdbench.methods.sources import Hashes
 from dfdbench.results import run_folder
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import (
+    RESULT,
     DatasetRecord,
     Environment,
     MethodRecord,
     PairResult,
     Result,
     average,
+    save_result,
 )
-from dfdbench.results.record_file import RESULT, save_result
 from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
 from dfdbench.tables.table import counted, listed

@@ -15,8 +15,7 @@ from dfdbench.evaluation.prediction_files import PredictionFiles, find_predictio
 from dfdbench.evaluation.run import RunDone, compose
 from dfdbench.methods.method import Prediction
 from dfdbench.metrics.protocol import Unit
-from dfdbench.results.record import SCORED, MethodRecord, PairResult
-from dfdbench.results.record_file import RESULT, save_result
+from dfdbench.results.record import RESULT, SCORED, MethodRecord, PairResult, save_result
 from dfdbench.results.run_folder import keep_prediction, keep_store_place, open_run_folder
 from dfdbench.system.files import writing_folder
 

@@ -16,8 +16,7 @@ from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.metrics.protocol import metrics_of
 from dfdbench.results import run_folder
-from dfdbench.results.record import PairResult, Result, shown_protocol
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, PairResult, Result, load_result, shown_protocol
 from dfdbench.results.run_tables import run_score_table
 from dfdbench.results.summary import ranked, summarise
 from dfdbench.results.wording import labelled, method_label, score_text

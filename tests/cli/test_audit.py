@@ -13,7 +13,7 @@ from dfdbench.building.build import build_store
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.results.record_file import load_result
+from dfdbench.results.record import load_result
 from dfdbench.system.parallel import Threads
 from tests.cli.command import Command
 from tests.cli.conftest import build

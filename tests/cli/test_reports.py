@@ -11,8 +11,7 @@ import pytest
 import zarr
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.results.record import Result
-from dfdbench.results.record_file import save_result
+from dfdbench.results.record import Result, save_result
 from tests.board.made_boards import make_folder
 from tests.cli.command import Command
 from tests.made_results import make_demo_result

@@ -9,8 +9,7 @@ import pytest
 
 from dfdbench.cli.runs import say_overall
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.results.record import Result
-from dfdbench.results.record_file import load_result
+from dfdbench.results.record import Result, load_result
 from tests.board.made_boards import add_card, make_folder
 from tests.cli.command import Command
 from tests.made_results import limited, make_demo_result

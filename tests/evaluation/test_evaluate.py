@@ -12,7 +12,7 @@ from dfdbench.cli import app
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.results.frame import frame_of
-from dfdbench.results.record_file import load_result
+from dfdbench.results.record import load_result
 from dfdbench.results.saved_run import open_saved_run
 
 

@@ -19,7 +19,7 @@ from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.method import Method
-from dfdbench.results.record_file import load_result
+from dfdbench.results.record import load_result
 from dfdbench.system.parallel import Processes
 from tests.conftest import TINY_TOML
 

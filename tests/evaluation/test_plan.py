@@ -12,7 +12,7 @@ from dfdbench.errors import StoreError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions, plan_run
 from dfdbench.evaluation.run import run_method
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, load_result
 from tests.evaluation.made_methods import Counting, method
 
 FILTERED = """

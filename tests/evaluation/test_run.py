@@ -21,7 +21,7 @@ from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone, run_method
 from dfdbench.metrics.protocol import PROTOCOLS, score
 from dfdbench.results.environment import describe_environment
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, load_result
 from dfdbench.results.run_folder import PREDICTIONS, read_prediction, read_store_place
 from dfdbench.system.parallel import Cluster, Pool, Processes
 from tests.conftest import ON_SERVERS

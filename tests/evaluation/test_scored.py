@@ -8,7 +8,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, ResultError, StoreError
 from dfdbench.evaluation.run import run_method
 from dfdbench.evaluation.scored import score_predictions
-from dfdbench.results.record_file import load_result
+from dfdbench.results.record import load_result
 from dfdbench.results.run_folder import read_prediction
 from dfdbench.results.run_tables import run_tables
 from dfdbench.results.summary import summarise

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.results.record_file import load_result
+from dfdbench.results.record import load_result
 from tests.fuzz.bench import Bench
 from tests.fuzz.worker import call
 

@@ -27,7 +27,7 @@ from dfdbench.cli import main
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.integrity import verify_store
 from dfdbench.methods.networks.weights import load_weights
-from dfdbench.results.record_file import load_result
+from dfdbench.results.record import load_result
 from tests.fuzz.bench import TRAIN, Bench
 from tests.fuzz.worker import call
 

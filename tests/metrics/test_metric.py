@@ -24,8 +24,7 @@ from dfdbench.metrics.protocol import PROTOCOLS, metrics_of
 from dfdbench.metrics.scores import nmae
 from dfdbench.report.page import write_html
 from dfdbench.results.differences import change_tables
-from dfdbench.results.record import Result
-from dfdbench.results.record_file import RESULT, load_result
+from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.results.run_tables import (
     run_as_csv,
     run_as_json,

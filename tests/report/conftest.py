@@ -12,7 +12,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.method import Method
-from dfdbench.results.record_file import RESULT
+from dfdbench.results.record import RESULT
 from dfdbench.results.saved_run import SavedRun, open_saved_run
 from tests.once import made_once
 

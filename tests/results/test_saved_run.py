@@ -9,8 +9,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import ResultError
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.results.record import Result
-from dfdbench.results.record_file import save_result
+from dfdbench.results.record import Result, save_result
 from dfdbench.results.run_folder import open_run_folder
 from dfdbench.results.saved_run import SavedRun, open_saved_run, told_apart, without_previous
 from tests.made_results import make_demo_result, make_result
