@@ -51,7 +51,7 @@ def main() -> None:
             require_sound_start(os.environ)
             app()
         finally:
-            # Here and not at the interpreter's end, where a full disk can no longer be told.
+            # Here and not at the interpreter's end, where a full disk can no longer be reported.
             sys.stdout.flush()
     except DfdbenchError as error:
         say(f"error: {error}")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
@@ -235,13 +234,8 @@ def _published_test(manifest: Manifest, scenes: splits.Scenes) -> tuple[str, ...
     return test if set(test) <= set(scenes.names) else ()
 
 
-class Each(StrEnum):
-    """What is tested one by one against all other scenes."""
-
-    scene = "scene"
-    fold = "fold"
-
-
+#: What is tested one by one against all other scenes.
+Each = Literal["scene", "fold"]
 CriterionOption = Annotated[
     Criterion, typer.Option(help="What makes a level uncovered; either: both are applied.")
 ]
@@ -373,7 +367,7 @@ def _answer_each(
 ) -> None:
     manifest, histograms = store.manifest, scene_histograms(store)
     folds = {fold.name: tuple(fold.test_scenes) for fold in manifest.folds}
-    tests = folds if each is Each.fold else {name: (name,) for name in histograms}
+    tests = folds if each == "fold" else {name: (name,) for name in histograms}
     if not tests:
         raise InputError(f"{manifest.stem} has no folds", where="--each", fix="--each scene")
     hashes = scene_hashes(store, histograms)

@@ -283,8 +283,7 @@ def _places(value: object) -> bool:
 
 
 def _recipe_text(manifest: Manifest) -> str:
-    told = None if manifest.on_track else manifest.recipe
-    return told or _without_recipe(manifest)
+    return (not manifest.on_track and manifest.recipe) or _without_recipe(manifest)
 
 
 def _without_recipe(manifest: Manifest) -> str:
@@ -420,7 +419,7 @@ def _place(folder: Path) -> Iterator[tuple[str, str]]:
 def _compiled() -> tuple[str, str]:
     from dfdbench.metrics.similarity import mean_similarity
 
-    # Of one module; if not told otherwise, numba has a folder for each.
+    # Of one module; unless a variable says otherwise, numba has a folder for each.
     place = mean_similarity.stats.cache_path
     return "compiled code", place or "not cached, so each command compiles: set NUMBA_CACHE_DIR"
 

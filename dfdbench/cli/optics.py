@@ -52,7 +52,7 @@ def blur(
     if near <= lens.focal_length:
         what = f"no real image within the focal length, {focal_length}: {' '.join(range)}"
         raise InputError(what, where="--range")
-    # A figure that cannot be kept is told before anything is printed.
+    # A figure that cannot be kept is refused before anything is printed.
     save_figure(blur_figure(lens, near, far), out)
     print_table(_blur_table(lens, near, far))
 

@@ -118,7 +118,7 @@ Scheduler = Annotated[
 
 
 class FigureFormat(StrEnum):
-    """A form of figures for papers, beside PNG."""
+    """A form of figures for papers, beside PNG; Typer takes no list of literals."""
 
     pdf = "pdf"
     svg = "svg"

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -15,11 +14,11 @@ from dfdbench.board.board import leaderboard as open_board
 from dfdbench.board.row_file import read_row
 from dfdbench.board.verification import SCORE_TOLERANCE
 from dfdbench.cli import screen
-from dfdbench.cli.options import FigureFormat, FigureFormats, Printed, Protocol
+from dfdbench.cli.options import FigureFormats, Printed, Protocol
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import RESULT, first_protocol
-from dfdbench.results.saved_run import SavedRun, open_saved_run, told_apart, without_previous
+from dfdbench.results.saved_run import SavedRun, distinguished, open_saved_run, without_previous
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, counted
@@ -30,17 +29,9 @@ Dataset = Annotated[
 ]
 
 
-class ReportFormat(StrEnum):
-    """The form of a report: a page, or one table of methods beside metrics."""
-
-    html = "html"
-    markdown = "markdown"
-    table = "table"
-    latex = "latex"
-    csv = "csv"
-
-
-_PAGES = (ReportFormat.html, ReportFormat.markdown)
+#: A page, or one table of methods beside metrics.
+ReportFormat = Literal["html", "markdown", "table", "latex", "csv"]
+_PAGES = ("html", "markdown")
 
 
 def report(
@@ -55,7 +46,7 @@ def report(
         typer.Option(
             help="One HTML page, or Markdown with PNG files; or only the methods beside metrics."
         ),
-    ] = ReportFormat.html,
+    ] = "html",
     metric: Annotated[
         list[str] | None,
         typer.Option(help="A column of a table: nrmse, nmae, ssim, seconds; repeatable."),
@@ -76,7 +67,7 @@ def report(
     for old, new in left_out:
         both = f"`dfdbench compare {old} {new}` sets them side by side"
         screen.say(f"left out: {old}, the run before {new.name}; {both}")
-    runs = told_apart(open_saved_run(path, dataset) for path in paths)
+    runs = distinguished(open_saved_run(path, dataset) for path in paths)
     shown = protocol or first_protocol(runs[0].result.dataset.short)
     if page and format in _PAGES:
         _write_page(runs, shown, format, page, figure_format or ())
@@ -86,13 +77,13 @@ def report(
     tables = paper_tables(runs, shown, metric or ())
     if out is not None:
         with screen.writing(out):
-            write_whole(out, render(tables, Format(format.value)))
+            write_whole(out, render(tables, Format(format)))
         print(out)
-    elif format is ReportFormat.table:
+    elif format == "table":
         for table in tables:
             screen.print_table(table)
     else:
-        print(render(tables, Format(format.value)), end="")
+        print(render(tables, Format(format)), end="")
     if figure is not None:
         from dfdbench.figures.comparisons import accuracy_figure
 
@@ -107,7 +98,7 @@ def _refuse_what_does_not_fit(
     format: ReportFormat,
     metric: list[str] | None,
     figure: Path | None,
-    figure_format: list[FigureFormat] | None,
+    figure_format: Sequence[str] | None,
 ) -> None:
     if format not in _PAGES:
         if figure_format:
@@ -129,7 +120,7 @@ def _write_page(
     with screen.writing(folder):
         # Before the drawing, which takes a while.
         folder.mkdir(parents=True, exist_ok=True)
-        if format is ReportFormat.html:
+        if format == "html":
             with screen.progress("drawing pairs", "the same command draws them anew") as step:
                 path = write_html(runs, protocol, folder, step, also)
         else:

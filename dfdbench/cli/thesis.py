@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -27,7 +25,6 @@ from dfdbench.tables.table import Format, Table, counted
 
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
-    from dfdbench.system.parallel import Pool
     from dfdbench.training.experiments import Experiment, Trial
     from dfdbench.training.search.plan import SearchPlan
     from dfdbench.training.search.run import SearchOutcome
@@ -45,9 +42,7 @@ def experiment(
             "reduction, sharpest-step or voltage-pairs."
         ),
     ],
-    method: Annotated[
-        training.Network, typer.Option(help="The network to train.")
-    ] = training.Network.dfd_net,
+    method: Annotated[training.Network, typer.Option(help="The network to train.")] = "dfd-net",
     dataset: Annotated[
         str | None,
         typer.Option(
@@ -95,12 +90,12 @@ def experiment(
     asked, chosen = find_experiment(name), _listed(values)
     configs = _rows_of(name, rows, chosen, config)
     store, stem = _data_of(asked, name, dataset, chosen, source, cache)
-    default = Path("training") / f"{stem}-experiments" / f"{name}-{method.value}"
+    default = Path("training") / f"{stem}-experiments" / f"{name}-{method}"
     folder = output_place(out or default, source, rows)
-    start = find_weights(method.value, weights) if weights else None
+    start = find_weights(method, weights) if weights else None
     planned = trials(
         asked,
-        method.value,
+        method,
         store,
         configs or config,
         options.values_of(changes, "--set"),
@@ -212,20 +207,6 @@ def _listed(text: str | None) -> list[Any] | None:
     return [options.value_of(value, "--values") for value in values]
 
 
-class Rounding(StrEnum):
-    """To which multiples of 8 widths are rounded."""
-
-    H = "H"
-    L = "L"
-
-
-class Tuning(StrEnum):
-    """What moves a neuron of a map after the first 100 epochs."""
-
-    own = "own"
-    neighbours = "neighbours"
-
-
 def reduce(
     weights: Annotated[
         str,
@@ -242,15 +223,16 @@ def reduce(
         typer.Option(help="Iterative rows F of level 1, 2 or 3, in place of the ensemble rows B."),
     ] = None,
     rounds: Annotated[
-        Rounding | None, typer.Option(help="Also round to multiples of 8, up (H) or down (L).")
+        Literal["H", "L"] | None,
+        typer.Option(help="Also round to multiples of 8, up (H) or down (L)."),
     ] = None,
     config: training.Configuration = "published",
     changes: training.Changes = None,
     seed: options.Seed = 0,
     tuning: Annotated[
-        Tuning,
+        Literal["own", "neighbours"],
         typer.Option(help="After 100 epochs a neuron follows its own inputs, or its neighbours'."),
-    ] = Tuning.own,
+    ] = "own",
     out: options.Out = None,
     format: options.Printed = Format.table,
     device: training.Device = "auto",
@@ -277,9 +259,9 @@ def reduce(
             configuration,
             split,
             level,
-            rounds.value if rounds else None,
+            rounds,
             seed,
-            tuning.value,
+            tuning,
             find_device(device),
             bar,
         )
@@ -333,10 +315,7 @@ def architecture(
             min=1, help="Pairs of each set that are scored, spread over it; default: all."
         ),
     ] = None,
-    max_time: Annotated[
-        str | None,
-        typer.Option(metavar="30m", help="Stop this call after this time, as 90s, 30m, 1h30m."),
-    ] = None,
+    max_time: training.MaxTime = None,
     config: training.Configuration = "published",
     changes: training.Changes = None,
     seed: options.Seed = 0,
@@ -359,19 +338,13 @@ def architecture(
         from dfdbench.training.configuration import read_configuration
         from dfdbench.training.search.particle import bounds_of
         from dfdbench.training.search.plan import Choices, plan_search
+        from dfdbench.training.search.run import run_search
     changed = options.values_of(changes, "--set") | ({"steps": steps} if steps else {})
     base = read_configuration(config, changed)
-    asked = Choices(
-        split,
-        as_thesis,
-        hold_out,
-        gamma,
-        variant,
-        bounds_of(_named(bounds)),
-        particles,
-        score_pairs,
-        seed,
-    )
+    # As text: JSON has no 8:512.
+    narrowed = {n: str(value) for n, value in options.values_of(bounds, "--bounds").items()}
+    on = (split, as_thesis, hold_out, gamma, variant)
+    asked = Choices(*on, bounds_of(narrowed), particles, score_pairs, seed)
     if as_thesis and hold_out:
         raise InputError(
             "--as-thesis holds no scenes out", where="--hold-out", fix="leave one of them out"
@@ -381,37 +354,14 @@ def architecture(
     name = f"{variant}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     folder = output_place(out or Path("training") / f"{store.path.stem}-search" / name)
     say(f"select on    {plan.selected_on}")
-    where = _Where(
-        options.pool_of_processes(workers, scheduler), device, _threads(threads, workers)
-    )
-    training.use_threads(where.threads)
-    outcome = _searched(plan, folder, iterations, where, limit)
-    _tell(plan, folder, outcome, dataset)
-
-
-@dataclass(frozen=True)
-class _Where:
-    pool: Pool | None
-    device: str
-    threads: int | None
-
-
-def _threads(threads: int | None, workers: int | None) -> int | None:
-    # Several trainings that each take every core would wait for each other.
+    pool = options.pool_of_processes(workers, scheduler)
     if threads is None and workers and workers > 1:
-        return max(1, (os.cpu_count() or 1) // workers)
-    return threads
-
-
-def _searched(
-    plan: SearchPlan, folder: Path, iterations: int, where: _Where, limit: float | None
-) -> SearchOutcome:
-    from dfdbench.training.search.run import run_search
-
+        # Several trainings that each take every core would wait for each other.
+        threads = max(1, (os.cpu_count() or 1) // workers)
+    training.use_threads(threads)
     with progress("trainings of the search") as bar:
-        return run_search(
-            plan, folder, iterations, where.pool, where.device, where.threads, limit, bar
-        )
+        outcome = run_search(plan, folder, iterations, pool, device, threads, limit, bar)
+    _tell(plan, folder, outcome, dataset)
 
 
 def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) -> None:
@@ -441,8 +391,3 @@ def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) 
     write_whole(folder / _BEST, best_as_toml(plan, outcome.best))
     say(f"best         {folder / _BEST}")
     say(f"next         dfdbench train dfd-net --dataset {dataset} --config {folder / _BEST}")
-
-
-def _named(bounds: list[str] | None) -> dict[str, Any]:
-    # As text: JSON has no 8:512.
-    return {name: str(value) for name, value in options.values_of(bounds, "--bounds").items()}

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -65,9 +64,9 @@ def train_command(
         what = "--split and --fold both say what trains"
         raise InputError(what, where="--fold", fix="give one of them")
     split = split or "train"
-    start = find_weights(method.value, weights) if weights else None
-    task = task_of(method.value, store, configuration, split, fold, seed, start)
-    name = f"{method.value}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
+    start = find_weights(method, weights) if weights else None
+    task = task_of(method, store, configuration, split, fold, seed, start)
+    name = f"{method}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")
     trained = f"all-but-{fold}" if fold else split
     default = Path("training") / f"{store.path.stem}-{trained}" / name
     # --fresh removes an earlier training, and must not remove the weights to begin with.
@@ -76,14 +75,14 @@ def train_command(
     _prepare(folder, resume, fresh)
     if configuration.precision == "auto":
         say("precision    {}: {}".format(*precision_for(find_device(device))))
-    with progress(f"training {method.value}", RESUMED) as bar:
+    with progress(f"training {method}", RESUMED) as bar:
         outcome = train(task, folder.path, limit, device, stepping(bar), fresh)
-    drawn = _keep_figures(folder, task, outcome, f"{method.value}, {task.trained_on}, seed {seed}")
+    drawn = _keep_figures(folder, task, outcome, f"{method}, {task.trained_on}, seed {seed}")
     print_table(card_table(outcome.card))
     print_table(patches_table(drawn))
     _tell(folder, outcome)
     say(
-        f"next         dfdbench run --method {method.value} --dataset {dataset} "
+        f"next         dfdbench run --method {method} --dataset {dataset} "
         f"--param weights={outcome.weights}"
     )
 
@@ -177,13 +176,8 @@ MOST_THREADS = 1024
 _SECONDS = {"h": 3600, "m": 60, "s": 1}
 
 
-class Network(StrEnum):
-    """What can be trained."""
-
-    dfd_net = "dfd-net"
-    u_net = "u-net"
-
-
+#: What can be trained.
+Network = Literal["dfd-net", "u-net"]
 Configuration = Annotated[
     str,
     typer.Option(

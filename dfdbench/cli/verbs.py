@@ -148,7 +148,7 @@ class LazyGroup(TyperGroup):
         return super().resolve_command(ctx, args)
 
     def make_context(self, *arguments: Any, **more: Any) -> Any:
-        """Read the command line; Ctrl-C meanwhile is told, and ends it with status 130."""
+        """Read the command line; Ctrl-C meanwhile ends it with status 130."""
         try:
             return super().make_context(*arguments, **more)
         except KeyboardInterrupt as stopped:
@@ -156,7 +156,7 @@ class LazyGroup(TyperGroup):
             raise typer.Exit(INTERRUPTED) from None
 
     def invoke(self, ctx: Any) -> Any:
-        """Call the verb; Ctrl-C anywhere in it is told, and ends the command with status 130.
+        """Call the verb; Ctrl-C anywhere in it ends the command with status 130.
 
         A reader of a pipe that has enough, head for example, ends it with status 0.
         """

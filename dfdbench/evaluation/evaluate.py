@@ -16,13 +16,12 @@ from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import InputError, MethodError, StoreError, unknown_name
-from dfdbench.evaluation.loading import depth_warnings, load_for, load_here
+from dfdbench.errors import InputError, StoreError, unknown_name
+from dfdbench.evaluation.loading import depth_warnings, load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone, run_method
 from dfdbench.methods.calibration import Calibration
 from dfdbench.methods.method import Method
-from dfdbench.methods.registry import entry_of
 from dfdbench.system.files import write_whole
 from dfdbench.system.parallel import Pool
 
@@ -47,7 +46,7 @@ def evaluate(
     Parameters
     ----------
     method : str or callable
-        As for `load_for`, or any callable; one that only this process knows is run anew.
+        As for `load_for`; one that only this process knows is run anew.
     check : callable, optional
         Called with the loaded method and the data set before the run; it raises to stop.
     store, split, folder, options, pool, on_pair
@@ -55,10 +54,10 @@ def evaluate(
     parameters, given_blur
         As for `load_for`.
     """
-    loaded, found_again = _load(store, method, parameters, options.seed, given_blur)
+    loaded = load_for(store, method, parameters, options.seed, given_blur)
     if check:
         check(loaded, store)
-    if not found_again:
+    if loaded.source_sha256 is None:
         options = replace(options, fresh=True)
     warnings = depth_warnings(loaded, store, split)
     done = run_method(store, loaded, split, folder, options, pool, warnings, on_pair)
@@ -68,22 +67,6 @@ def evaluate(
         return done, None
     write_whole(folder / "law.toml", calibration.law.as_toml())
     return done, calibration
-
-
-def _load(
-    store: Dataset,
-    method: str | Callable[..., Any],
-    parameters: Mapping[str, Any],
-    seed: int,
-    given_blur: bool,
-) -> tuple[Method, bool]:
-    """Return the method, and whether it can be found again by its name."""
-    if not isinstance(method, str):
-        try:
-            entry_of(method)
-        except MethodError:
-            return load_here(store, method, parameters, seed), False
-    return load_for(store, method, parameters, seed, given_blur), True
 
 
 def without_track(dataset: str) -> Manifest:

@@ -108,7 +108,7 @@ class RemoteEvaluator:
         As for `PairEvaluator`.
     learned : bytes or None
         What the method's fit learned here, from `pack`; None where it has no fit.
-    told : bool
+    given_blur : bool
         As for `dfdbench.evaluation.loading.load_for`.
     expected : str
         The files and versions of the process that began the run, as JSON.
@@ -119,7 +119,7 @@ class RemoteEvaluator:
     parameters: str
     seed: int
     learned: bytes | None = field(default=None, repr=False)
-    told: bool = False
+    given_blur: bool = False
     expected: str = field(default="{}", repr=False)
 
     @classmethod
@@ -129,10 +129,10 @@ class RemoteEvaluator:
         """Return the evaluator for a store and a method that are open, and fitted, here."""
         place = store.path.absolute() if is_local(store.path) else store.path
         learned = None if fit is None or fit.learned is None else pack(fit.learned)
-        told = store.manifest.on_track and "recipe" in method.uses
+        given = store.manifest.on_track and "recipe" in method.uses
         parameters = json.dumps(method.parameters)
         expected = json.dumps({"software": software(), "used": method.used})
-        return cls(str(place), method.entry, parameters, seed, learned, told, expected)
+        return cls(str(place), method.entry, parameters, seed, learned, given, expected)
 
     def __call__(self, pair: Pair) -> EvaluatedElsewhere:
         """Evaluate one pair; its time is marked as not comparable.
@@ -153,7 +153,7 @@ def _evaluator_here(remote: RemoteEvaluator) -> tuple[Method, PairEvaluator]:
     # A process keeps what it has loaded: graph cuts compile, networks read their weights.
     store = Dataset(remote.place)
     parameters = json.loads(remote.parameters)
-    method = load_for(store, remote.entry, parameters, remote.seed, remote.told)
+    method = load_for(store, remote.entry, parameters, remote.seed, remote.given_blur)
     _require_same(json.loads(remote.expected), method)
     if remote.learned is not None:
         restore(method, unpack(remote.learned))

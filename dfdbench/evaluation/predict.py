@@ -26,13 +26,12 @@ from dfdbench.datasets.manifest import Pair
 from dfdbench.errors import DfdbenchError, InputError, MethodError, reason_of
 from dfdbench.evaluation.fitting import FIT, read_fit
 from dfdbench.evaluation.lens import is_lens, lens_law
-from dfdbench.evaluation.loading import images_in
+from dfdbench.evaluation.loading import images_in, load_any
 from dfdbench.evaluation.prediction_files import SIXTEEN_BIT
 from dfdbench.methods.calling import call
 from dfdbench.methods.method import Method, Predict, restore
 from dfdbench.methods.parameters import read_fields
 from dfdbench.methods.process_state import seeded
-from dfdbench.methods.registry import entry_of, load_method, make_method
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.system.files import write_whole
@@ -228,7 +227,7 @@ def predict(
     InputError, SourceError
         If an image cannot be read, or the two do not fit each other.
     MethodError
-        If the method cannot be loaded, is not told the blur, or returns no depth map.
+        If the method cannot be loaded, is not given the blur, or returns no depth map.
 
     Examples
     --------
@@ -349,16 +348,7 @@ def _load(method: str | Callable[..., Any], parameters: Mapping[str, Any], seed:
 
     offers: dict[str, Callable[[], Any]] = {"recipe": recipe, "seed": lambda: seed, "rig": Rig}
     unknown: dict[str, Callable[[], Any]] = {"recipe": lambda: None}
-    if not isinstance(method, str):
-        try:
-            method = entry_of(method)
-        except MethodError:
-            kind = method if hasattr(method, "__qualname__") else type(method)
-            name = kind.__qualname__
-            return make_method(
-                name, f"{kind.__module__}:{name}", method, None, parameters, offers, unknown
-            )
-    return load_method(method, parameters, offers, unknown)
+    return load_any(method, parameters, offers, unknown)
 
 
 def _blur(camera: Camera) -> tuple[Any, DepthScale | None]:

@@ -27,8 +27,8 @@ _RULE = {"levels": "levels times 256", "metres": "millimetres"}
 _NAMED = 10
 # In bytes, of a compressed array: 32 million pixels of float64.
 _LARGEST = 2**28
-# Of what is wrong with single files, so much is told: a wrong unit is wrong in all of them.
-_TOLD = 20
+# Of what is wrong with single files, so many are named: a wrong unit is wrong in all of them.
+_MOST = 20
 
 
 @dataclass(frozen=True)
@@ -112,9 +112,9 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
             highest = max(highest, float(depth.max()))
         else:
             wrong.append(Problem(text, where=str(files[pair]), expected=_expected(shape, unit)))
-    problems += wrong[:_TOLD]
-    if wrong[_TOLD:]:
-        problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _TOLD}"))
+    problems += wrong[:_MOST]
+    if wrong[_MOST:]:
+        problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _MOST}"))
     if problems:
         raise ResultError.of(problems)
     chosen = {pair: files[pair] for pair in wanted}

@@ -149,8 +149,10 @@ def run_method(
         journal = _Journal(plan, folder, known, on_pair)
         reused = journal.done
         _evaluate(plan, journal, pool)
-        said = [*_edited_meanwhile(plan, known), *warnings]
-        result = result_of(plan, journal.records(), known.environments, said)
+        seed = plan.options.seed
+        said = [*method.warnings, *_edited_meanwhile(plan, known), *warnings]
+        record, pairs = _method_record(plan), journal.records()
+        result = compose(store, split, record, pairs, seed, said, known.environments)
         save_result(result, folder / RESULT)
     return RunDone(result, folder, reused, set_aside, tuple(because))
 
@@ -292,30 +294,6 @@ def _evaluate(plan: RunPlan, journal: _Journal, pool: Pool | None) -> None:
 _NAMED = 10
 
 
-def result_of(
-    plan: RunPlan,
-    pairs: list[PairResult],
-    environments: Sequence[Environment] = (),
-    warnings: Sequence[str] = (),
-) -> Result:
-    """Return a run's result.
-
-    Parameters
-    ----------
-    plan : RunPlan
-        What was run on what.
-    pairs : list of PairResult
-        A record for each pair of the split.
-    environments : sequence of Environment
-        Where the pairs were run, as their `machine` counts them; by default here.
-    warnings : sequence of str
-        What is said after the warnings that follow from the records.
-    """
-    said = [*plan.method.warnings, *warnings]
-    method, seed = _method_record(plan), plan.options.seed
-    return compose(plan.store, plan.split, method, pairs, seed, said, environments)
-
-
 def compose(
     store: Dataset,
     split: str,
@@ -342,7 +320,7 @@ def compose(
     warnings : sequence of str
         What is said after the warnings that follow from the records.
     environments : sequence of Environment
-        As for `result_of`.
+        Where the pairs were run, as their `machine` counts them; by default here.
     """
     first, *others = environments or [describe_environment()]
     evaluated = [pair for pair in pairs if pair.status == "ok"]

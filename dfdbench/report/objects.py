@@ -21,7 +21,7 @@ from dfdbench.results.frame import scores_of, severities_table, track_means
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result, first_protocol, shown_protocol
 from dfdbench.results.run_tables import all_tables, run_as_csv, run_as_json, run_score_table
-from dfdbench.results.saved_run import SavedRun, told_apart
+from dfdbench.results.saved_run import SavedRun, distinguished
 from dfdbench.results.summary import scene_labels, summarise
 from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, Table, as_html, listed
@@ -251,7 +251,7 @@ class Comparison:
             raise InputError("a comparison needs two runs", got=str(len(runs)))
         if len({run.path.resolve() for run in runs}) < len(runs):
             raise InputError("one run is given twice", where=str(runs[0].path))
-        first, *others = self.runs = told_apart(runs)
+        first, *others = self.runs = distinguished(runs)
         self.protocol = protocol or first_protocol(first.result.dataset.short)
         self.tables = {
             other.label: change_tables(

@@ -26,7 +26,7 @@ def paper_tables(
     Parameters
     ----------
     runs : sequence of SavedRun
-        At least one; `dfdbench.results.saved_run.told_apart` tells those of one method apart.
+        At least one; `dfdbench.results.saved_run.distinguished` tells those of one method apart.
     protocol : str
         The protocol.
     columns : sequence of str

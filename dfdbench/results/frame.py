@@ -16,22 +16,9 @@ from dfdbench.results.wording import given_to, method_label, parameters_of, scor
 from dfdbench.tables.table import Table
 
 COLUMNS = (
-    "run",
-    "dataset",
-    "track",
-    "severity",
-    "split",
-    "method",
-    "parameters",
-    "capture",
-    "scene",
-    "coordinates",
-    "status",
-    "protocol",
-    "metric",
-    "value",
-    "seconds",
-)
+    "run", "dataset", "track", "severity", "split", "method", "parameters", "capture", "scene",
+    "coordinates", "status", "protocol", "metric", "value", "seconds",
+)  # fmt: skip
 
 
 def scores_of(results: Sequence[Result]) -> pd.DataFrame:

@@ -41,7 +41,7 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
     identity : mapping
         What must be the same for pairs of an earlier call to be taken over.
     goes_on : bool
-        Take over what is there, which `read_identity` told to be of the same run.
+        Take over what is there, which `read_identity` says is of the same run.
 
     Returns
     -------

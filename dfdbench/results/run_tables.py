@@ -11,13 +11,7 @@ from dfdbench.metrics.intervals import SCENES_TO_TELL
 from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import metrics_of, title_of
 from dfdbench.results.record import PairResult, Result
-from dfdbench.results.summary import (
-    RunSummary,
-    ScoreGroup,
-    Statistic,
-    scene_labels,
-    summarise_scenes,
-)
+from dfdbench.results.summary import RunSummary, ScoreGroup, scene_labels, summarise_scenes
 from dfdbench.results.wording import NOTHING, score_text
 from dfdbench.tables.render import as_csv
 from dfdbench.tables.table import Table, counted
@@ -309,8 +303,6 @@ def _listed(names: list[str]) -> str:
 
 
 Labels = Mapping[str, Mapping[str, str]]
-_OF_RUN = ("method", "dataset", "split", "protocol")
-_OF_STATISTIC = ("mean", "std", "min", "max", "low", "high", "interval", "defined")
 
 
 def run_as_csv(summary: RunSummary, labels: Labels | None = None) -> str:
@@ -323,25 +315,14 @@ def run_as_csv(summary: RunSummary, labels: Labels | None = None) -> str:
     labels : mapping of str to mapping, optional
         What else parts the scenes, with each scene's label of it: a column and its groups.
     """
-    labels = labels or {}
     dataset = summary.result.dataset
-    places = [*_axes(summary), *labels]
-    groups = _placed(summary) + [
-        placed for what, label_of in labels.items() for placed in _by_label(summary, what, label_of)
-    ]
-    run = (summary.result.method.title, dataset.name, dataset.split, summary.protocol)
-    rows = []
-    for place, group in groups:
-        found = (place.get(name) for name in places)
-        where = ["all" if value is None else value for value in found]
-        for metric, value in [*group.metrics.items(), ("seconds", group.seconds)]:
-            rows.append((*run, *where, metric, *_cells(value), group.evaluated, group.expected))
-    columns = (*_OF_RUN, *places, "metric", *_OF_STATISTIC, "evaluated", "expected")
-    return as_csv(columns, rows)
+    run = {"method": summary.result.method.title, "dataset": dataset.name, "split": dataset.split}
+    rows = [{**run, "protocol": summary.protocol, **row} for row in _rows(summary, labels or {})]
+    return as_csv(tuple(rows[0]), [tuple(row.values()) for row in rows])
 
 
 def run_as_json(summary: RunSummary, labels: Labels | None = None) -> str:
-    """Return a run's tables as JSON, numbers in full; `labels` as for `run_as_csv`."""
+    """Return the same rows as JSON, with the best and worst pairs; `labels` as for `run_as_csv`."""
     result, protocol, order = summary.result, summary.protocol, summary.ranked
     dataset = result.dataset
 
@@ -356,15 +337,7 @@ def run_as_json(summary: RunSummary, labels: Labels | None = None) -> str:
         "split": dataset.split,
         "protocol": protocol,
         "complete": result.complete,
-        "evaluated": dataset.evaluated,
-        "expected": dataset.expected,
-        "groups": [_group_as_dict(place, group) for place, group in _placed(summary)],
-        **{
-            f"by_{what}": [
-                _group_as_dict(place, group) for place, group in _by_label(summary, what, label_of)
-            ]
-            for what, label_of in (labels or {}).items()
-        },
+        "rows": _rows(summary, labels or {}),
         "top": [line(pair) for pair in order[:EXTREMES]],
         "bottom": [line(pair) for pair in order[EXTREMES:][-EXTREMES:]],
         "failed": {pair.id: pair.error for pair in result.pairs if pair.status == "failed"},
@@ -372,49 +345,28 @@ def run_as_json(summary: RunSummary, labels: Labels | None = None) -> str:
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _axes(summary: RunSummary) -> list[str]:
-    dataset = summary.result.dataset
-    return [axis for axis in (dataset.blocks, dataset.rows) if axis]
-
-
-def _placed(summary: RunSummary) -> list[tuple[dict[str, object], ScoreGroup]]:
-    axes = _axes(summary)
-    return [
+def _rows(summary: RunSummary, labels: Labels) -> list[dict[str, object]]:
+    """Return a row for each group and metric; a place that does not part it is ``all``."""
+    axes = _labels(summary.result)
+    groups: list[tuple[dict[str, object], ScoreGroup]] = [
         (dict(zip(axes, (group.block, group.row), strict=False)), group) for group in summary.groups
     ]
-
-
-def _by_label(
-    summary: RunSummary, what: str, label_of: Mapping[str, str]
-) -> list[tuple[dict[str, object], ScoreGroup]]:
-    groups = summarise_scenes(summary.result, summary.protocol, label_of)
-    return [({what: label}, group) for label, group in groups.items()]
-
-
-def _cells(value: Statistic) -> tuple[object, ...]:
-    spread = (value.mean, value.std, value.minimum, value.maximum)
-    return (*spread, value.low, value.high, value.interval_is, value.defined)
-
-
-def _numbers(value: Statistic) -> dict[str, Any]:
-    return {
-        "mean": value.mean,
-        "std": value.std,
-        "min": value.minimum,
-        "max": value.maximum,
-        "interval": None if value.low is None else [value.low, value.high],
-        "interval_is": value.interval_is,
-        "defined": value.defined,
-    }
-
-
-def _group_as_dict(place: Mapping[str, object], group: ScoreGroup) -> dict[str, Any]:
-    return {
-        **{name: "all" if value is None else value for name, value in place.items()},
-        "expected": group.expected,
-        "evaluated": group.evaluated,
-        "failed": group.failed,
-        "undefined": group.undefined,
-        **{metric: _numbers(value) for metric, value in group.metrics.items()},
-        "seconds": _numbers(group.seconds),
-    }
+    for what, label_of in labels.items():
+        found = summarise_scenes(summary.result, summary.protocol, label_of)
+        groups += [({what: label}, group) for label, group in found.items()]
+    rows = []
+    for place, group in groups:
+        where = {name: place.get(name) for name in (*axes, *labels)}
+        for metric, value in [*group.metrics.items(), ("seconds", group.seconds)]:
+            rows.append(
+                {
+                    **{name: "all" if at is None else at for name, at in where.items()},
+                    "metric": metric,
+                    **{"mean": value.mean, "std": value.std},
+                    **{"min": value.minimum, "max": value.maximum},
+                    **{"low": value.low, "high": value.high, "interval": value.interval_is},
+                    **{"defined": value.defined, "evaluated": group.evaluated},
+                    "expected": group.expected,
+                }
+            )
+    return rows

@@ -47,7 +47,7 @@ class SavedRun:
         Why there are no images; empty where there are.
     place : str
         What its label says besides, where it stands beside another run of the same method: see
-        `dfdbench.results.saved_run.told_apart`.
+        `dfdbench.results.saved_run.distinguished`.
     """
 
     path: Path
@@ -197,7 +197,7 @@ def _no_run(folder: Path) -> Problem:
     return Problem(f"no run in this folder: no {RESULT}", where=str(folder), fix=fix)
 
 
-def told_apart(runs: Iterable[SavedRun]) -> list[SavedRun]:
+def distinguished(runs: Iterable[SavedRun]) -> list[SavedRun]:
     """Return the runs, each with the folder's name in its label where labels would be the same.
 
     Where the folders are called the same too, as much of the path is said as tells them apart.

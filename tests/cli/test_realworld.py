@@ -85,7 +85,7 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
         "1",
         "0",
     )
-    assert "by_geometry" in dfdbench(*run, "--format", "json").out
+    assert '"geometry": "oblique-near-right"' in dfdbench(*run, "--format", "json").out
 
 
 def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:

@@ -268,7 +268,7 @@ def test_a_full_disk_says_that_it_goes_on(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("dfdbench.evaluation.run.keep_prediction", full)
+    monkeypatch.setattr("dfdbench.results.run_folder.keep_prediction", full)
     with pytest.raises(ResultError, match="goes on where it stopped"):
         run_method(tiny_store, method(Counting()), "test", tmp_path / "out")
 
