@@ -51,8 +51,7 @@ def depths(
         str | None, typer.Option(help="A split, a fold, a scene, or all, which is the default.")
     ] = None,
     result: Annotated[
-        list[Path] | None,
-        typer.Option(help="A run's folder: show its errors by depth; repeatable."),
+        list[Path] | None, typer.Option(help="A run's folder, for its errors by depth; repeatable.")
     ] = None,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the histogram, or errors, there.")
@@ -146,10 +145,7 @@ def split_command(
     density_factor: FactorOption = DensityBound.factor,
     density_floor: FloorOption = DensityBound.floor,
     seed: Annotated[
-        int,
-        typer.Option(
-            min=0, help="Seed for drawing folds, and splits where there are too many to try all."
-        ),
+        int, typer.Option(min=0, help="Seed of what is drawn: folds, and splits if too many.")
     ] = 0,
     out: Out = None,
     format: screen.Answered = screen.AnswerFormat.table,
@@ -258,19 +254,13 @@ FloorOption = Annotated[
 
 def coverage(
     dataset: Annotated[
-        str | None,
-        typer.Argument(
-            help="The training data set: its name or a store's path.", autocompletion=data_sets
-        ),
+        str | None, typer.Argument(help="The data set that trains.", autocompletion=data_sets)
     ] = None,
     train: Annotated[
         str | None, typer.Option(help="The split to train on; default: train.")
     ] = None,
     test: Annotated[
-        str | None,
-        typer.Option(
-            help="The split to test on; default: test, or with --test-dataset all its pairs."
-        ),
+        str | None, typer.Option(help="Tests; default: test, or all with --test-dataset.")
     ] = None,
     fold: Annotated[
         str | None, typer.Option(help="Test on this fold or scene, train on all other scenes.")
@@ -282,10 +272,7 @@ def coverage(
         Each | None, typer.Option(help="Test every scene or fold against all other scenes.")
     ] = None,
     result: Annotated[
-        Path | None,
-        typer.Option(
-            help="A run's result.json: also show its errors on covered and uncovered depths."
-        ),
+        Path | None, typer.Option(help="A run's folder: show its errors by coverage, too.")
     ] = None,
     criterion: CriterionOption = Criterion.either,
     allow: AllowOption = 0.0,

@@ -40,8 +40,7 @@ def build(
         ),
     ],
     source: Annotated[
-        Path | None,
-        typer.Option(help="Folder with the files, in the site's layout or its zip archives."),
+        Path | None, typer.Option(help="Folder with the files, as the site has them or zipped.")
     ] = None,
     store: Annotated[
         str | None, typer.Option(help="Where to build, a path or a URL; default: the cache.")
@@ -50,25 +49,19 @@ def build(
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     pair: Annotated[
-        str | None,
-        typer.Option(help="In-focus and defocus voltage step of captured pairs: 141,129."),
+        str | None, typer.Option(help="Voltage steps, in-focus and defocus: 141,129.")
     ] = None,
     allow_missing: Annotated[
         bool, typer.Option("--allow-missing", help="Accept missing pairs and build the rest.")
     ] = False,
     mirror: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="URL",
-            help="Try to download from here before the site; repeatable; also DFDBENCH_MIRROR.",
-        ),
+        list[str] | None, typer.Option(metavar="URL", help="Asked before the site; repeatable.")
     ] = None,
     offline: Annotated[
         bool, typer.Option("--offline", help="Fetch nothing; use what was fetched before.")
     ] = False,
     seed: Annotated[
-        str | None,
-        typer.Option(metavar="N", help="Of unseen and unseen-stack: draws rooms and camera."),
+        str | None, typer.Option(metavar="N", help="Of unseen sets: what is drawn.")
     ] = None,
     cache: options.Cache = None,
 ) -> None:
@@ -108,10 +101,7 @@ def export(
     out: Annotated[Path | None, typer.Option(hidden=True, callback=_called_png)] = None,
     split: options.Split = "all",
     images_only: Annotated[
-        bool,
-        typer.Option(
-            "--images-only", help="Write no depth, to run a method where it cannot see the truth."
-        ),
+        bool, typer.Option("--images-only", help="Write no depth, which methods must not see.")
     ] = False,
     cache: options.Cache = None,
 ) -> None:

@@ -126,8 +126,7 @@ def cache_verb(context: typer.Context, cache: Cache = None) -> None:
 
 def clear_cache(
     names: Annotated[
-        list[str] | None,
-        typer.Argument(help="downloads, stores, or names that `dfdbench cache` lists."),
+        list[str] | None, typer.Argument(help="downloads, stores, or names that are listed.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
     cache: Cache = None,

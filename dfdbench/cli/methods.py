@@ -23,15 +23,14 @@ def predict(
     images: Annotated[
         list[Path],
         typer.Argument(
-            help="The in-focus and the defocus photograph; or a folder of pairs, PAIR/infocus.png "
-            "and PAIR/defocus.png, or of stacks, STACK/stack.json and its images."
+            help="In-focus and defocus photograph; or a folder of pairs, PAIR/infocus.png and "
+            "PAIR/defocus.png, or of stacks, STACK/stack.json and its images."
         ),
     ],
     out: Annotated[
         Path,
         typer.Option(
-            help="The depth map: .npy, or .png of 16 bit, level times 256 or mm. Of a folder: "
-            "a folder."
+            help="A depth map, .npy or .png (16 bit: level times 256, or mm); or a folder."
         ),
     ],
     method: Annotated[
@@ -43,14 +42,10 @@ def predict(
     ] = None,
     param: Params = None,
     fitted: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="RUN", help="A run's folder: use what its fit learned of the camera's blur."
-        ),
+        Path | None, typer.Option(metavar="RUN", help="Use what this run's fit learned.")
     ] = None,
     lens: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="TOML file of the lens, or of a blur recipe or law."),
+        Path | None, typer.Option(metavar="FILE", help="TOML of a lens, recipe or law.")
     ] = None,
     weights: Annotated[
         str | None, typer.Option(metavar="NAME", help="A network's weights, by name or file.")
@@ -59,8 +54,7 @@ def predict(
         bool, typer.Option("--no-align", help="The photographs lie on each other as they are.")
     ] = False,
     figure: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.png", help="Draw photographs and depth in colour, too."),
+        Path | None, typer.Option(metavar="FILE.png", help="Draw images and depth.")
     ] = None,
     seed: Seed = 0,
 ) -> None:

@@ -59,8 +59,7 @@ def blur(
 
 def pairs(
     lens: Annotated[
-        Path | None,
-        typer.Option(help="A measured lens as CSV; default: the thesis's microfluidic lens."),
+        Path | None, typer.Option(help="A measured lens as CSV; default: the thesis's.")
     ] = None,
     range: Annotated[
         tuple[str, str], typer.Option(help="The working range; metres unless a unit is given.")

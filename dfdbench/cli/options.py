@@ -65,14 +65,10 @@ DataSetArgument = Annotated[
     typer.Argument(help="A data set's name, or a store's path or URL.", autocompletion=data_sets),
 ]
 Method = Annotated[
-    str,
-    typer.Option(
-        help="A registered name, file.py:function or module:function.", autocompletion=methods
-    ),
+    str, typer.Option(help="A name, file.py:function or module:function.", autocompletion=methods)
 ]
 Params = Annotated[
-    list[str] | None,
-    typer.Option("--param", help="A parameter of the method, NAME=VALUE; repeatable."),
+    list[str] | None, typer.Option("--param", help="The method's, NAME=VALUE; repeatable.")
 ]
 Split = Annotated[str, typer.Option(help="Which pairs: a split, a fold, a scene, or all.")]
 
@@ -85,13 +81,10 @@ def _known_protocol(name: str | None) -> str | None:
 
 Protocol = Annotated[
     str | None,
-    typer.Option(
-        help="Scoring protocol; default: the data set's usual one.", callback=_known_protocol
-    ),
+    typer.Option(help="Scoring protocol; default: the set's usual one.", callback=_known_protocol),
 ]
 Out = Annotated[
-    str | None,
-    typer.Option(help="Folder to write into; default: its own below results/ or training/."),
+    str | None, typer.Option(help="Folder to write into; default: below results/ or training/.")
 ]
 Printed = Annotated[Format, typer.Option(help="How the tables are printed.")]
 Seed = Annotated[
@@ -105,15 +98,11 @@ Cache = Annotated[
     ),
 ]
 Workers = Annotated[
-    int | None,
-    typer.Option(min=1, max=1024, help="How many at once; default: one per processor core."),
+    int | None, typer.Option(min=1, max=1024, help="How many at once; default: one a core.")
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Run on a cluster: a dask.distributed scheduler, as tcp://node1:8786.",
-    ),
+    typer.Option(metavar="ADDRESS", help="A dask cluster's scheduler: tcp://node1:8786."),
 ]
 
 
@@ -126,7 +115,7 @@ class FigureFormat(StrEnum):
 
 FigureFormats = Annotated[
     list[FigureFormat] | None,
-    typer.Option("--figure-format", help="Figures as PDF or SVG too, for papers; repeatable."),
+    typer.Option("--figure-format", help="Figures as PDF or SVG too; repeatable."),
 ]
 Submit = Annotated[
     bool, typer.Option("--submit", help="Write the result into leaderboard/, for a pull request.")

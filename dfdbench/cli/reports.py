@@ -37,23 +37,18 @@ _PAGES = ("html", "markdown")
 def report(
     results: Annotated[list[Path], typer.Argument(help="Result files or runs' folders.")],
     out: Annotated[
-        Path | None,
-        typer.Option(help="The page's folder, default: report; a table's file, default: printed."),
+        Path | None, typer.Option(help="The page's folder (default: report), or a table's file.")
     ] = None,
     protocol: Protocol = None,
     format: Annotated[
         ReportFormat,
-        typer.Option(
-            help="One HTML page, or Markdown with PNG files; or only the methods beside metrics."
-        ),
+        typer.Option(help="A page, html or markdown; or a table of methods beside metrics."),
     ] = "html",
     metric: Annotated[
-        list[str] | None,
-        typer.Option(help="A column of a table: nrmse, nmae, ssim, seconds; repeatable."),
+        list[str] | None, typer.Option(help="A column: nrmse, nmae, ssim, seconds; repeatable.")
     ] = None,
     figure: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.png", help="With a table: draw accuracy against seconds."),
+        Path | None, typer.Option(metavar="FILE.png", help="Draw accuracy against seconds.")
     ] = None,
     figure_format: FigureFormats = None,
     dataset: Dataset = None,
@@ -138,8 +133,7 @@ def compare(
     most: Annotated[int, typer.Option(min=1, help="How many changed pairs are listed.")] = 10,
     format: Printed = Format.table,
     out: Annotated[
-        Path | None,
-        typer.Option(help="Panels of changed pairs: a PNG, PDF or SVG file, or a folder."),
+        Path | None, typer.Option(help="Draw changed pairs: a PNG, PDF or SVG, or a folder.")
     ] = None,
     dataset: Dataset = None,
 ) -> None:
@@ -229,19 +223,13 @@ def verify_rows(
     pairs: Annotated[int, typer.Option(min=1, help="How many pairs are run again.")] = 5,
     seed: Annotated[
         int | None,
-        typer.Option(
-            min=0, max=2**32 - 1, help="Repeat the draw of this seed; default: a new draw."
-        ),
+        typer.Option(min=0, max=2**32 - 1, help="Repeat this seed's draw; default: draw."),
     ] = None,
     tolerance: Annotated[
         float, typer.Option(help="How far a score may be off, 0 to 1.")
     ] = SCORE_TOLERANCE,
     trust: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="ENTRY",
-            help="Allow this method's code, which is not built in, to be run; repeatable.",
-        ),
+        list[str] | None, typer.Option(metavar="ENTRY", help="Run this code, too; repeatable.")
     ] = None,
     weights: Annotated[
         Path | None, typer.Option(help="Your copy of weights that are not shipped.")

@@ -61,8 +61,7 @@ def register_scenes(
     pixel: Annotated[str, typer.Option(help="Size of a pixel.")] = "4.8um",
     baseline: Annotated[str, typer.Option(help="The LIDAR's height above the camera.")] = "93mm",
     fresh: Annotated[
-        bool,
-        typer.Option("--fresh", help=f"Estimate again; the earlier answer is kept as {PREVIOUS}."),
+        bool, typer.Option("--fresh", help=f"Estimate again, and keep the old as {PREVIOUS}.")
     ] = False,
 ) -> None:
     """Lay the LIDAR's depth map on the camera's image: a small file and an overlay per scene."""
@@ -232,8 +231,7 @@ def simulate_realworld(
     steps: Annotated[str, typer.Option(help="Voltage steps: 127-143.")] = "127-143",
     exposures: Annotated[str, typer.Option(help="Exposure times in ms.")] = "10,20,30,40,50,60,70",
     turn: Annotated[
-        str,
-        typer.Option(help="Rotation of the LIDAR against the camera: yaw,pitch,roll in degrees."),
+        str, typer.Option(help="The LIDAR's rotation: yaw,pitch,roll in degrees.")
     ] = f"{MOUNTED.yaw},{MOUNTED.pitch},{MOUNTED.roll}",
     workers: Annotated[
         int, typer.Option(min=1, max=1024, help="Scenes made at once.")

@@ -27,12 +27,10 @@ def run(
     protocol: options.Protocol = None,
     param: options.Params = None,
     images: Annotated[
-        str | None,
-        typer.Option(metavar="I,J", help="Of stacks: the two images that make a pair, from 0."),
+        str | None, typer.Option(metavar="I,J", help="Of stacks: the pair's images, from 0.")
     ] = None,
     fitted: Annotated[
-        Path | None,
-        typer.Option(metavar="RUN", help="Use what this run's fit learned; fit nothing here."),
+        Path | None, typer.Option(metavar="RUN", help="Use what this run's fit learned.")
     ] = None,
     out: options.Out = None,
     limit: Annotated[
@@ -43,10 +41,7 @@ def run(
         bool, typer.Option("--no-predictions", help="Save no depth maps and no figures.")
     ] = False,
     no_figures: Annotated[
-        bool,
-        typer.Option(
-            "--no-figures", help="Draw no figures; `dfdbench report` can draw them later."
-        ),
+        bool, typer.Option("--no-figures", help="Draw no figures; `report` can later.")
     ] = False,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Start over; an earlier run is kept as `.previous`.")
@@ -54,9 +49,7 @@ def run(
     seed: options.Seed = 0,
     workers: Annotated[
         int | None,
-        typer.Option(
-            min=1, max=1024, help="Run so many pairs at once; times are then not comparable."
-        ),
+        typer.Option(min=1, max=1024, help="Pairs at once; times are not comparable then."),
     ] = None,
     scheduler: options.Scheduler = None,
     cache: options.Cache = None,
@@ -109,10 +102,7 @@ def tracks(
     out: options.Out = None,
     format: options.Printed = Format.table,
     given_blur: Annotated[
-        bool,
-        typer.Option(
-            "--given-blur", help="Give the method each track's blur; such a row has no rank."
-        ),
+        bool, typer.Option("--given-blur", help="Give it each track's blur; then it has no rank.")
     ] = False,
     seed: options.Seed = 0,
     cache: options.Cache = None,

@@ -45,10 +45,7 @@ def experiment(
     method: Annotated[training.Network, typer.Option(help="The network to train.")] = "dfd-net",
     dataset: Annotated[
         str | None,
-        typer.Option(
-            help="A data set's name or a store's path; default: middlebury, for voltage steps "
-            "realworld."
-        ),
+        typer.Option(help="A data set; default: middlebury, for voltage steps realworld."),
     ] = None,
     source: Annotated[
         Path | None, typer.Option(help="Folder of the captures, where the voltage steps vary.")
@@ -56,9 +53,7 @@ def experiment(
     rows: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR",
-            help="For the experiment reduction: a folder of networks that `dfdbench thesis reduce` "
-            "wrote, instead of those of the thesis's Table D.2.",
+            metavar="DIR", help="Of reduction: networks that `reduce` wrote, not Table D.2's."
         ),
     ] = None,
     config: training.Configuration = _PUBLISHED,
@@ -68,10 +63,7 @@ def experiment(
         str | None, typer.Option(metavar="A,B,...", help="Values to try instead of the thesis's.")
     ] = None,
     repeats: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help="How often to train with each value; default: as often as the thesis."
-        ),
+        int | None, typer.Option(min=1, help="Trainings a value; default: as the thesis.")
     ] = None,
     max_time: training.MaxTime = None,
     out: options.Out = None,
@@ -209,29 +201,24 @@ def _listed(text: str | None) -> list[Any] | None:
 
 def reduce(
     weights: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE", help="Weights of a DfD-Net: a file, or the name of shipped ones."
-        ),
+        str, typer.Option(metavar="FILE", help="Of a DfD-Net, a file or a shipped name.")
     ],
     dataset: options.DataSet = "middlebury",
     split: Annotated[
         str, typer.Option(help="Sample the first pair of each scene of this split.")
     ] = "test",
     level: Annotated[
-        int | None,
-        typer.Option(help="Iterative rows F of level 1, 2 or 3, in place of the ensemble rows B."),
+        int | None, typer.Option(help="Iterative rows F of level 1, 2 or 3, not ensemble rows B.")
     ] = None,
     rounds: Annotated[
-        Literal["H", "L"] | None,
-        typer.Option(help="Also round to multiples of 8, up (H) or down (L)."),
+        Literal["H", "L"] | None, typer.Option(help="Round to multiples of 8, up or down.")
     ] = None,
     config: training.Configuration = "published",
     changes: training.Changes = None,
     seed: options.Seed = 0,
     tuning: Annotated[
         Literal["own", "neighbours"],
-        typer.Option(help="After 100 epochs a neuron follows its own inputs, or its neighbours'."),
+        typer.Option(help="Whose inputs a neuron follows after 100 epochs."),
     ] = "own",
     out: options.Out = None,
     format: options.Printed = Format.table,
@@ -280,16 +267,11 @@ def architecture(
     dataset: options.DataSet = "middlebury",
     split: Annotated[str, typer.Option(help="The split to train on.")] = "train",
     as_thesis: Annotated[
-        bool,
-        typer.Option(
-            "--as-thesis", help="Select on the test split, as the thesis did; the result says so."
-        ),
+        bool, typer.Option("--as-thesis", help="Select on the test split, as the thesis did.")
     ] = False,
     hold_out: Annotated[
         int | None,
-        typer.Option(
-            min=1, help="Training scenes held out to select on.", show_default="a fifth of them"
-        ),
+        typer.Option(min=1, help="Scenes held out to select on.", show_default="a fifth of them"),
     ] = None,
     gamma: Annotated[
         float, typer.Option(min=0, max=1, help="Weight of the training pairs in Eq. 6.1.")
@@ -301,7 +283,7 @@ def architecture(
         list[str] | None,
         typer.Option(
             metavar="NAME=LOW:HIGH",
-            help="Narrower bounds than width=8:512, kernel=1:9, crop=12:64; repeatable.",
+            help="Narrower than width=8:512, kernel=1:9, crop=12:64; repeatable.",
         ),
     ] = None,
     particles: Annotated[int, typer.Option(min=1, max=10_000, help="Networks in the swarm.")] = 20,
@@ -310,10 +292,7 @@ def architecture(
         int | None, typer.Option(min=1, help="Steps of each training at most; as --set steps=N.")
     ] = None,
     score_pairs: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help="Pairs of each set that are scored, spread over it; default: all."
-        ),
+        int | None, typer.Option(min=1, help="Pairs scored of each set; default: all.")
     ] = None,
     max_time: training.MaxTime = None,
     config: training.Configuration = "published",
@@ -321,8 +300,7 @@ def architecture(
     seed: options.Seed = 0,
     out: options.Out = None,
     workers: Annotated[
-        int | None,
-        typer.Option(min=1, max=1024, help="Trainings at once; default: one, in this process."),
+        int | None, typer.Option(min=1, max=1024, help="Trainings at once; default: one, here.")
     ] = None,
     scheduler: options.Scheduler = None,
     device: training.Device = "auto",

@@ -182,32 +182,22 @@ Configuration = Annotated[
     str,
     typer.Option(
         "--config",
-        help="A TOML file, or one of: published, published-realworld, demo, demo-fine, "
-        "demo-u-net, robust, quick.",
+        help="A TOML file, or published, published-realworld, demo, demo-fine, demo-u-net, robust "
+        "or quick.",
     ),
 ]
 Changes = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUE",
-        help="Change a setting of the file; docs/training.md lists them.",
-    ),
+    typer.Option("--set", metavar="NAME=VALUE", help="Change a setting: docs/training.md."),
 ]
 Weights = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FILE",
-        help="Start from these weights, a file or a shipped name, instead of random ones.",
-    ),
+    str | None, typer.Option(metavar="FILE", help="Start from these, a file or a shipped name.")
 ]
 MaxTime = Annotated[
-    str | None,
-    typer.Option(metavar="30m", help="Stop a training after this time, as 90s, 30m, 1h30m."),
+    str | None, typer.Option(metavar="30m", help="Stop after this time, as 90s, 30m, 1h30m.")
 ]
 Threads = Annotated[
-    int | None,
-    typer.Option(min=1, max=MOST_THREADS, help="Processor threads; default: one per core."),
+    int | None, typer.Option(min=1, max=MOST_THREADS, help="Threads; default: one a core.")
 ]
 Device = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
 
