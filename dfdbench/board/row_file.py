@@ -6,7 +6,7 @@ import functools
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError, model_validator
 
@@ -42,6 +42,7 @@ from dfdbench.system.files import read_whole
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.tables.table import listed
 
+_T = TypeVar("_T")
 RESULTS = "results"
 #: The fingerprints that a data set must have if it is made the same everywhere.
 FINGERPRINTS = "fingerprints.json"
@@ -413,15 +414,22 @@ def known_fingerprints(folder: Path) -> dict[str, list[str]]:
         If the file that lists them cannot be read.
     """
     path = folder / FINGERPRINTS
+    return read_list(path, TypeAdapter(dict[str, list[str]]), "fingerprints") or {}
+
+
+def read_list(path: Path, kind: TypeAdapter[_T], what: str) -> _T | None:
+    """Return what a list in the leaderboard's folder holds; None if there is none.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be read.
+    """
     try:
-        return _Fingerprints.validate_json(read_whole(path)) if path.exists() else {}
+        return kind.validate_json(read_whole(path)) if path.exists() else None
     except (ValidationError, OSError) as error:
-        raise ResultError(
-            "cannot read the list of fingerprints", where=str(path), fix=f"git restore {path}"
-        ) from error
-
-
-_Fingerprints = TypeAdapter(dict[str, list[str]])
+        what, fix = f"cannot read the list of {what}", f"git restore {path}"
+        raise ResultError(what, where=str(path), fix=fix) from error
 
 
 def training_problems(

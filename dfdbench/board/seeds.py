@@ -7,13 +7,14 @@ import json
 import secrets
 from pathlib import Path
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
+from dfdbench.board.row_file import read_list
 from dfdbench.datasets.catalog import of_seed
 from dfdbench.errors import ResultError
 from dfdbench.results.environment import describe_environment
 from dfdbench.results.record import Line
-from dfdbench.system.files import read_whole, write_whole
+from dfdbench.system.files import write_whole
 from dfdbench.system.strict import Record
 
 SEEDS = "seeds.json"
@@ -33,9 +34,6 @@ class Draw(Record):
     commit: Line
 
 
-_DRAWS = TypeAdapter(list[Draw])
-
-
 def read_draws(folder: Path) -> list[Draw]:
     """Return a leaderboard's seeds, the newest first.
 
@@ -44,13 +42,7 @@ def read_draws(folder: Path) -> list[Draw]:
     ResultError
         If the file cannot be read.
     """
-    path = folder / SEEDS
-    try:
-        return _DRAWS.validate_json(read_whole(path)) if path.exists() else []
-    except (ValidationError, OSError) as error:
-        raise ResultError(
-            "cannot read the list of seeds", where=str(path), fix=f"git restore {path}"
-        ) from error
+    return read_list(folder / SEEDS, TypeAdapter(list[Draw]), "seeds") or []
 
 
 def draw_seed(folder: Path, seed: int | str | None = None) -> Draw:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dfdbench.blur.tracks import CLEAN
-from dfdbench.datasets.captures import Capture
 from dfdbench.figures import style
+from dfdbench.figures.runs import draw_pair
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.results.differences import PairChange
@@ -123,30 +120,11 @@ def change_figure(
     for axis, head in zip(grid[0], heads, strict=True):
         axis.set_title(head, fontsize=10)
     for axes, (change, images, *predictions) in zip(grid, rows, strict=True):
-        _draw_maps(figure, axes, images, predictions)
+        draw_pair(figure, axes, images, *predictions)
         axes[0].set_ylabel(change.first.id.replace("/", "\n"), fontsize=8)
         axes[5].set_xlabel(f"{find_metric(metric).title} {change.difference:+.4f}", fontsize=9)
     figure.supxlabel("grey: depth unknown", fontsize=8)
     return figure
-
-
-def _draw_maps(
-    figure: Figure, axes: NDArray[Any], images: Capture, predictions: Sequence[NDArray[Any]]
-) -> None:
-    known = images.depth.astype(np.float64)
-    scale, errors = style.depth_scales(images.about, known)
-    unit, sharp = images.about.kind, images.shown[0]
-    times = style.brightening(sharp)
-    axes[0].imshow(style.brightened(sharp, times))
-    if times > 1:
-        axes[0].set_xlabel(f"shown {times} times brighter", fontsize=8)
-    for axis, depth in zip(axes[1:4], (known, *predictions), strict=True):
-        shown = axis.imshow(depth, interpolation="nearest", **scale)
-    for axis, depth in zip(axes[4:], predictions, strict=True):
-        error = axis.imshow(depth - known, interpolation="nearest", **errors)
-    style.without_ticks(axes, "0.75")
-    figure.colorbar(shown, ax=axes[3], label=style.DEPTH_LABELS[unit], fraction=0.05)
-    figure.colorbar(error, ax=axes[5], label=unit, fraction=0.05, extend="both")
 
 
 def _scene_figure(

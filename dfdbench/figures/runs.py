@@ -89,7 +89,7 @@ def panel_figure(
     for axis, head in zip(grid[0], HEADS, strict=True):
         axis.set_title(head, fontsize=10)
     for axes, (record, images, prediction) in zip(grid, rows, strict=True):
-        draw_pair(figure, axes, images, prediction)
+        draw_pair(figure, axes, images, prediction, both=True)
         axes[0].set_ylabel(record.id.replace("/", "\n"), fontsize=8)
         scores = (
             f"{metric.title} {score_text(record.score(protocol, name), 'undefined')}"
@@ -361,7 +361,7 @@ def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> 
     axes = list(figure.subplots(1, count))
     for axis, head in zip(axes, HEADS, strict=False):
         axis.set_title(head, fontsize=10)
-    draw_pair(figure, axes, pair, prediction)
+    draw_pair(figure, axes, pair, *([] if prediction is None else [prediction]), both=True)
     return figure
 
 
@@ -369,27 +369,33 @@ def draw_pair(
     figure: Figure,
     axes: Sequence[Axes],
     images: Capture,
-    prediction: NDArray[np.floating[Any]] | None,
+    *predictions: NDArray[np.floating[Any]],
+    both: bool = False,
 ) -> None:
-    """Draw a pair into three axes, or into five with a prediction; depth and error get scales."""
+    """Draw a pair into axes: its images, its truth, the predictions, then their errors.
+
+    Of the images, `both` or the in-focus one alone. Depth and error get scales.
+    """
     known = images.depth.astype(np.float64)
     scale, errors = style.depth_scales(images.about, known)
     unit = images.about.kind
-    sharp, blurred = images.shown
-    times = style.brightening(sharp)
-    axes[0].imshow(style.brightened(sharp, times))
-    axes[1].imshow(style.brightened(blurred, times))
+    times = style.brightening(images.shown[0])
+    shown = images.shown[: 1 + both]
+    for axis, image in zip(axes, shown, strict=False):
+        axis.imshow(style.brightened(image, times))
     if times > 1:
-        axes[0].set_xlabel(f"both images shown {times} times brighter", fontsize=8)
-    truth = axes[2].imshow(known, interpolation="nearest", **scale)
+        which = "both images shown" if both else "shown"
+        axes[0].set_xlabel(f"{which} {times} times brighter", fontsize=8)
+    maps = (known, *predictions)
+    last = len(shown) + len(maps)
+    for axis, depth in zip(axes[len(shown) : last], maps, strict=True):
+        drawn = axis.imshow(depth, interpolation="nearest", **scale)
     style.without_ticks(axes, "0.75")
-    if prediction is None:
-        figure.colorbar(truth, ax=axes[2], label=style.DEPTH_LABELS[unit], fraction=0.05)
-        return
-    axes[3].imshow(prediction, interpolation="nearest", **scale)
-    error = axes[4].imshow(prediction - known, interpolation="nearest", **errors)
-    figure.colorbar(truth, ax=axes[3], label=style.DEPTH_LABELS[unit], fraction=0.05)
-    figure.colorbar(error, ax=axes[4], label=unit, fraction=0.05, extend="both")
+    figure.colorbar(drawn, ax=axes[last - 1], label=style.DEPTH_LABELS[unit], fraction=0.05)
+    for axis, depth in zip(axes[last:], predictions, strict=True):
+        error = axis.imshow(depth - known, interpolation="nearest", **errors)
+    if predictions:
+        figure.colorbar(error, ax=axes[-1], label=unit, fraction=0.05, extend="both")
 
 
 def predicted_figure(

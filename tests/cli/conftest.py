@@ -34,13 +34,16 @@ def nan(infocus, defocus):
 def dfdbench(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Command:
-    """Calls the command line in a folder of the test's own, where `mymodule` holds two methods."""
+    """Calls the command line in a folder of the test's own, where `mymodule` holds two methods.
+
+    The first argument may be several words.
+    """
     (tmp_path / "work").mkdir(exist_ok=True)
     (tmp_path / "work/mymodule.py").write_text(MINE)
     monkeypatch.chdir(tmp_path / "work")
 
-    def command(*arguments: str) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["dfdbench", *arguments])
+    def command(words: str, *arguments: str) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["dfdbench", *words.split(), *arguments])
         status = 0
         try:
             main()

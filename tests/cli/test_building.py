@@ -104,13 +104,13 @@ def test_from_the_site_to_a_verified_store_and_back_to_files(
     dfdbench: Command, site: Site, tmp_path: Path
 ) -> None:
     cache = ("--cache", str(tmp_path / "mine"))
-    built = dfdbench("build", "tiny-1.toml", *cache)
+    built = dfdbench("build tiny-1.toml", *cache)
     assert built.status == 0, built.err
     assert "11 pairs of 3 scenes" in built.out
     assert "fetched 17 files" in built.err
     assert "tiny-1.lock" in built.err
     asked = len(site.requests)
-    again = dfdbench("build", "tiny-1.toml", "--offline", *cache)
+    again = dfdbench("build tiny-1.toml --offline", *cache)
     assert again.status == 0, again.err
     assert "3 of them kept from before" in again.out
     assert len(site.requests) == asked
@@ -130,7 +130,7 @@ def test_from_the_site_to_a_verified_store_and_back_to_files(
     broken = dfdbench("verify", store)
     assert broken.status == 1
     assert "One/depth: cannot be decoded" in broken.out
-    mended = dfdbench("build", "tiny-1.toml", "--offline", *cache)
+    mended = dfdbench("build tiny-1.toml --offline", *cache)
     assert "3 scenes, 2 of them kept" in mended.out
     assert dfdbench("verify", store).status == 0
 
@@ -139,27 +139,27 @@ def test_what_the_site_does_not_have_is_told(dfdbench: Command, site: Site) -> N
     place = site.folder / BELOW
     (place / "One/Illum1/Exp0/view1.png").unlink()
     (place / "Two/Illum1/Exp0/view1.png").write_bytes(b"<html>")
-    both = dfdbench("build", "tiny-1.toml")
+    both = dfdbench("build tiny-1.toml")
     assert both.status == 2
     assert "not a PNG file" in both.err
     assert "1 files are missing" in both.err
     assert "set aside in" in both.err
     right = (place / "Two/Illum1/Exp0/view5.png").read_bytes()
     (place / "Two/Illum1/Exp0/view1.png").write_bytes(right)
-    missing = dfdbench("build", "tiny-1.toml")
+    missing = dfdbench("build tiny-1.toml")
     assert missing.status == 2
     assert "missing: 1 of 11 pairs" in missing.err
     assert "fingerprint" in missing.out
-    assert dfdbench("build", "tiny-1.toml", "--allow-missing").status == 0
+    assert dfdbench("build tiny-1.toml --allow-missing").status == 0
 
 
 def test_a_mirror_that_has_nothing_is_named(dfdbench: Command, site: Site) -> None:
     wrong = f"{site.address}/nothing"
-    built = dfdbench("build", "tiny-1.toml", "--mirror", wrong)
+    built = dfdbench("build tiny-1.toml --mirror", wrong)
     assert built.status == 0
     assert f"warning: the mirror lacks 17 files ({wrong})" in built.err
     (site.folder / BELOW).rename(site.folder / "gone")
-    nowhere = dfdbench("build", "tiny-1.toml", "--mirror", wrong, "--cache", "empty")
+    nowhere = dfdbench("build tiny-1.toml --mirror", wrong, "--cache", "empty")
     assert nowhere.status == 2
     assert "no file of tiny is there" in nowhere.err
     assert f"({wrong})" in nowhere.err
@@ -170,11 +170,11 @@ def test_mirrors_come_from_the_command_line_or_the_environment(
     dfdbench: Command, site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with served(tmp_path / "server/data") as mirror:
-        built = dfdbench("build", "tiny-1.toml", "--mirror", mirror.address)
+        built = dfdbench("build tiny-1.toml --mirror", mirror.address)
         assert built.status == 0, built.err
         assert len(mirror.requests) == 17
         monkeypatch.setenv("DFDBENCH_MIRROR", f"{site.address}/nothing {mirror.address}")
-        again = dfdbench("build", "tiny-1.toml", "--cache", "other")
+        again = dfdbench("build tiny-1.toml --cache other")
         assert again.status == 0, again.err
         assert len(mirror.requests) == 34
     assert not site.asked_for(f"/{BELOW}/One/disp1.png")
@@ -185,14 +185,14 @@ def test_middlebury_in_default_lighting_is_whole_and_has_full_tables(
     dfdbench: Command, shared_data: Path
 ) -> None:
     folder = str(shared_data / "middlebury/ThirdSize")
-    built = dfdbench("build", "middlebury-default", "--source", folder)
+    built = dfdbench("build middlebury-default --source", folder)
     assert built.status == 0, built.err
     assert "54 pairs of 27 scenes" in built.out
-    ran = dfdbench("run", "--method", "constant", "--dataset", "middlebury-default", "--out", "out")
+    ran = dfdbench("run --method constant --dataset middlebury-default --out out")
     assert ran.status == 0, ran.err
     assert "PARTIAL" not in ran.out
     assert "(6 of 6 pairs)" in " ".join(ran.out.split())
-    asked = dfdbench("build", "middlebury", "--source", folder, "--default-lighting")
+    asked = dfdbench("build middlebury --source", folder, "--default-lighting")
     assert asked.status == 2
     assert "No such option" in asked.err
 
@@ -202,22 +202,20 @@ def test_a_cluster_builds_and_runs(
     dfdbench: Command, site: Site, cluster: str, tmp_path: Path
 ) -> None:
     store, other = str(tmp_path / "tiny.zarr"), str(tmp_path / "other.zarr")
-    built = dfdbench("build", "tiny-1.toml", "--store", store, "--scheduler", cluster)
+    built = dfdbench("build tiny-1.toml --store", store, "--scheduler", cluster)
     assert built.status == 0, built.err
-    here = dfdbench("build", "tiny-1.toml", "--store", other, "--workers", "2")
+    here = dfdbench("build tiny-1.toml --store", other, "--workers", "2")
     assert built.out.splitlines()[-1] == here.out.splitlines()[-1]
-    ran = dfdbench(
-        "run", "--method", "constant", "--dataset", store, "--scheduler", cluster, "--out", "out"
-    )
+    ran = dfdbench("run --method constant --dataset", store, "--scheduler", cluster, "--out", "out")
     assert ran.status == 0, ran.err
     assert "several at once: not comparable" in " ".join(ran.out.split())
-    both = dfdbench("build", "tiny-1.toml", "--scheduler", cluster, "--workers", "2")
+    both = dfdbench("build tiny-1.toml --scheduler", cluster, "--workers", "2")
     assert both.status == 2
     assert "its own number of workers" in both.err
 
 
 def test_export_says_what_its_folder_is_called(dfdbench: Command) -> None:
-    told = dfdbench("export", "demo", "--out", "x")
+    told = dfdbench("export demo --out x")
     assert (told.status, "Fix: --png x" in told.err) == (2, True), told.err
 
 
@@ -229,25 +227,25 @@ def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     assert "found:\n  4 scenes" in written.out
     assert "say yourself:" in written.out
     assert "file of that name is there" in dfdbench("new-dataset", str(folder)).err
-    built = dfdbench("build", "mine-1.toml", "--source", str(folder))
+    built = dfdbench("build mine-1.toml --source", str(folder))
     assert built.status == 0
     assert "built mine-1: 4 pairs of 4 scenes" in built.out
     assert "what lays one image on the other" in dfdbench("info", store_of(built.out)).out
-    ran = dfdbench("run", "--method", "mymodule:predict", "--dataset", "mine-1.toml")
+    ran = dfdbench("run --method mymodule:predict --dataset mine-1.toml")
     assert ran.status == 0
     assert "protocol valid" in ran.out
-    assert "train (own): 3 pairs" in dfdbench("info", "mine-1.toml").out
-    assert dfdbench("export", "mine-1.toml", "--png", "png").status == 0
+    assert "train (own): 3 pairs" in dfdbench("info mine-1.toml").out
+    assert dfdbench("export mine-1.toml --png png").status == 0
     assert Path("png/desk/capture1_defocus.png").is_file()
     defocus = cv2.imread("png/desk/capture1_defocus.png")
     assert defocus is not None
-    for name in dfdbench("info", "mine-1.toml", "--pairs", "test").out.split():
+    for name in dfdbench("info mine-1.toml --pairs test").out.split():
         Path("elsewhere", name).parent.mkdir(parents=True, exist_ok=True)
         np.save(f"elsewhere/{name}.npy", np.full(defocus.shape[:2], 100, np.uint8))
-    scored = dfdbench("score", "--predictions", "elsewhere", "--dataset", "mine-1.toml")
+    scored = dfdbench("score --predictions elsewhere --dataset mine-1.toml")
     assert scored.status == 0
     assert "protocol valid" in scored.out
-    assert dfdbench("audit", "coverage", "mine-1.toml").status in (0, 1)
+    assert dfdbench("audit coverage mine-1.toml").status in (0, 1)
     results = "results/mine-1-test/mymodule-predict"
     report = dfdbench("report", results, "--out", "page", "--format", "markdown")
     assert report.status == 0
@@ -268,7 +266,7 @@ def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_pa
     image = cv2.imread(str(folder / "lamp/sharp.png"))
     assert image is not None
     cv2.imwrite(str(folder / "lamp/sharp.png"), cv2.GaussianBlur(image, (0, 0), 4))
-    built = dfdbench("build", "mine-1.toml", "--source", str(folder))
+    built = dfdbench("build mine-1.toml --source", str(folder))
     assert built.status == 2
     assert "built mine-1: 2 pairs of 2 scenes" in built.out
     assert "1. a file is missing" in built.err
@@ -277,23 +275,23 @@ def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_pa
     assert "lamp/sharp.png: the defocus image is the sharper one" in built.err
     assert "missing: 2 of 4 pairs" in built.err
     assert "no pair at all    desk, door" in built.err
-    again = dfdbench("build", "mine-1.toml", "--source", str(folder), "--allow-missing")
+    again = dfdbench("build mine-1.toml --source", str(folder), "--allow-missing")
     assert again.status == 0
 
 
 def test_an_unbuilt_set_says_how_to_build_it(dfdbench: Command, tmp_path: Path) -> None:
     folder = make_folder(tmp_path / "mine")
     assert dfdbench("new-dataset", str(folder)).status == 0
-    outcome = dfdbench("run", "--method", "constant", "--dataset", "mine-1.toml")
+    outcome = dfdbench("run --method constant --dataset mine-1.toml")
     assert outcome.status == 2
     assert "dfdbench build mine-1.toml --source DIR" in outcome.err
-    assert "name the folder: --source DIR" in dfdbench("build", "mine-1.toml").err
+    assert "name the folder: --source DIR" in dfdbench("build mine-1.toml").err
 
 
 def test_zedd_is_built_and_run_as_its_page_says(dfdbench: Command, tmp_path: Path) -> None:
     folder = make_zedd(tmp_path / "ZEDD", scenes=2)
     (folder / "val/val_0002/gt/depth.npy").unlink()
-    built = dfdbench("build", "zedd", "--source", str(folder))
+    built = dfdbench("build zedd --source", str(folder))
     assert built.status == 2
     assert "built zedd-1: 5 pairs of 1 scene" in built.out
     # A scene that is not there is one line, and not one for each of its files.
@@ -301,7 +299,7 @@ def test_zedd_is_built_and_run_as_its_page_says(dfdbench: Command, tmp_path: Pat
     assert "1. a file is missing" in built.err
     Path("stacks.py").write_text(PEAK)
     for method in ("stacks:predict", "mymodule:predict"):
-        ran = dfdbench("run", "--method", method, "--dataset", "zedd", "--split", "val_0001")
+        ran = dfdbench("run --method", method, "--dataset", "zedd", "--split", "val_0001")
         assert ran.status == 0, ran.err
         assert "protocol valid" in ran.out
 
@@ -323,8 +321,8 @@ def test_a_set_without_depth_cannot_be_run(dfdbench: Command, tmp_path: Path) ->
     for depth in folder.rglob("depth.npy"):
         depth.unlink()
     assert dfdbench("new-dataset", str(folder)).status == 0
-    assert dfdbench("build", "mine-1.toml", "--source", str(folder)).status == 0
-    outcome = dfdbench("run", "--method", "mymodule:predict", "--dataset", "mine")
+    assert dfdbench("build mine-1.toml --source", str(folder)).status == 0
+    outcome = dfdbench("run --method mymodule:predict --dataset mine")
     assert outcome.status == 2
     assert "mine has no depth to score against" in outcome.err
     assert "predict" in outcome.err

@@ -53,7 +53,7 @@ COMMANDS = {
 def work(dfdbench: Command, tiny_store: Dataset) -> Iterator[None]:
     for folder in ("run", "other"):
         made = dfdbench(
-            "run", "--method", "constant", "--dataset", str(tiny_store.path), "--out", folder,
+            "run --method constant --dataset", str(tiny_store.path), "--out", folder,
             "--no-figures", "--no-predictions",
         )  # fmt: skip
         assert made.status == 0, made.err

@@ -27,25 +27,25 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
     assert "dfdbench rig register k34 --source raw" in made.err
     assert "simulated 0 scenes, 1 kept from before" in dfdbench(*SIMULATE, "--scenes", "k34").out
 
-    unregistered = dfdbench("build", "realworld", "--source", "raw")
+    unregistered = dfdbench("build realworld --source raw")
     assert (unregistered.status, "nothing to build" in unregistered.err) == (2, True)
     assert "dfdbench rig register k34 --source raw" in unregistered.err
 
-    found = dfdbench("rig", "register", "k34", "--source", "raw")
+    found = dfdbench("rig register k34 --source raw")
     assert found.status == 0, found.err
     assert Path("raw/k34/registration.png").read_bytes().startswith(b"\x89PNG")
     by_hand = Path("raw/k34/registration.toml").read_text() + "# looked at\n"
     Path("raw/k34/registration.toml").write_text(by_hand)
     shutil.copytree("raw/k34/frames", "raw/k35/frames")
-    some = dfdbench("rig", "register", "all", "--source", "raw")
+    some = dfdbench("rig register all --source raw")
     assert (some.status, "scene has no LIDAR" in some.err, "kept" in some.out) == (2, True, True)
     assert Path("raw/k34/registration.toml").read_text() == by_hand
     shutil.rmtree("raw/k35")
-    assert "estimated" in dfdbench("rig", "register", "k34", "--source", "raw", "--fresh").out
+    assert "estimated" in dfdbench("rig register k34 --source raw --fresh").out
 
-    built = dfdbench("build", "realworld", "--source", "raw", "--allow-missing")
+    built = dfdbench("build realworld --source raw --allow-missing")
     assert (built.status, "1 pair of 1 scene" in built.out) == (0, True), built.err
-    other = dfdbench("build", "realworld", "--source", "raw", "--pair", "129,141")
+    other = dfdbench("build realworld --source raw --pair 129,141")
     assert (other.status, "--store PATH" in other.err) == (2, True)
 
     run = [
@@ -76,7 +76,7 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
         "    def __call__(self, infocus, defocus): ...\n"
     )
     method = "asking.py:Asking"
-    asked = dfdbench("run", "--method", method, "--dataset", "realworld", "--split", "k34")
+    asked = dfdbench("run --method", method, "--dataset", "realworld", "--split", "k34")
     assert (asked.status, "captured images have none" in asked.err) == (2, True)
     assert "| texture | scenes |" in dfdbench(*run, "--format", "markdown").out
     lines = csv.DictReader(io.StringIO(dfdbench(*run, "--format", "csv").out))
@@ -89,8 +89,8 @@ def test_the_whole_way_from_captures_to_scores(dfdbench: Command) -> None:
 
 
 def test_a_lens_is_measured_from_its_captures(dfdbench: Command) -> None:
-    assert "46 images" in dfdbench("rig", "simulate", "lens", "--out", "dots").out
-    measured = dfdbench("rig", "optics", "sharpness", "dots")
+    assert "46 images" in dfdbench("rig simulate lens --out dots").out
+    measured = dfdbench("rig optics sharpness dots")
     assert measured.status == 0, measured.err
     assert "54.75" in measured.out
     assert "going down" in measured.out

@@ -17,7 +17,7 @@ def pairs_of(*points: tuple[float, float]) -> str:
 @pytest.mark.slow
 def test_depth_maps_without_a_known_pixel_are_not_built(dfdbench: Command) -> None:
     assert dfdbench(*SIMULATE, "--out", "raw", "--scenes", "k03").status == 0
-    assert dfdbench("rig", "register", "k03", "--source", "raw").status == 0
+    assert dfdbench("rig register k03 --source raw").status == 0
     registration = Path("raw/k03/registration.toml")
     build = ["build", "realworld", "--source", "raw", "--allow-missing"]
     for content, told in (

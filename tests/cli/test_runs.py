@@ -16,7 +16,7 @@ from tests.made_results import limited, make_demo_result
 
 
 def test_running_without_the_set_offers_the_two_commands_that_help(dfdbench: Command) -> None:
-    told = dfdbench("run", "--method", "mymodule:predict").err
+    told = dfdbench("run --method mymodule:predict").err
     assert "dfdbench build middlebury" in told
     assert "`dfdbench build demo`, then `--dataset demo`" in told
 
@@ -27,7 +27,7 @@ def test_the_whole_way(
     store = str(tmp_path / "tiny.zarr")
     built = dfdbench("build", tiny_toml, "--source", str(tiny_folder), "--store", store)
     assert (built.status, "11 pairs" in built.out) == (0, True)
-    ran = dfdbench("run", "--method", "mymodule:predict", "--dataset", store)
+    ran = dfdbench("run --method mymodule:predict --dataset", store)
     assert ran.status == 0
     assert "NRMSE ↓" in ran.out
     assert "predicting" not in ran.out.replace("printed", "")
@@ -36,10 +36,7 @@ def test_the_whole_way(
     assert (folder / "figures/worst.png").exists()
     for form in ("markdown", "json", "csv"):
         shown = dfdbench(
-            "run",
-            "--method",
-            "mymodule:predict",
-            "--dataset",
+            "run --method mymodule:predict --dataset",
             store,
             "--format",
             form,
@@ -52,9 +49,7 @@ def test_the_whole_way(
         assert "7 pairs taken over" in shown.err
         if form == "json":
             assert json.loads(shown.out)["protocol"] == "valid"
-    plain = dfdbench(
-        "run", "--method", "constant", "--dataset", store, "--limit", "1", "--no-figures"
-    )
+    plain = dfdbench("run --method constant --dataset", store, "--limit", "1", "--no-figures")
     assert plain.status == 0
     assert sorted(path.name for path in Path("results/tiny-test/constant").iterdir()) == [
         "pairs.jsonl",
@@ -63,7 +58,7 @@ def test_the_whole_way(
         "run.json",
         "store.txt",
     ]
-    failed = dfdbench("run", "--method", "mymodule:nan", "--dataset", store)
+    failed = dfdbench("run --method mymodule:nan --dataset", store)
     assert failed.status == 1
     assert "NaN" in failed.out
     assert "7 pairs failed" in failed.err
@@ -74,7 +69,7 @@ def test_the_whole_way(
     one = ("--dataset", store, "--limit", "1", "--out", "one")
     assert (
         "\n1 pair failed; the same command tries it again\n"
-        in dfdbench("run", "--method", "mymodule:nan", *one).err
+        in dfdbench("run --method mymodule:nan", *one).err
     )
 
 
@@ -109,7 +104,7 @@ def test_what_has_no_tracks_is_told_before_anything_is_built(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path / "cache"))
-    refused = dfdbench("tracks", "--method", "constant", *words)
+    refused = dfdbench("tracks --method constant", *words)
     assert refused.status == 2
     assert said in refused.err
     assert not (tmp_path / "cache").exists()
@@ -149,12 +144,12 @@ def test_told_runs_are_submitted_without_a_rank(
     assert done.status == 0, done.err
     assert "on tracks: the blur" in done.out
     file = Path("leaderboard/results/demo-1-Market/told.json")
-    assert dfdbench("leaderboard", "--check").status == 2
-    listed = dfdbench("leaderboard", "--format", "json")
+    assert dfdbench("leaderboard --check").status == 2
+    listed = dfdbench("leaderboard --format json")
     (row,) = json.loads(listed.out)[0]["rows"]
     assert (row["rank"], row["given_blur"]) == (None, True)
     assert file.is_file()
-    assert dfdbench("leaderboard").status == dfdbench("leaderboard", "--check").status == 0
+    assert dfdbench("leaderboard").status == dfdbench("leaderboard --check").status == 0
 
 
 @pytest.mark.slow
@@ -162,7 +157,7 @@ def test_told_runs_are_submitted_without_a_rank(
 def test_a_folder_named_by_info_is_scored_and_submitted(
     dfdbench: Command, demo_store: Dataset, tmp_path: Path
 ) -> None:
-    ids = dfdbench("info", "demo", "--pairs", "test").out.split()
+    ids = dfdbench("info demo --pairs test").out.split()
     pairs = {pair.id: pair for pair in demo_store.pairs("test")}
     for name in ids:
         path = tmp_path / "work/elsewhere" / f"{name}.npy"
@@ -188,11 +183,11 @@ def test_a_folder_named_by_info_is_scored_and_submitted(
 @pytest.mark.usefixtures("built")
 def test_what_cannot_be_scored_is_told_with_status_2(dfdbench: Command, tmp_path: Path) -> None:
     (tmp_path / "work/empty").mkdir()
-    told = dfdbench("score", "--predictions", "empty", "--dataset", "demo")
+    told = dfdbench("score --predictions empty --dataset demo")
     assert told.status == 2
     assert "pairs without a depth map: 54" in told.err
     assert "Traceback" not in told.err
-    told = dfdbench("score", "--predictions", "empty", "--dataset", "demo", "--unit", "metres")
+    told = dfdbench("score --predictions empty --dataset demo --unit metres")
     assert "no depth.scale in the manifest" in told.err
 
 

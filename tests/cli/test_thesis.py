@@ -40,12 +40,10 @@ def test_an_experiment_goes_on_and_writes_its_table(dfdbench: Command, tiny_stor
 def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset) -> None:
     store = ["--dataset", str(tiny_store.path)]
     for values, message in (("", "not a list"), ("16,17", "multiple of 4"), ("16,64", "24")):
-        early = dfdbench(
-            "thesis", "experiment", "patch-size", *store, *QUICK[:2], "--values", values
-        )
+        early = dfdbench("thesis experiment patch-size", *store, *QUICK[:2], "--values", values)
         assert (early.status, message in early.err) == (2, True), early.err
     assert not Path("training").exists()
-    wrong = dfdbench("thesis", "experiment", "nose", *store)
+    wrong = dfdbench("thesis experiment nose", *store)
     assert wrong.status == 2
     assert "did you mean noise" in wrong.err
 
@@ -63,9 +61,7 @@ def test_voltage_pairs_are_built_and_trained_into_one_table(dfdbench: Command) -
     unnamed = dfdbench(*command)
     assert (unnamed.status, "--source DIR" in unnamed.err) == (2, True), unnamed.err
     for values, told in (("135", "as 141-129,140-130"), ("135-129,135-150", "two of 127 to 143")):
-        wrong = dfdbench(
-            "thesis", "experiment", "voltage-pairs", "--values", values, "--source", "site"
-        )
+        wrong = dfdbench("thesis experiment voltage-pairs --values", values, "--source", "site")
         assert (wrong.status, told in wrong.err) == (2, True), wrong.err
     assert "--source DIR" in dfdbench(*command).err  # nothing was built before it was told
     done = dfdbench(*command, "--source", "site", "--format", "csv")
@@ -94,7 +90,7 @@ def test_reduced_networks_are_written_trained_and_compared(
 ) -> None:
     weights, dataset = str(save_small(Path("mine.safetensors"))), str(tiny_store.path)
     done = dfdbench(
-        "thesis", "reduce", "--weights", weights, "--dataset", dataset, "--rounds", "H", *FEW, *HERE
+        "thesis reduce --weights", weights, "--dataset", dataset, "--rounds", "H", *FEW, *HERE
     )
     assert done.status == 0, done.err
     assert "noise, mean" in done.out
@@ -124,7 +120,7 @@ def test_reduced_networks_are_written_trained_and_compared(
     }
     assert (kept / "scores.png").exists()
     one = dfdbench(
-        "train", "dfd-net", "--config", str(folder / "B-01-01.toml"), "--dataset", dataset, *HERE
+        "train dfd-net --config", str(folder / "B-01-01.toml"), "--dataset", dataset, *HERE
     )
     assert one.status == 0, one.err
 
@@ -147,7 +143,7 @@ def test_users_mistakes_end_with_status_2_reduction(dfdbench: Command, tiny_stor
         (["--weights", small, "--split", "tset"], "test"),
         (["--weights", small, "--config", "publisht"], "no such configuration"),
     ):
-        wrong = dfdbench("thesis", "reduce", *arguments, *dataset)
+        wrong = dfdbench("thesis reduce", *arguments, *dataset)
         assert (wrong.status, told in wrong.err) == (2, True), wrong.err
         assert "Traceback" not in wrong.err
     assert not Path("training").exists()
@@ -166,7 +162,7 @@ def test_unknown_rows_are_named_before_anything_is_trained(
         (["reduction", "--rows", "rows", "--config", "demo"], "its own configuration"),
         (["noise", "--rows", "rows"], "has no rows"),
     ):
-        wrong = dfdbench("thesis", "experiment", *arguments, *dataset)
+        wrong = dfdbench("thesis experiment", *arguments, *dataset)
         assert (wrong.status, told in wrong.err) == (2, True), wrong.err
     assert not Path("training").exists()
 
@@ -205,7 +201,7 @@ def test_search_then_train_what_was_found(dfdbench: Command, tiny_store: Dataset
     assert "| layer | filters | baseline |" in (FOLDER / "search.md").read_text()
     found = str(FOLDER / "best.toml")
     trained = dfdbench(
-        "train", "dfd-net", "--dataset", str(tiny_store.path), "--config", found, "--threads", "1"
+        "train dfd-net --dataset", str(tiny_store.path), "--config", found, "--threads", "1"
     )
     assert trained.status == 0, trained.err
     assert dfdbench(*search).out == done.out

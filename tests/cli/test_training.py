@@ -15,7 +15,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 @pytest.mark.slow
 def test_train_then_run(dfdbench: Command, tiny_store: Dataset) -> None:
     store = ["--dataset", str(tiny_store.path)]
-    done = dfdbench("train", "dfd-net", *store, *QUICK)
+    done = dfdbench("train dfd-net", *store, *QUICK)
     assert done.status == 0, done.err
     folder = Path("training/tiny-train/dfd-net-published")
     assert {path.name for path in folder.iterdir()} == {
@@ -37,7 +37,7 @@ def test_train_then_run(dfdbench: Command, tiny_store: Dataset) -> None:
     assert rows[0] == "pair,patches,pixel_least,pixel_mean,pixel_most"
     assert sum(int(row.split(",")[1]) for row in rows[1:]) == 4
     weights = f"weights={folder / 'weights.safetensors'}"
-    run = dfdbench("run", "--method", "dfd-net", "--param", weights, *store)
+    run = dfdbench("run --method dfd-net --param", weights, *store)
     assert run.status == 0, run.err
 
 
@@ -96,7 +96,7 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset
         (["--device", "tpu"], "cpu"),
         (["--set", "crop=64"], "at most 24"),
     ):
-        done = dfdbench("train", "dfd-net", *store, *arguments)
+        done = dfdbench("train dfd-net", *store, *arguments)
         assert done.status == 2, arguments
         assert message in done.err, arguments
         assert "Traceback" not in done.err
