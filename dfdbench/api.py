@@ -1,7 +1,5 @@
 """The public functions and what they return; `import dfdbench` brings them."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 import warnings

@@ -1,7 +1,5 @@
 """Which depth levels of a test its training lacks: verdicts, a record for JSON, and tables."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections import Counter

@@ -1,7 +1,5 @@
 """Tables by true depth: how often each level occurs, and how far runs are off at it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """How far apart two depth levels must be before a pixel's blur shows the difference."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """What training and test share: scenes, textures, images."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
 

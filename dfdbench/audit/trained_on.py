@@ -1,7 +1,5 @@
 """What a method says it was trained on, compared with the depths that it is tested on."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """The leaderboard: all rows of a folder, their rankings, and the README that shows them."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

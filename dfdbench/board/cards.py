@@ -1,7 +1,5 @@
 """Cards of methods: who wrote a method, where its code is, and what it is given."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path

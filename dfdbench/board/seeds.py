@@ -1,7 +1,5 @@
 """The seeds that the leaderboard was run on, with the date and the commit of each run."""
 
-from __future__ import annotations
-
 import datetime
 import json
 import secrets

@@ -1,7 +1,5 @@
 """Put a method's runs on the leaderboard: write its row, or update it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A ranking's tables: methods, scores by lighting, scene and fold, how each was run."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

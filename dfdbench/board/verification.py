@@ -1,7 +1,5 @@
 """Run pairs of a row again, drawn anew each time, and see whether the same comes out."""
 
-from __future__ import annotations
-
 import random
 import secrets
 from collections.abc import Callable, Collection, Iterator

@@ -1,7 +1,5 @@
 """The verbs for a lens: optics blur, optics pairs, optics sharpness."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated

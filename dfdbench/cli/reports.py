@@ -1,7 +1,5 @@
 """The verbs that read results: report, compare, leaderboard."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path

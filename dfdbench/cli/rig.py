@@ -1,7 +1,5 @@
 """The verbs for captures of the rig: register, simulate."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

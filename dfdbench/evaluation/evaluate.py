@@ -1,7 +1,5 @@
 """Load a method for a data set and run it; the data sets of all tracks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace

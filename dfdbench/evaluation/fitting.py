@@ -1,7 +1,5 @@
 """Fit a method to training pairs before it is run, and keep what it learned beside the run."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import math

@@ -1,7 +1,5 @@
 """The lens of a data set as methods are given it: its facts, and the blur law that follows."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import fields as fields_of

@@ -1,7 +1,5 @@
 """A method loaded with the facts of the data set that it asks for."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a run is to evaluate, and by what it knows an earlier run as its own."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass

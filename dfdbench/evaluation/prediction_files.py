@@ -1,7 +1,5 @@
 """Depth maps made elsewhere, one file per pair: found, read, checked, and turned into levels."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Score depth maps that were made elsewhere, as a run's are scored; nothing is run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

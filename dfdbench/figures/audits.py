@@ -1,7 +1,5 @@
 """Figures of audits: depths, coverage, errors by depth and on uncovered levels, difficulty."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures over several runs: scores by scene and lighting, times, changes, scores on tracks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Figures of a run: pairs, scores by scene and by group, depths, times."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

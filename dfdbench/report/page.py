@@ -1,7 +1,5 @@
 """The report of runs: gathered once, written as one HTML file or as Markdown with figures."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Methods beside metrics, the best marked: the table that goes into a paper."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The differences between two runs, pair by pair, and the tables that show them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

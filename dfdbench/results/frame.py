@@ -1,7 +1,5 @@
 """Every score of runs as a pandas table, and tables of a run over tracks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

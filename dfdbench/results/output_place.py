@@ -1,7 +1,5 @@
 """Guard where commands write: never into a data set, a run, or one of their own inputs."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The folder of a run: its identity, finished pairs, depth maps, and where its store is."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

@@ -1,7 +1,5 @@
 """Tables of a run, and the same as CSV and JSON: scores, extremes, times, scenes."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any

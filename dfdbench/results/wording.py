@@ -1,7 +1,5 @@
 """How a run reads in a cell: method, what it was given, parameters, scores, seconds, machine."""
 
-from __future__ import annotations
-
 import json
 
 from dfdbench.blur.tracks import CLEAN

@@ -1,7 +1,5 @@
 """The command line as a fixture, for the tests of each family of verbs."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """No command writes into a data set, a run, or one of its own inputs."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path

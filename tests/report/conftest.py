@@ -1,7 +1,5 @@
 """Two runs on the demo set, one of them with a name that would like to be markup."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
