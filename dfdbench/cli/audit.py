@@ -294,9 +294,9 @@ def coverage(
         _answer_each(store, each, compare, out, format)
     elif run and result:
         saw = run.method.trained_on or run.method.fitted_on
-        sides = sides_of_run(store, run.dataset.split, saw, train, fold)
-        record = compare(sides.train, sides.test, leaks=leaks_between(sides.train, sides.test))
-        _answer_errors(store, run, result.parent, sides.training, record, out, format)
+        side, tested, known = sides_of_run(store, run.dataset.split, saw, train, fold)
+        record = compare(side, tested, leaks=leaks_between(side, tested))
+        _answer_errors(store, run, result.parent, known, record, out, format)
     else:
         other = open_dataset(test_dataset) if test_dataset else None
         both = sides_of(store, train, test, fold, other)

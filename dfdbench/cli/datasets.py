@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +18,7 @@ from dfdbench.blur.tracks import TRACKS, find_degradation
 from dfdbench.cli.options import Cache, DataSetArgument, Printed, Workers, data_sets, pool_of
 from dfdbench.cli.screen import print_table, print_tables, progress, say
 from dfdbench.datasets.catalog import find_manifest, released_manifests
-from dfdbench.datasets.manifest import Manifest, Pair
+from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_place import default_store, own_stores, place_of
 from dfdbench.datasets.tracked import part_name
 from dfdbench.errors import DfdbenchError, InputError, unknown_name
@@ -180,39 +180,24 @@ def info(
     cache: Cache = None,
 ) -> None:
     """Show what a data set consists of, or what a built one holds."""
-    if croissant:
-        _print_croissant(name, cache)
-        return
+    store = None
     if place := place_of(name, cache):
-        # A manifest tells all it knows without the libraries that read arrays.
+        # A manifest shows all it knows without the libraries that read arrays.
         from dfdbench.datasets.dataset import Dataset
 
         store = Dataset(place)
-        if pairs is None:
-            _show_store(store)
-        else:
-            _list_pairs(store.pairs(pairs))
-    elif pairs is None:
-        _show_manifest(find_manifest(name), cache)
+    manifest = store.manifest if store else find_manifest(name)
+    if croissant:
+        from dfdbench.datasets.croissant import croissant_text
+
+        print(croissant_text(manifest), end="")
+    elif pairs is not None:
+        for pair in (store or manifest).pairs(pairs):
+            print(pair.id)
+    elif store:
+        _show_store(store)
     else:
-        _list_pairs(find_manifest(name).pairs(pairs))
-
-
-def _print_croissant(name: str, cache: Path | None) -> None:
-    from dfdbench.datasets.croissant import croissant_text
-
-    if place := place_of(name, cache):
-        from dfdbench.datasets.dataset import Dataset
-
-        manifest = Dataset(place).manifest
-    else:
-        manifest = find_manifest(name)
-    print(croissant_text(manifest), end="")
-
-
-def _list_pairs(pairs: Iterable[Pair]) -> None:
-    for pair in pairs:
-        print(pair.id)
+        _show_manifest(manifest, cache)
 
 
 def _show_store(store: Dataset) -> None:

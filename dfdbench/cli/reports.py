@@ -72,11 +72,8 @@ def report(
         with screen.writing(out):
             write_whole(out, render(tables, Format(format)))
         print(out)
-    elif format == "table":
-        for table in tables:
-            screen.print_table(table)
     else:
-        print(render(tables, Format(format)), end="")
+        screen.print_tables(tables, Format(format))
     if figure is not None:
         from dfdbench.figures.comparisons import accuracy_figure
 
@@ -143,12 +140,8 @@ def compare(
     runs = found.runs
     picture = output_place(_picture(out, *runs), first, second)
     (tables,) = found.tables.values()
-    if format is Format.table:
-        for table in tables:
-            screen.print_table(table)
-    else:
-        # A sheet holds one kind of row.
-        print(render(tables[:1] if format is Format.csv else tables, format), end="")
+    # A sheet holds one kind of row.
+    screen.print_tables(tables[:1] if format is Format.csv else tables, format)
     figure = found.figure(min(most, _PANELS))
     if figure is None:
         why = "; ".join(dict.fromkeys(run.without for run in runs if run.without))

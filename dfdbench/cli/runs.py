@@ -11,7 +11,7 @@ import typer
 
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.cli import options
-from dfdbench.cli.screen import print_table, progress, say
+from dfdbench.cli.screen import print_tables, progress, say
 from dfdbench.errors import InputError
 from dfdbench.tables.table import Format, counted
 
@@ -202,8 +202,7 @@ def _show(done: Run, format: Format, also: Sequence[str] | None, submit: bool) -
     if also is not None:
         done.draw(("png", *also))
     if format is Format.table:
-        for table in done.tables():
-            print_table(table)
+        print_tables(done.tables(), format)
     else:
         print(done.as_text(format), end="")
     if fitted := done.result.method.fitted_on:

@@ -12,7 +12,7 @@ import typer
 from dfdbench.building.build import build_store
 from dfdbench.building.voltage_pairs import voltage_pair_sets
 from dfdbench.cli import options, training
-from dfdbench.cli.screen import print_table, print_tables, progress, save_figure, say, writing
+from dfdbench.cli.screen import print_tables, progress, save_figure, say, writing
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import Manifest
@@ -359,8 +359,7 @@ def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) 
         tables.append(network_table(plan, outcome.best))
         filters = particle_at(outcome.best.position).filters
         save_figure(widths_figure(filters, title), folder / "widths.png")
-    for table in tables:
-        print_table(table)
+    print_tables(tables, None)
     write_whole(folder / _TABLE, render(tables, Format.markdown))
     say(f"log          {folder / 'positions.csv'}; tables {folder / _TABLE}")
     if outcome.best is None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from dfdbench.cli.options import Cache, DataSet, Out, Seed, values_of
-from dfdbench.cli.screen import print_table, progress, save_figure, say
+from dfdbench.cli.screen import print_tables, progress, save_figure, say
 from dfdbench.datasets.dataset import open_dataset
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
@@ -78,8 +78,7 @@ def train_command(
     with progress(f"training {method}", RESUMED) as bar:
         outcome = train(task, folder.path, limit, device, stepping(bar), fresh)
     drawn = _keep_figures(folder, task, outcome, f"{method}, {task.trained_on}, seed {seed}")
-    print_table(card_table(outcome.card))
-    print_table(patches_table(drawn))
+    print_tables([card_table(outcome.card), patches_table(drawn)], None)
     _tell(folder, outcome)
     say(
         f"next         dfdbench run --method {method} --dataset {dataset} "
@@ -150,24 +149,20 @@ def patches_table(drawn: Selections) -> Table:
 
 
 def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
-    folder, started = training.path, training.started
+    folder, another = training.path, "choose another with --out DIR"
+    what, fix = "", another
     if folder.exists() and not folder.is_dir():
-        raise InputError(
-            "not a folder", where=str(folder), fix="choose another place with --out DIR"
-        )
-    if resume and fresh:
-        raise InputError("--resume goes on, --fresh starts anew", fix="choose one")
-    if training.foreign:
-        what, fix = (
-            "the folder holds something else than a training",
-            "choose another with --out DIR",
-        )
+        what = "not a folder"
+    elif resume and fresh:
+        what, fix = "--resume goes on, --fresh starts anew", "choose one"
+    elif training.foreign:
+        what = "the folder holds something else than a training"
+    elif resume and not training.started:
+        what, fix = "no checkpoint to go on from", "leave --resume out"
+    elif training.holds_files and not resume and not fresh:
+        what, fix = "there is a training already", f"--resume, --fresh starts anew, or {another}"
+    if what:
         raise InputError(what, where=str(folder), fix=fix)
-    if resume and not started:
-        raise InputError("no checkpoint to go on from", where=str(folder), fix="leave --resume out")
-    if training.holds_files and not resume and not fresh:
-        fix = "--resume goes on, --fresh starts anew, --out DIR takes another folder"
-        raise InputError("there is a training already", where=str(folder), fix=fix)
 
 
 RESUMED = "--resume goes on from the last checkpoint, at most a minute back"

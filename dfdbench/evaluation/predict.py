@@ -193,7 +193,8 @@ class DepthPredictor:
             infocus, defocus, _, _ = matched(infocus, defocus, needed.align, needed.match_gain)
             if needed.align != "none" or needed.match_gain:
                 found = "; ".join((*needed.found, *needed.open))
-        pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), _no_depth(infocus))
+        unknown = np.full(infocus.shape[:2], np.nan, np.float32)
+        pair = Capture(Pair("pair", ()), np.stack([infocus, defocus]), unknown)
         return self._answer(*self.method.called_on(pair), found)
 
 
@@ -366,10 +367,6 @@ def _scale_of(result: Result) -> DepthScale | None:
         return find_manifest(result.dataset.name).depth.scale
     except DfdbenchError:
         return None
-
-
-def _no_depth(image: Image) -> NDArray[np.float32]:
-    return np.full(image.shape[:2], np.nan, np.float32)
 
 
 def _size(image: Image) -> str:

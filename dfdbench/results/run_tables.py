@@ -40,11 +40,8 @@ def run_score_table(summary: RunSummary) -> Table:
     columns = [*labels, *(head for metric in metrics.values() for head in (metric.heading, "std"))]
     rows = []
     for group in groups:
-        cells = [*_place(group, len(labels))]
-        for metric in metrics:
-            statistic = group.metrics[metric]
-            cells += [score_text(statistic.mean), score_text(statistic.std)]
-        rows.append((*cells, f"{group.evaluated}/{group.expected}") if partial else tuple(cells))
+        pairs = (f"{group.evaluated}/{group.expected}",) * partial
+        rows.append((*_place(group, len(labels)), *_cells(group), *pairs))
     if partial:
         columns.append("pairs")
     state = "" if result.complete else "PARTIAL, "
@@ -63,6 +60,11 @@ def run_score_table(summary: RunSummary) -> Table:
         _rules(groups),
         label=f"{result.method.name} {dataset.name} {dataset.split} {summary.protocol}",
     )
+
+
+def _cells(group: ScoreGroup) -> list[str]:
+    found = group.metrics.values()
+    return [score_text(value) for each in found for value in (each.mean, each.std)]
 
 
 def extremes_table(summary: RunSummary) -> Table:
@@ -280,11 +282,8 @@ def _table(summary: RunSummary, what: str, label_of: Mapping[str, str]) -> Table
         if not group.evaluated and not group.failed:
             idle.append(label)
             continue
-        cells = [label, _listed(members[label])]
-        for metric in metrics:
-            statistic = group.metrics[metric]
-            cells += [score_text(statistic.mean), score_text(statistic.std)]
-        rows.append((*cells, f"{group.evaluated}/{group.expected}"))
+        done = f"{group.evaluated}/{group.expected}"
+        rows.append((label, _listed(members[label]), *_cells(group), done))
     notes = (f"nothing was run of {what} {', '.join(idle)}",) if idle else ()
     heads = [head for metric in metrics.values() for head in (metric.heading, "std")]
     dataset = result.dataset
