@@ -261,38 +261,6 @@ def test_training_is_what_the_user_or_the_method_names(dfdbench: Command, uneven
     assert "gather where training lacks" in conclusion("learned:Silent", "--fold", "K2")
 
 
-def test_only_a_method_that_names_its_training_is_warned_of(dfdbench: Command, uneven: str) -> None:
-    def warnings(method: str, split: str = "test") -> list[str]:
-        run = ("run", "--method", method, "--dataset", uneven, "--split", split)
-        dfdbench(*run, "--no-predictions")
-        name = method.replace(":", "-")
-        return load_result(Path(f"results/uneven-{split}/{name}/result.json")).warnings
-
-    assert warnings("constant") == []
-    assert warnings("learned:Apart", "Two") == []
-    assert "36-38" in warnings("learned:Elsewhere")[-1]
-    assert "trained_on is not" in warnings("learned:Silent")[0]
-
-
-@pytest.mark.slow
-def test_predictions_that_are_gone_or_not_the_runs_are_refused(
-    dfdbench: Command, uneven: str, tiny_folder: Path, tmp_path: Path
-) -> None:
-    run = ("run", "--method", "learned:Learned", "--dataset", uneven, "--out")
-    dfdbench(*run, "none", "--no-predictions")
-    assert (
-        "no prediction was kept"
-        in dfdbench("audit coverage", uneven, "--result", "none/result.json").err
-    )
-    dfdbench(*run, "a")
-    depth = np.full((24, 30), 99, np.uint8)
-    write_png(tiny_folder / "One/disp1.png", depth)
-    changed = build(TINY_TOML, tiny_folder, tmp_path / "changed.zarr")
-    other = dfdbench("audit coverage", changed, "--result", "a/result.json")
-    assert other.status == 2
-    assert "another data set" in other.err
-
-
 @pytest.mark.parametrize(
     "verb",
     [

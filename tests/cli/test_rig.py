@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from dfdbench.cli.rig import capture_of, chosen
+from dfdbench.cli.rig import chosen
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.errors import DfdbenchError, InputError
+from dfdbench.errors import DfdbenchError
 from tests.cli.command import Command
 
 
@@ -39,23 +39,6 @@ def test_what_scenes_share_is_told_once(dfdbench: Command) -> None:
 
 
 SIMULATE = ["rig", "simulate", "realworld", "--steps", "129,141", "--exposures", "40"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (["--out", "raw", "--scenes", "k03-k01"], "nothing in the span"),
-        (["--out", "taken.txt", "--scenes", "k03"], "cannot write the answer"),
-        (["--out", "raw", "--scenes", "k03", "--turn", "1,nan,2"], "10 degrees at most"),
-    ],
-)
-def test_simulate_says_what_it_cannot_do(
-    dfdbench: Command, arguments: list[str], told: str
-) -> None:
-    Path("taken.txt").write_text("keep")
-    done = dfdbench(*SIMULATE, *arguments)
-    assert (done.status, told in done.err, "Traceback" in done.err) == (2, True, False)
-    assert Path("taken.txt").read_text() == "keep"
 
 
 REALWORLD = find_manifest("realworld")
@@ -95,9 +78,3 @@ def test_what_a_list_cannot_name_is_said(text: str, known: Sequence[object], sai
         chosen(text, "--steps", known)
     assert said in str(caught.value)
     assert caught.value.problems[0].where == "--steps"
-
-
-def test_a_set_that_the_rig_did_not_capture_is_told() -> None:
-    assert capture_of(REALWORLD) == REALWORLD.capture
-    with pytest.raises(InputError, match="not captured by the rig"):
-        capture_of(find_manifest("middlebury"))

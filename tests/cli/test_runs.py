@@ -178,17 +178,6 @@ def test_a_folder_named_by_info_is_scored_and_submitted(
     assert "moved to" in dfdbench(*asked, "--method", "elsewhere").err
 
 
-@pytest.mark.usefixtures("built")
-def test_what_cannot_be_scored_is_told_with_status_2(dfdbench: Command, tmp_path: Path) -> None:
-    (tmp_path / "work/empty").mkdir()
-    told = dfdbench("score --predictions empty --dataset demo")
-    assert told.status == 2
-    assert "pairs without a depth map: 54" in told.err
-    assert "Traceback" not in told.err
-    told = dfdbench("score --predictions empty --dataset demo --unit metres")
-    assert "no depth.scale in the manifest" in told.err
-
-
 WHOLE = make_demo_result(lambda _: 0.1)
 
 
@@ -211,10 +200,3 @@ def test_the_scores_over_all_pairs_are_a_line(
 ) -> None:
     say_overall(result, "thesis")
     assert capsys.readouterr().err == told + "\n"
-
-
-def test_pairs_that_the_store_lacks_are_said(capsys: pytest.CaptureFixture[str]) -> None:
-    short = limited(WHOLE, 53)
-    last = short.pairs[-1].model_copy(update={"status": "missing"})
-    say_overall(short.model_copy(update={"pairs": [*short.pairs[:-1], last]}), "thesis")
-    assert "53 of 54 pairs were evaluated; 1 pair not in the store" in capsys.readouterr().err

@@ -34,29 +34,6 @@ def test_a_terminal_that_is_not_utf_8_is_shown_all_in_line(
     assert len({len(line) for line in done.stdout.splitlines() if line.startswith("|")}) == 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("verify", "d" * 300),
-        ("list", "--cache", "c" * 300),
-        ("rig", "register", "all", "--source", "s" * 300),
-    ],
-)
-def test_a_name_too_long_for_the_file_system_is_a_mistake(
-    arguments: tuple[str, ...], tmp_path: Path
-) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "dfdbench", *arguments],
-        cwd=tmp_path,
-        capture_output=True,
-        encoding="utf-8",
-        check=False,
-    )
-    assert done.returncode == 2, done.stderr
-    assert done.stderr.startswith("error: "), done.stderr
-
-
 class _Clock:
     def __init__(self) -> None:
         self.seconds = 0.0

@@ -138,11 +138,3 @@ def test_pairs_are_no_data_set_but_their_store_is(tiny_store: Dataset) -> None:
     with pytest.raises(InputError, match=r"captures\.dataset"):
         evaluate(grey, pairs)  # type: ignore[arg-type]
     assert evaluate(grey, pairs.dataset, limit=1).result.dataset.evaluated == 1
-
-
-def test_a_run_is_not_kept_inside_its_store(tiny_store: Dataset) -> None:
-    place = Path(str(tiny_store.path))
-    for out in (place, place / "run"):
-        with pytest.raises(InputError, match="would write into"):
-            evaluate(grey, tiny_store, out=out)
-    assert not (place / "run").exists()

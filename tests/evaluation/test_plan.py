@@ -88,14 +88,6 @@ def test_what_gives_other_depth_maps_or_scores_is_another_run(tiny_store: Datase
     ]
 
 
-def test_a_stopped_run_is_the_same_run(tiny_store: Dataset) -> None:
-    first = plan_run(tiny_store, method(Counting()), "test", RunOptions()).identity
-    for options in (RunOptions(limit=2), RunOptions(fresh=True)):
-        assert plan_run(tiny_store, method(Counting()), "test", options).identity == first
-    # As it is read back from the file that it is kept in.
-    assert json.loads(json.dumps(first)) == first
-
-
 def test_the_first_pairs_that_the_store_holds_are_chosen(tiny_store: Dataset) -> None:
     tiny_store.scenes = ("Three",)
     lacking = [p.id for p in tiny_store.manifest.pairs() if p.scene != "Three"]

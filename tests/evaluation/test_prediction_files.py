@@ -222,19 +222,6 @@ def test_a_file_that_changed_meanwhile_is_told(tiny_store: Dataset, folder: Path
         found.read(pair, tiny_store.shape_of(pair.scene))
 
 
-@pytest.mark.parametrize("shape", ["(99999999, 99999999)", "(2, 9"])
-def test_a_head_that_claims_what_the_file_does_not_hold(
-    tiny_store: Dataset, tmp_path: Path, shape: str
-) -> None:
-    write_all(tiny_store, "Two", tmp_path, lambda stem, depth: np.save(f"{stem}.npy", depth))
-    path = min(tmp_path.rglob("*.npy"))
-    head = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}".encode()
-    content = path.read_bytes()
-    path.write_bytes(content[:10] + head.ljust(117) + b"\n" + content[128:])
-    with pytest.raises(ResultError, match="cannot be read"):
-        find_predictions(tmp_path, tiny_store, "Two", "levels")
-
-
 def test_an_archive_is_not_unpacked_where_it_is_larger_than_any_depth_map(
     tiny_store: Dataset, folder: Path
 ) -> None:

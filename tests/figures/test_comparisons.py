@@ -101,13 +101,6 @@ def test_each_track_has_a_panel_with_a_line_for_each_method() -> None:
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mine", "yours"]
 
 
-def test_seven_tracks_stand_in_two_rows() -> None:
-    scores = {"mine": means(**{f"track {number}": [0.1, 0.2] for number in range(7)})}
-    figure = tracks_figure(scores, "nrmse", "on demo")
-    assert sum(axis.axison for axis in figure.axes) == 7
-    assert not figure.legends
-
-
 def test_no_two_of_fifteen_methods_look_alike() -> None:
     scores = {f"method {number}": means(gain=[0.1, 0.2]) for number in range(15)}
     lines = tracks_figure(scores, "nrmse", "on demo").axes[0].lines

@@ -71,10 +71,6 @@ def test_a_row_that_begins_with_a_bracket_is_no_argument_of_the_line_break() -> 
     assert "{[}3pt{]}" in text
 
 
-def test_a_link_leads_where_it_says_and_breaks_nothing() -> None:
-    assert "[r\\|x](results/a%20b%281%29.json)" in as_markdown(TABLE)
-
-
 def test_what_stands_out_does_so_where_the_form_can_show_it() -> None:
     cells = (Marked("0.1_", "best"), Marked("0.2", "second"))
     table = Table("t", ("a", "b"), (cells,), "rr")
@@ -90,11 +86,6 @@ def test_any_text_keeps_a_markdown_table_whole(text: str) -> None:
     assert len(lines) == 6
     assert len(re.findall(r"(?<!\\)\|", lines[4].replace("\\\\", ""))) == 3
     assert "<" not in lines[4]
-
-
-@pytest.mark.parametrize("text", ["$x$", "~~x~~"])
-def test_github_takes_it_for_no_formula_and_strikes_nothing(text: str) -> None:
-    assert text[0] not in as_markdown(Table("t", ("a",), ((text,),), "l"))
 
 
 def test_a_title_and_a_note_are_as_wide_as_the_terminal_not_as_the_table() -> None:
@@ -136,11 +127,6 @@ def test_no_text_makes_an_element_or_an_attribute_on_the_site(text: str) -> None
 
     # The same elements and attributes as plain words have, and nothing else.
     assert page(text) == page("plain words")
-
-
-def test_braces_are_no_attributes() -> None:
-    text = as_markdown(Table("t {a}", ("{b}",), (("{: onclick=f }",),), "l", ("{: .c }",)))
-    assert not set("{}") & set(text)
 
 
 def test_a_note_begins_no_block() -> None:
@@ -192,11 +178,6 @@ def test_nothing_is_left_that_latex_takes_for_a_command(text: str) -> None:
         r"\\[a-z]+\{\}|\$\\?[a-z<>|-]+\$|\$\^(?:\\circ|[23])\$|\\[{}$&#%_]|\{\[\}|\{\]\}", "", found
     )
     assert not set(bare) & set("\\{}$&#%_^~")
-
-
-def test_a_label_is_a_word() -> None:
-    assert latex_label("A: x (a=1), B: y; demo-1") == "tab:a-x-a-1-b-y-demo-1"
-    assert re.fullmatch(r"tab:[a-z0-9-]*", latex_label("🐟 \\ }" * 50))
 
 
 def test_a_long_label_ends_with_a_whole_word() -> None:
