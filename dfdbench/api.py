@@ -23,11 +23,17 @@ from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import InputError
-from dfdbench.evaluation.evaluate import Shown, built_track, evaluate, labels_of, without_track
+from dfdbench.evaluation.evaluate import (
+    Shown,
+    built_track,
+    evaluate,
+    labels_of,
+    score_predictions,
+    without_track,
+)
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import RunOptions
 from dfdbench.evaluation.run import RunDone
-from dfdbench.evaluation.scored import score_predictions
 from dfdbench.methods.calibration import Calibration
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import find_entry, method_words, registered_methods

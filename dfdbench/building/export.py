@@ -53,7 +53,7 @@ def export_png(
         Called with (pairs done, pairs in all).
     images_only : bool
         Write no depth, and name the images ``PAIR/infocus.png`` and ``PAIR/defocus.png``. Depth
-        maps named after those folders, ``PAIR.npy``, are what `dfdbench.evaluation.scored` takes.
+        maps named after those folders, ``PAIR.npy``, are what `dfdbench.evaluation.evaluate` takes.
 
     Notes
     -----

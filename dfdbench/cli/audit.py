@@ -152,9 +152,7 @@ def split_command(
 ) -> None:
     """Propose splits or folds by scene whose training covers their tests' depths."""
     if (test_scenes is None) == (folds is None):
-        raise InputError(
-            "ask for one thing", where="--test-scenes or --folds", fix="--test-scenes 3"
-        )
+        raise InputError("ask for one thing", where="--test-scenes, --folds", fix="--test-scenes 3")
     store = open_dataset(dataset)
     bound = DensityBound(density_factor, density_floor)
     scenes = _scenes(store, criterion, bound, allow)
@@ -201,9 +199,7 @@ def _propose_folds(
     proposals = splits.propose_folds(scenes, number, settings.seed)
     best = proposals[0]
     hopeless = splits.hopeless_scenes(scenes, {len(fold.test) for fold in best.folds})
-    tests = [
-        tuple(name for name in fold.test_scenes if name in scenes.names) for fold in manifest.folds
-    ]
+    tests = [tuple(n for n in fold.test_scenes if n in scenes.names) for fold in manifest.folds]
     published = splits.Folds(tuple(scenes.judge([test for test in tests if test])))
     why = (
         f"dfdbench audit split {manifest.short} --folds {number} ({_chosen_by(manifest, settings)})"

@@ -26,9 +26,7 @@ if TYPE_CHECKING:
 def _called_png(out: Path | None) -> None:
     # Other verbs call it so.
     if out is not None:
-        raise InputError(
-            "the folder to write into has another name here", where="--out", fix=f"--png {out}"
-        )
+        raise InputError("the folder has another name here", where="--out", fix=f"--png {out}")
 
 
 def build(
@@ -131,9 +129,7 @@ def _steps(pair: str | None) -> tuple[int, int] | None:
 def _refuse_memory(plan: BuildPlan) -> None:
     # From Python it is as good a place as any other.
     if plan.place.protocol == "memory":
-        raise InputError(
-            f"a store in memory, {plan.place}, ends with this command", where="--store"
-        )
+        raise InputError(f"a store in memory ends with this command: {plan.place}", where="--store")
 
 
 def tell_fetched(obtained: Obtained) -> None:

@@ -116,9 +116,7 @@ def cache_verb(context: typer.Context, cache: Cache = None) -> None:
         return
     folder = cache_folder(cache)
     entries = cache_entries(folder)
-    rows = tuple(
-        (entry.kind, entry.name, str(entry.files), decimal(entry.size)) for entry in entries
-    )
+    rows = tuple((each.kind, each.name, str(each.files), decimal(each.size)) for each in entries)
     total = sum(entry.size for entry in entries)
     title = f"{folder}: {decimal(total)}"
     print_table(Table(title, ("kind", "name", "files", "size"), rows, "llrr"))

@@ -62,9 +62,7 @@ def predict(
     from dfdbench.evaluation.predict import DepthPredictor, captures_in
 
     if fitted and lens:
-        raise InputError(
-            "both a fit and a lens are named", where="--fitted, --lens", fix="name one"
-        )
+        raise InputError("both a fit and a lens are named", where="--fitted", fix="name one")
     folder = len(images) == 1 and images[0].is_dir()
     if not folder and len(images) != 2:
         what = (

@@ -57,9 +57,7 @@ def methods(incomplete: str) -> list[str]:
     return sorted(name for name in registered_methods() if name.startswith(incomplete))
 
 
-DataSet = Annotated[
-    str, typer.Option(help="A data set's name or a store's path.", autocompletion=data_sets)
-]
+DataSet = Annotated[str, typer.Option(help="A set's name or a store.", autocompletion=data_sets)]
 DataSetArgument = Annotated[
     str,
     typer.Argument(help="A data set's name, or a store's path or URL.", autocompletion=data_sets),
@@ -67,9 +65,7 @@ DataSetArgument = Annotated[
 Method = Annotated[
     str, typer.Option(help="A name, file.py:function or module:function.", autocompletion=methods)
 ]
-Params = Annotated[
-    list[str] | None, typer.Option("--param", help="The method's, NAME=VALUE; repeatable.")
-]
+Params = Annotated[list[str] | None, typer.Option("--param", help="NAME=VALUE; repeatable.")]
 Split = Annotated[str, typer.Option(help="Which pairs: a split, a fold, a scene, or all.")]
 
 
@@ -83,13 +79,9 @@ Protocol = Annotated[
     str | None,
     typer.Option(help="Scoring protocol; default: the set's usual one.", callback=_known_protocol),
 ]
-Out = Annotated[
-    str | None, typer.Option(help="Folder to write into; default: below results/ or training/.")
-]
+Out = Annotated[str | None, typer.Option(help="Folder; default: below results/ or training/.")]
 Printed = Annotated[Format, typer.Option(help="How the tables are printed.")]
-Seed = Annotated[
-    int, typer.Option(min=0, max=2**32 - 1, help="Seed for all that is drawn at random.")
-]
+Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of all random draws.")]
 Cache = Annotated[
     Path | None,
     typer.Option(
@@ -97,9 +89,7 @@ Cache = Annotated[
         help="Folder for downloads and built data sets; default: your system's cache folder.",
     ),
 ]
-Workers = Annotated[
-    int | None, typer.Option(min=1, max=1024, help="How many at once; default: one a core.")
-]
+Workers = Annotated[int | None, typer.Option(min=1, max=1024, help="Number; default: one a core.")]
 Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="A dask cluster's scheduler: tcp://node1:8786."),
@@ -142,9 +132,7 @@ def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
         if name and equals:
             values[name] = value_of(value, f"{option} {name}")
         else:
-            problems.append(
-                Problem("not a NAME=VALUE", where=option, expected="NAME=VALUE", got=text)
-            )
+            problems.append(Problem("not a NAME=VALUE", where=option, got=text))
     if problems:
         raise InputError.of(problems)
     return values
@@ -199,9 +187,7 @@ def pool_of_processes(workers: int | None, scheduler: str | None) -> Pool | None
 
 def _cluster(workers: int | None, scheduler: str | None) -> Cluster | None:
     if scheduler and workers:
-        raise InputError(
-            "a cluster has its own number of workers", where="--workers", fix="leave it out"
-        )
+        raise InputError("a cluster has its own number of workers", where="--workers")
     if not scheduler:
         return None
     from dfdbench.system.parallel import Cluster

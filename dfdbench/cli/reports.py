@@ -22,9 +22,7 @@ from dfdbench.tables.render import render
 from dfdbench.tables.table import Format, counted
 
 _PANELS = 4
-Dataset = Annotated[
-    str | None, typer.Option(help="A store's path; default: where the runs found it.")
-]
+Dataset = Annotated[str | None, typer.Option(help="Store; default: where the runs found it.")]
 
 
 #: A page, or one table of methods beside metrics.

@@ -274,10 +274,8 @@ def _pose(text: str) -> Pose:
         what = f"not yaw,pitch,roll in degrees, as 0.5,-0.3,1: {text}"
         raise InputError(what, where="--turn") from None
     if not all(abs(angle) <= _LARGEST_TURN for angle in (yaw, pitch, roll)):
-        expected = f"angles of {_LARGEST_TURN:g} degrees at most"
-        raise InputError(
-            "the LIDAR would miss the board", where="--turn", expected=expected, got=text
-        )
+        what = f"the LIDAR would miss the board: {_LARGEST_TURN:g} degrees at most, not {text}"
+        raise InputError(what, where="--turn")
     return Pose(yaw, pitch, roll)
 
 

@@ -324,9 +324,7 @@ def architecture(
     on = (split, as_thesis, hold_out, gamma, variant)
     asked = Choices(*on, bounds_of(narrowed), particles, score_pairs, seed)
     if as_thesis and hold_out:
-        raise InputError(
-            "--as-thesis holds no scenes out", where="--hold-out", fix="leave one of them out"
-        )
+        raise InputError("--as-thesis holds no scenes out", where="--hold-out", fix="leave one out")
     store = open_dataset(dataset, cache=cache)
     plan = plan_search(store, base, changed, asked, device)
     name = f"{variant}-{Path(config).stem}" + (f"-seed{seed}" if seed else "")

@@ -188,12 +188,8 @@ Changes = Annotated[
 Weights = Annotated[
     str | None, typer.Option(metavar="FILE", help="Start from these, a file or a shipped name.")
 ]
-MaxTime = Annotated[
-    str | None, typer.Option(metavar="30m", help="Stop after this time, as 90s, 30m, 1h30m.")
-]
-Threads = Annotated[
-    int | None, typer.Option(min=1, max=MOST_THREADS, help="Threads; default: one a core.")
-]
+MaxTime = Annotated[str | None, typer.Option(metavar="30m", help="Stop then: 90s, 30m, 1h30m.")]
+Threads = Annotated[int | None, typer.Option(min=1, max=MOST_THREADS, help="Default: one a core.")]
 Device = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
 
 

@@ -165,9 +165,7 @@ class DepthPredictor:
         with seeded(self._seed):
             answer = call(predict, *images, unit=self.unit)
         if answer.depth is None:
-            raise MethodError(
-                "the method gave no depth map", where=self.method.entry, got=answer.error
-            )
+            raise MethodError(f"no depth map: {answer.error}", where=self.method.entry)
         return Estimate(answer.depth, answer.seconds, found)
 
     def __call__(self, infocus: Image, defocus: Image) -> Estimate:
@@ -259,9 +257,7 @@ def read_image(path: Path) -> Image:
     try:
         return read_photograph(path.read_bytes(), str(path), rotation="apply")
     except OSError as error:
-        raise InputError(
-            f"cannot read the photograph: {reason_of(error)}", where=str(path)
-        ) from error
+        raise InputError(f"cannot read it: {reason_of(error)}", where=str(path)) from error
 
 
 def write_depth(path: Path, depth: NDArray[np.float32], unit: Unit = "levels") -> None:
@@ -285,9 +281,7 @@ def write_depth(path: Path, depth: NDArray[np.float32], unit: Unit = "levels") -
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, file.getvalue())
     except OSError as error:
-        raise InputError(
-            f"cannot write the depth map: {reason_of(error)}", where=str(path)
-        ) from error
+        raise InputError(f"cannot write it: {reason_of(error)}", where=str(path)) from error
 
 
 def read_stack(place: Path) -> xarray.DataArray:

@@ -350,7 +350,7 @@ def show(pair: Capture, prediction: NDArray[np.floating[Any]] | None = None) -> 
     """
     if not isinstance(pair, Capture):
         raise TypeError(
-            f"show draws one capture, as dataset.captures()[0]; got {type(pair).__name__}"
+            f"show draws a capture, as dataset.captures()[0], not {type(pair).__name__}"
         )
     count = 3 if prediction is None else len(HEADS)
     rows, columns = pair.depth.shape

@@ -163,7 +163,7 @@ class Run:
         found = self._first.images(pair)
         if found is None:
             raise ResultError(
-                self._first.without or "the run kept no depth map of this pair", where=pair
+                self._first.without or "no depth map of this pair was kept", where=pair
             )
         return found
 
@@ -208,9 +208,7 @@ class Run:
         """
         folder = output_place(path, self._first.path.parent)
         if folder.exists():
-            raise InputError(
-                "there is something already", where=str(folder), fix="name a new folder"
-            )
+            raise InputError("there is something", where=str(folder), fix="name a new folder")
         for label, run in self._runs.items():
             shutil.copytree(run.path.parent, folder / label if self._on_tracks else folder)
         return folder

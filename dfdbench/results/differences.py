@@ -175,9 +175,7 @@ def change_tables(
     """
     check_comparable(first, second, protocol)
     if not any(changes(first, second, protocol, metric) for metric in metrics_of(protocol)):
-        raise ResultError(
-            "no pair was scored in both runs", fix="complete them: `dfdbench run` goes on"
-        )
+        raise ResultError("no pair was scored in both runs", fix="`dfdbench run` goes on")
     tables = [difference_table(first, second, protocol, names)]
     if most_changed(first, second, protocol, most):
         tables.append(pair_table(first, second, protocol, most))

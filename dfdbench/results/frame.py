@@ -215,7 +215,5 @@ def _notes(results: Sequence[Result]) -> list[str]:
     for run in results:
         if not run.complete:
             data = run.dataset
-            notes.append(
-                f"{data.degradation}: {data.evaluated} of {data.expected} pairs, no average"
-            )
+            notes.append(f"{data.degradation}: {data.evaluated} of {data.expected} pairs, no mean")
     return notes

@@ -54,10 +54,7 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
     set_aside = None
     if folder.exists() and any(folder.iterdir()):
         if not (folder / RUN_IDENTITY).exists():
-            what, fix = (
-                "the folder holds something else than a run",
-                "choose another with --out DIR",
-            )
+            what, fix = "the folder holds something else than a run", "choose another: --out"
             raise ResultError(what, where=str(folder), fix=fix)
         if not goes_on:
             set_aside = folder.with_name(folder.name + PREVIOUS)

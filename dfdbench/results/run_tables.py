@@ -159,9 +159,7 @@ def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
         if count:
             notes.append(f"{count} of {len(result.pairs)} pairs {text}")
     if not result.complete:
-        notes.append(
-            "an incomplete run has no overall score and no rank: means are of what was run"
-        )
+        notes.append("an incomplete run has no overall score or rank: means are of what was run")
     return notes + [f"warning: {text}" for text in result.warnings]
 
 

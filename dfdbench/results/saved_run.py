@@ -186,9 +186,7 @@ def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
 
 def _no_run(folder: Path) -> Problem:
     if run_folder.is_begun(folder):
-        what = (
-            "the run in this folder was stopped before its end; the pairs that it finished are kept"
-        )
+        what = "this run was stopped before its end; the pairs that it finished are kept"
         fix = "the same command that began it finishes it"
         return Problem(what, where=str(folder), fix=fix)
     below = [found.parent for depth in ("*", "*/*") for found in folder.glob(f"{depth}/{RESULT}")]

@@ -17,9 +17,9 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import StoreError
+from dfdbench.evaluation.evaluate import score_predictions
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import run_method
-from dfdbench.evaluation.scored import score_predictions
 from dfdbench.methods.baselines import Local
 from tests.conftest import write_png
 
