@@ -315,29 +315,19 @@ def _end(*records: CoverageRecord) -> None:
 def _refuse_mixtures(
     dataset: str | None, run: Result | None, each: Each | None, named: list[str]
 ) -> None:
-    problems = []
-    if dataset is None and run is None:
-        problems.append(Problem("no data set is named", fix="dfdbench audit coverage DATASET"))
-    others = [*named, *(["--result"] if run else [])]
-    if each and others:
-        problems.append(
-            Problem(
-                "--each takes no split and no result",
-                where="--each",
-                fix=f"leave out {' and '.join(others)}",
-            )
-        )
-    elif run and (tests := [name for name in named if name in ("--test", "--test-dataset")]):
-        problems.append(
-            Problem(
-                "a result says itself what tests",
-                where="--result",
-                fix=f"leave out {' and '.join(tests)}",
-            )
-        )
-    if run and {"--train", "--fold"} <= set(named):
-        problems.append(Problem("a fold says what trains", where="--fold", fix="leave out --train"))
-    if problems:
+    others = [*named, *["--result"] * bool(run)]
+    tests = [name for name in named if name in ("--test", "--test-dataset")]
+    wrong = (
+        (not dataset and not run, "no data set is named", "dfdbench audit coverage DATASET"),
+        (each and others, "--each takes no split and no result", " and ".join(others)),
+        (not each and run and tests, "a result says itself what tests", " and ".join(tests)),
+        (run and {"--train", "--fold"} <= set(named), "a fold says what trains", "--train"),
+    )
+    if problems := [
+        Problem(what, fix=fix if fix.startswith("dfdbench") else f"leave out {fix}")
+        for is_so, what, fix in wrong
+        if is_so
+    ]:
         raise InputError.of(problems)
 
 

@@ -15,18 +15,12 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError
 from dfdbench.results.output_place import output_place
 from dfdbench.system.files import write_whole
-from dfdbench.tables.table import counted
+from dfdbench.tables.table import counted, listed
 
 if TYPE_CHECKING:
     from dfdbench.building.build import BuildReport
     from dfdbench.building.obtaining import Obtained
     from dfdbench.building.plan import BuildPlan
-
-
-def _called_png(out: Path | None) -> None:
-    # Other verbs call it so.
-    if out is not None:
-        raise InputError("the folder has another name here", where="--out", fix=f"--png {out}")
 
 
 def build(
@@ -96,7 +90,6 @@ def build(
 def export(
     name: options.DataSetArgument,
     png: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write PNG files into.")],
-    out: Annotated[Path | None, typer.Option(hidden=True, callback=_called_png)] = None,
     split: options.Split = "all",
     images_only: Annotated[
         bool, typer.Option("--images-only", help="Write no depth, which methods must not see.")
@@ -164,27 +157,16 @@ def _missing_text(manifest: Manifest, missing: tuple[Pair, ...], fix: str) -> st
     whole = [s for s in by_scene if len(by_scene[s]) == len(manifest.pairs_of_scene(s))]
     lines = [f"missing: {len(missing)} of {manifest.pair_count} pairs, left out of the store"]
     if whole:
-        lines.append(f"  no pair at all    {', '.join(_spans(whole, manifest.scene_names))}")
+        lines.append(f"  no pair at all    {listed(whole, most=8)}")
     alike: dict[str, list[str]] = {}
     for scene, places in by_scene.items():
         if scene not in whole:
             alike.setdefault(", ".join(places), []).append(scene)
-    for listed, scenes in alike.items():
-        lines.append(f"  {', '.join(scenes)}: {counted(listed.count(',') + 1, 'pair')} each")
-        lines.append(f"    {listed}")
+    for names, scenes in alike.items():
+        lines.append(f"  {', '.join(scenes)}: {counted(names.count(',') + 1, 'pair')} each")
+        lines.append(f"    {names}")
     lines.append(f"  fix               {fix}")
     return "\n".join(lines)
-
-
-def _spans(names: list[str], known: tuple[str, ...]) -> list[str]:
-    """Return names, three neighbours and more as the first and the last of them."""
-    runs: list[list[str]] = []
-    for name in known:
-        if name in names:
-            if not runs or known.index(name) != known.index(runs[-1][-1]) + 1:
-                runs.append([])
-            runs[-1].append(name)
-    return [text for run in runs for text in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)]
 
 
 def new_dataset(

@@ -264,10 +264,6 @@ def _places(value: object) -> bool:
     )
 
 
-def _recipe_text(manifest: Manifest) -> str:
-    return (not manifest.on_track and manifest.recipe) or _without_recipe(manifest)
-
-
 def _without_recipe(manifest: Manifest) -> str:
     if manifest.on_track:
         return "not given: a track"
@@ -298,7 +294,7 @@ def _show_manifest(manifest: Manifest, cache: Path | None) -> None:
         f"  manifest   {manifest.stem}  sha256 {manifest.sha256}",
         f"  scenes     {manifest.scene_count}",
         f"  pairs      {manifest.pair_count}",
-        f"  recipe     {_recipe_text(manifest)}",
+        f"  recipe     {(not manifest.on_track and manifest.recipe) or _without_recipe(manifest)}",
         f"  images     {_degradation_text(manifest)}",
         f"  depth      {_depth_text(manifest)}",
     ]
@@ -331,14 +327,9 @@ def _show_manifest(manifest: Manifest, cache: Path | None) -> None:
 
 #: Of the environment, what changes how libraries and dfdbench itself work.
 _VARIABLES = (
-    "DFDBENCH_CACHE",
-    "DFDBENCH_SHARED_DATA",
-    "OMP_NUM_THREADS",
-    "NUMBA_CACHE_DIR",
-    "NUMBA_NUM_THREADS",
-    "NUMBA_DISABLE_JIT",
-    "CUDA_VISIBLE_DEVICES",
-)
+    "DFDBENCH_CACHE", "DFDBENCH_SHARED_DATA", "OMP_NUM_THREADS", "NUMBA_CACHE_DIR",
+    "NUMBA_NUM_THREADS", "NUMBA_DISABLE_JIT", "CUDA_VISIBLE_DEVICES",
+)  # fmt: skip
 
 
 def doctor(format: Printed = Format.table, cache: Cache = None) -> None:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from dfdbench.blur.tracks import CLEAN
 from dfdbench.figures import style
-from dfdbench.figures.runs import draw_pair
+from dfdbench.figures.runs import draw_by_scene, draw_pair
 from dfdbench.metrics.metric import find_metric
 from dfdbench.metrics.protocol import metrics_of, ranked_by, title_of
 from dfdbench.results.differences import PairChange
@@ -137,42 +137,24 @@ def _scene_figure(
     metrics = metrics_of(protocol)
     figure = Figure(figsize=(whole, 2.5 * len(metrics)), layout="constrained")
     grid = figure.subplots(len(metrics), len(levels), squeeze=False, sharey="row", sharex=True)
-    for line, metric in enumerate(metrics.values()):
-        for column, level in enumerate(levels):
-            axis = grid[line][column]
-            for number, run in enumerate(runs):
-                place = {dataset.blocks: level}
-                if dataset.rows and value is not None:
-                    place[dataset.rows] = value
-                found = _scores(run, protocol, metric.name, place)
-                offset = (number - (len(runs) - 1) / 2) * 0.6 / len(runs)
-                look = {
-                    **style.marks(number),
-                    "color": style.COLOURS[number % (len(style.COLOURS) - 1)],
-                }
-                at = [scenes.index(scene) + offset for scene, _ in found]
-                scores = [score for _, score in found]
-                axis.plot(at, scores, label=style.plain_text(run.label), **look)
-            axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
-            axis.grid(alpha=0.3)
-            if column == 0:
-                axis.set_ylabel(metric.axis_label)
-            if line == 0:
-                axis.set_title(f"{dataset.blocks} {level}")
+    for line, metric in zip(grid, metrics.values(), strict=True):
+        line[0].set_ylabel(metric.axis_label)
+        for axis, level in zip(line, levels, strict=True):
+            place = {dataset.blocks: level}
+            if dataset.rows and value is not None:
+                place[dataset.rows] = value
+            series = {style.plain_text(run.label): _pairs_at(run, place) for run in runs}
+            colours = len(style.COLOURS) - 1
+            draw_by_scene(axis, series, scenes, protocol, metric.name, 0.6, colours)
+    for axis, level in zip(grid[0], levels, strict=True):
+        axis.set_title(f"{dataset.blocks} {level}")
     style.legend_below(figure, grid[0][0])
     return figure
 
 
-def _scores(
-    run: SavedRun, protocol: str, metric: str, place: dict[str, int]
-) -> list[tuple[str, float]]:
-    return [
-        (pair.scene, score)
-        for pair in run.result.pairs
-        if pair.status == "ok"
-        and place.items() <= pair.coordinates.items()
-        and (score := pair.score(protocol, metric)) is not None
-    ]
+def _pairs_at(run: SavedRun, place: dict[str, int]) -> list[PairResult]:
+    pairs = (pair for pair in run.result.pairs if pair.status == "ok")
+    return [pair for pair in pairs if place.items() <= pair.coordinates.items()]
 
 
 def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -> Figure:

@@ -121,15 +121,11 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
         line[0].set_ylabel(metric.axis_label)
         for axis, value in zip(line, columns, strict=True):
             chosen = [pair for pair in pairs if rows is None or pair.coordinates[rows] == value]
-            for number, level in enumerate(levels):
-                offset = (number - (len(levels) - 1) / 2) * 0.5 / len(levels)
-                of_level = [pair for pair in chosen if pair.coordinates[blocks] == level]
-                found = [(p.scene, p.score(protocol, metric.name)) for p in of_level]
-                at = [scenes.index(name) + offset for name, score in found if score is not None]
-                scores = [score for _, score in found if score is not None]
-                axis.plot(at, scores, label=f"{blocks} {level}", **style.marks(number))
-            axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
-            axis.grid(alpha=0.3)
+            series = {
+                f"{blocks} {level}": [pair for pair in chosen if pair.coordinates[blocks] == level]
+                for level in levels
+            }
+            draw_by_scene(axis, series, scenes, protocol, metric.name, 0.5)
     for axis, value in zip(grid[0], columns, strict=True):
         axis.set_title(f"{rows} {value}" if rows else "")
     for axis in grid[-1]:
@@ -137,6 +133,26 @@ def score_figure(result: Result, protocol: str) -> Figure | None:
     named = grid[0][0].get_legend_handles_labels()
     figure.legend(*named, loc="outside lower center", ncols=min(len(levels), int(whole / 2)))
     return figure
+
+
+def draw_by_scene(
+    axis: Axes,
+    series: Mapping[str, Sequence[PairResult]],
+    scenes: Sequence[str],
+    protocol: str,
+    metric: str,
+    spread: float,
+    colours: int = len(style.COLOURS),
+) -> None:
+    """Draw a score by scene, a mark a pair; series stand beside each other, by their labels."""
+    for number, (label, pairs) in enumerate(series.items()):
+        offset = (number - (len(series) - 1) / 2) * spread / len(series)
+        found = [(p.scene, v) for p in pairs if (v := p.score(protocol, metric)) is not None]
+        at = [scenes.index(scene) + offset for scene, _ in found]
+        look = {**style.marks(number), "color": style.COLOURS[number % colours]}
+        axis.plot(at, [value for _, value in found], label=label, **look)
+    axis.set_xticks(range(len(scenes)), scenes, rotation=60, ha="right")
+    axis.grid(alpha=0.3)
 
 
 def depth_figure(store: Dataset, result: Result, folder: Path) -> Figure | None:

@@ -212,11 +212,6 @@ def test_a_cluster_builds_and_runs(
     assert "its own number of workers" in both.err
 
 
-def test_export_says_what_its_folder_is_called(dfdbench: Command) -> None:
-    told = dfdbench("export demo --out x")
-    assert (told.status, "Fix: --png x" in told.err) == (2, True), told.err
-
-
 @pytest.mark.slow
 def test_from_a_folder_to_a_table(dfdbench: Command, tmp_path: Path) -> None:
     folder = make_folder(tmp_path / "mine")
