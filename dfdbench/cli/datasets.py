@@ -384,7 +384,7 @@ def _place(folder: Path) -> Iterator[tuple[str, str]]:
     above = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     free = shutil.disk_usage(above).free
     writable = "" if os.access(above, os.W_OK) else ", cannot be written"
-    yield "cache", f"{folder}: {_in_bytes(size)}, {_in_bytes(free)} free{writable}"
+    yield "cache", f"{folder}: {decimal(size)}, {decimal(free)} free{writable}"
     stores = [entry.name.removesuffix(".zarr") for entry in entries if entry.kind == "stores"]
     yield "built", ", ".join(stores) or "nothing"
 
@@ -395,10 +395,6 @@ def _compiled() -> tuple[str, str]:
     # Of one module; unless a variable says otherwise, numba has a folder for each.
     place = mean_similarity.stats.cache_path
     return "compiled code", place or "not cached, so each command compiles: set NUMBA_CACHE_DIR"
-
-
-def _in_bytes(size: int) -> str:
-    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
 
 
 def _variables() -> Iterator[tuple[str, str]]:

@@ -21,7 +21,6 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     ProgressColumn,
-    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -147,25 +146,15 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[[int, int |
     Ctrl-C ends the command with status 130 and says how it goes on: in the notes that the
     interrupted work has added to the exception, else as `resumed` has it.
     """
-    with _bar(what, resumed=resumed) as (bar, task, lines):
-
-        def step(done: int, total: int | None) -> None:
-            bar.update(task, completed=done, total=total)
-            lines.step(done, total)
-
+    with _bar(what, resumed=resumed) as step:
         yield step
 
 
 @contextmanager
 def download_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
     """Show files and bytes while the block runs; it calls with (files, files in all, bytes)."""
-    with _bar(what, TextColumn("files, {task.fields[received]}")) as (bar, task, lines):
-
-        def step(done: int, total: int, received: int) -> None:
-            bar.update(task, completed=done, total=total, received=decimal(received))
-            lines.step(done, total, f" files, {decimal(received)}")
-
-        yield step
+    with _bar(what, TextColumn("files, {task.fields[received]}")) as step:
+        yield lambda done, total, received: step(done, total, decimal(received))
 
 
 class Lines:
@@ -184,7 +173,7 @@ class Lines:
         self._begun = self._said = time.monotonic()
         self._first: int | None = None
 
-    def step(self, done: int, total: int | None, unit: str = "") -> None:
+    def step(self, done: int, total: int | None, received: str = "") -> None:
         """Take note of what is done; say it where the last line is a minute old."""
         now = time.monotonic()
         if self._first is None:
@@ -194,8 +183,8 @@ class Lines:
             return
         self._said = now
         passed, fresh = now - self._begun, done - self._first
-        text = f"{self._what}: {done:,}" + ("" if total is None else f" of {total:,}") + unit
-        text += f", {_minutes(passed)} so far"
+        text = f"{self._what}: {done:,}" + ("" if total is None else f" of {total:,}")
+        text += (f" files, {received}" if received else "") + f", {_minutes(passed)} so far"
         if total is not None and fresh > 0:
             text += f", about {_minutes(passed / fresh * (total - done))} left"
         print(text, file=sys.stderr, flush=True)
@@ -209,7 +198,7 @@ def _minutes(seconds: float) -> str:
 @contextmanager
 def _bar(
     what: str, *between: ProgressColumn, resumed: str = GOES_ON
-) -> Iterator[tuple[Progress, TaskID, Lines]]:
+) -> Iterator[Callable[..., None]]:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -225,7 +214,13 @@ def _bar(
     ) as bar:
         try:
             task = bar.add_task(Text(what).plain, total=None, received="0 bytes")
-            yield bar, task, Lines(Text(what).plain, quiet=console.is_terminal)
+            lines = Lines(Text(what).plain, quiet=console.is_terminal)
+
+            def step(done: int, total: int | None, received: str = "") -> None:
+                bar.update(task, completed=done, total=total, received=received)
+                lines.step(done, total, received)
+
+            yield step
         except KeyboardInterrupt as stopped:
             bar.stop()
             say_stopped(stopped, resumed)
