@@ -32,16 +32,13 @@ def nan(infocus, defocus):
 def dfdbench(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Command:
-    """Calls the command line in a folder of the test's own, where `mymodule` holds two methods.
-
-    The first argument may be several words.
-    """
+    """Calls the command line in a folder of the test's own, where `mymodule` holds two methods."""
     (tmp_path / "work").mkdir(exist_ok=True)
     (tmp_path / "work/mymodule.py").write_text(MINE)
     monkeypatch.chdir(tmp_path / "work")
 
-    def command(words: str, *arguments: str) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["dfdbench", *words.split(), *arguments])
+    def command(*arguments: str) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["dfdbench", *arguments])
         status = 0
         try:
             main()
@@ -50,7 +47,7 @@ def dfdbench(
         captured = capsys.readouterr()
         return Outcome(status, captured.out, captured.err)
 
-    return command
+    return Command(command)
 
 
 BELOW = "data/scenes/ThirdSize"

@@ -35,8 +35,7 @@ def test_a_set_of_ones_own_goes_by_its_name_once_built(
         assert dfdbench("info", name).out == dfdbench("info", str(store)).out
         assert dfdbench("verify", name).status == 0
     assert dfdbench("info tiny --croissant").status == 0
-    ran = dfdbench("run --method constant --dataset tiny --out run")
-    assert ran.status == 0
+    dfdbench.fine("run --method constant --dataset tiny --out run")
     (store / "zarr.json").write_text("{}")
     (line,) = [line for line in dfdbench("list").out.splitlines() if "tiny-1" in line]
     assert "not a data set built by dfdbench" in line
@@ -65,9 +64,7 @@ def test_the_cache_is_listed_and_cleared(dfdbench: Command, site: Site) -> None:
     listed = dfdbench("cache").out
     assert "tiny-1.zarr" in listed
     assert "downloads" in listed
-    asked = dfdbench("cache clear")
-    assert asked.status == 2
-    assert "--yes" in asked.err
+    dfdbench.refused("--yes", "cache clear")
     assert "did you mean stores" in dfdbench("cache clear store --yes").err
     assert "removed 1 entries" in dfdbench("cache clear stores --yes").out
     assert "tiny-1.zarr" not in dfdbench("cache").out
@@ -83,8 +80,7 @@ def test_info_on_a_track_tells_what_differs_and_no_recipe(
     shown = dfdbench("info", name).out
     assert "shift-2, version 1: the defocus image moved" in shown
     assert "recipe     not given" in shown
-    built = dfdbench("build", name, "--source", str(tiny_folder), "--store", place)
-    assert built.status == 0, built.err
+    dfdbench.fine("build", name, "--source", str(tiny_folder), "--store", place)
     stored = dfdbench("info", place).out
     assert "shift-2, version 1: the defocus image moved" in stored
     assert "published" not in stored
@@ -136,8 +132,7 @@ def test_it_tells_versions_extras_and_what_lies_in_the_cache(
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
     (tmp_path / "stores" / "mine-1.zarr").mkdir(parents=True)
     (tmp_path / "stores/mine-1.zarr/chunk").write_bytes(bytes(2_500_000))
-    found = dfdbench("doctor --format json --cache", str(tmp_path))
-    assert found.status == 0, found.err
+    found = dfdbench.fine("doctor --format json --cache", str(tmp_path))
     told = {row["what"]: row["found"] for row in json.loads(found.out)[0]["rows"]}
     assert told["dfdbench"].startswith(package.__version__)
     assert told["built"] == "mine-1"

@@ -18,11 +18,10 @@ def photographs(folder: Path) -> tuple[str, str]:
 
 def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_path: Path) -> None:
     images = photographs(tmp_path)
-    told = dfdbench(
+    told = dfdbench.fine(
         *("predict", *images, "--method", "mymodule:predict", "--out", "depth.png"),
         *("--figure", "picture.png"),
     )
-    assert told.status == 0, told.err
     assert "depth.png: depth levels from 0 (far) to 255 (near)" in told.out
     depth = np.asarray(cv2.imread("depth.png", cv2.IMREAD_UNCHANGED))
     assert (depth.shape, str(depth.dtype), int(depth[0, 0])) == ((64, 80), "uint16", 90 * 256)
@@ -46,9 +45,7 @@ def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_
         ((images[0], "nothing.png", "--method", "mymodule:predict"), "nothing.png"),
         ((*images, "--method", "graph-cuts"), "--fitted RUN"),
     ):
-        told = dfdbench("predict", *words, "--out", "depth.npy")
-        assert told.status == 2, told.out
-        assert says in told.err
+        dfdbench.refused(says, "predict", *words, "--out", "depth.npy")
         assert not Path("depth.npy").exists()
 
 

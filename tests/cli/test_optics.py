@@ -8,8 +8,7 @@ BLUR = ("rig", "optics", "blur", "--f-number", "3.7", "--focal-length", "9.6mm",
 
 
 def test_blur_prints_a_table_and_draws_the_curve(dfdbench: Command) -> None:
-    outcome = dfdbench(*BLUR, "--pixel", "4.8um", "--range", "40cm", "4")
-    assert outcome.status == 0, outcome.err
+    outcome = dfdbench.fine(*BLUR, "--pixel", "4.8um", "--range", "40cm", "4")
     assert "10.58 pixels" in outcome.out
     assert "0.4568 m to 0.5522 m" in outcome.out
     assert Path("blur.png").read_bytes().startswith(b"\x89PNG")
@@ -39,23 +38,20 @@ def test_pairs_ranks_the_lens_that_is_shipped_and_one_of_ones_own(dfdbench: Comm
 def test_a_mistake_ends_with_a_message_and_status_2(
     dfdbench: Command, arguments: tuple[str, ...], told: str
 ) -> None:
-    outcome = dfdbench(*arguments)
-    assert (outcome.status, told in outcome.err) == (2, True), outcome.err
+    dfdbench.refused(told, *arguments)
 
 
 def test_a_figure_replaces_no_other_file(dfdbench: Command) -> None:
     Path("README.md").write_text("precious")
     lens = ["--f-number", "3.7", "--focal-length", "9.6mm", "--focus", "0.5m", "--pixel", "4.8um"]
-    done = dfdbench("rig optics blur", *lens, "--out", "README.md")
-    assert (done.status, "not a picture's name" in done.err) == (2, True)
+    dfdbench.refused("not a picture's name", "rig optics blur", *lens, "--out", "README.md")
     assert Path("README.md").read_text() == "precious"
 
 
 @pytest.mark.parametrize("cell", ["nan", "inf"])
 def test_a_lens_table_without_numbers_is_told(dfdbench: Command, cell: str) -> None:
     Path("lens.csv").write_text(f"step,1.5,1.8,2.2\n129,1,2,{cell}\n141,4,5,6\n")
-    done = dfdbench("rig optics pairs --lens lens.csv")
-    assert (done.status, "not numbers of" in done.err) == (2, True)
+    dfdbench.refused("not numbers of", "rig optics pairs --lens lens.csv")
     Path("lens.csv").write_text(f"step,1.5,{cell},2.2\n129,1,2,3\n141,4,5,6\n")
     assert dfdbench("rig optics pairs --lens lens.csv").status == 2
 
