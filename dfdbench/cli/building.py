@@ -20,7 +20,6 @@ from dfdbench.tables.table import counted, listed
 if TYPE_CHECKING:
     from dfdbench.building.build import BuildReport
     from dfdbench.building.obtaining import Obtained
-    from dfdbench.building.plan import BuildPlan
 
 
 def build(
@@ -64,7 +63,9 @@ def build(
     from dfdbench.system.location import is_local
 
     plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, _steps(pair), cache)
-    _refuse_memory(plan)
+    if plan.place.protocol == "memory":
+        # From Python it is as good a place as any other.
+        raise InputError(f"a store in memory ends with this command: {plan.place}", where="--store")
     if is_local(plan.place):
         # The cache may be inside the folder of the files; a place that the user names may not.
         read = source if store else None
@@ -117,12 +118,6 @@ def _steps(pair: str | None) -> tuple[int, int] | None:
         what = f"not a pair of voltage steps, as 141,129: {pair}"
         raise InputError(what, where="--pair") from None
     return infocus, defocus
-
-
-def _refuse_memory(plan: BuildPlan) -> None:
-    # From Python it is as good a place as any other.
-    if plan.place.protocol == "memory":
-        raise InputError(f"a store in memory ends with this command: {plan.place}", where="--store")
 
 
 def tell_fetched(obtained: Obtained) -> None:

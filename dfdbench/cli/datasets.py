@@ -340,7 +340,7 @@ def doctor(format: Printed = Format.table, cache: Cache = None) -> None:
     # PyTorch is imported by now, so that its threads and its GPU are seen.
     found = describe_environment()
     rows = [*_system(found), *nets, *_extras(), *_place(cache_folder(cache))]
-    rows += [_compiled(), *_variables()]
+    rows += [_compiled(), *((name, os.environ[name]) for name in _VARIABLES if name in os.environ)]
     table = Table("dfdbench, here", ("what", "found"), tuple(rows), "ll")
     print_tables([table], format)
 
@@ -395,9 +395,3 @@ def _compiled() -> tuple[str, str]:
     # Of one module; unless a variable says otherwise, numba has a folder for each.
     place = mean_similarity.stats.cache_path
     return "compiled code", place or "not cached, so each command compiles: set NUMBA_CACHE_DIR"
-
-
-def _variables() -> Iterator[tuple[str, str]]:
-    for name in _VARIABLES:
-        if name in os.environ:
-            yield name, os.environ[name]

@@ -25,7 +25,7 @@ from dfdbench.methods.calling import UNIT_LEVELS, call, in_unit_range
 from dfdbench.methods.method import Method, Prediction, restore
 from dfdbench.methods.process_state import seeded
 from dfdbench.methods.sources import Hashes, changes
-from dfdbench.metrics.protocol import Protocol, Unit, score
+from dfdbench.metrics.protocol import Protocol, score
 from dfdbench.metrics.scores import AGAINST, correlation
 from dfdbench.results.environment import describe_environment, software
 from dfdbench.results.record import Environment, PairResult, pair_scores
@@ -90,7 +90,10 @@ class PairEvaluator:
             self._warm = True
             with seeded(self._seed), self._method.sources.watch():
                 prediction = call(predict, *arguments, unit=self._method.answers_in(unit))
-        prediction = in_unit(prediction, self._method.answers_in(unit), self._store)
+        if prediction.depth is not None:
+            # What is beyond the set's ends becomes the end.
+            about, answered = self._store.manifest.depth, self._method.answers_in(unit)
+            prediction = replace(prediction, depth=about.of_unit(prediction.depth, answered))
         return record_of(self._store, images, prediction, self._protocols), prediction.depth
 
 
@@ -178,14 +181,6 @@ def _require_same(expected: dict[str, Hashes], method: Method) -> None:
 def _environment_here() -> Environment:
     # After the first pair: a method may load PyTorch only then.
     return describe_environment()
-
-
-def in_unit(prediction: Prediction, unit: Unit, store: Dataset) -> Prediction:
-    """Return a prediction in its data set's unit; what is beyond the set's ends becomes the end."""
-    if prediction.depth is None:
-        return prediction
-    depth = store.manifest.depth.of_unit(prediction.depth, unit)
-    return replace(prediction, depth=depth)
 
 
 def record_of(

@@ -109,7 +109,8 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
         if depth is not None:
             highest = max(highest, float(depth.max()))
         else:
-            wrong.append(Problem(text, where=str(files[pair]), expected=_expected(shape, unit)))
+            expected = f"{shape[0]} x {shape[1]} {unit}; 16-bit images: {_RULE[unit]}"
+            wrong.append(Problem(text, where=str(files[pair]), expected=expected))
     problems += wrong[:_MOST]
     if wrong[_MOST:]:
         problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _MOST}"))
@@ -180,10 +181,6 @@ def _sorted_out(
         if names
     ]
     return files, problems
-
-
-def _expected(shape: tuple[int, int], unit: Unit) -> str:
-    return f"{shape[0]} x {shape[1]} {unit}; 16-bit images: {_RULE[unit]}"
 
 
 def _depth(

@@ -150,7 +150,9 @@ def run_method(
         reused = journal.done
         _evaluate(plan, journal, pool)
         seed = plan.options.seed
-        said = [*method.warnings, *_edited_meanwhile(plan, known), *warnings]
+        said = [*method.warnings, *warnings]
+        if edited := plan.differs_from(known.content):
+            said.append(f"{listed(edited)} while it was run: run it again")
         record, pairs = _method_record(plan), journal.records()
         result = compose(store, split, record, pairs, seed, said, known.environments)
         save_result(result, folder / RESULT)
@@ -165,11 +167,6 @@ def _begun(folder: Path) -> dict[str, Any] | None:
     except ValidationError:
         return {}
     return found
-
-
-def _edited_meanwhile(plan: RunPlan, known: _Known) -> list[str]:
-    edited = plan.differs_from(known.content)
-    return [f"{listed(edited)} while it was run: run it again"] if edited else []
 
 
 class _Known:

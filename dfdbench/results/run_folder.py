@@ -71,11 +71,6 @@ def keep_identity(folder: Path, identity: Mapping[str, Any]) -> None:
     write_whole(folder / RUN_IDENTITY, json.dumps(identity, indent=1) + "\n")
 
 
-def is_begun(folder: Path) -> bool:
-    """Return whether a run was begun in a folder, ended or not."""
-    return (folder / RUN_IDENTITY).is_file()
-
-
 def read_identity(folder: Path) -> dict[str, Any] | None:
     """Return by what a folder's run is known; None without a run, empty if that is damaged."""
     path = folder / RUN_IDENTITY

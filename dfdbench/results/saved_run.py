@@ -16,6 +16,7 @@ from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.metrics.protocol import metrics_of
 from dfdbench.results import run_folder
+from dfdbench.results.output_place import RUN_IDENTITY
 from dfdbench.results.record import RESULT, PairResult, Result, load_result, shown_protocol
 from dfdbench.results.run_tables import run_score_table
 from dfdbench.results.summary import ranked, summarise
@@ -185,7 +186,7 @@ def _find_store(folder: Path, result: Result) -> tuple[Dataset | None, str]:
 
 
 def _no_run(folder: Path) -> Problem:
-    if run_folder.is_begun(folder):
+    if (folder / RUN_IDENTITY).is_file():
         what = "this run was stopped before its end; the pairs that it finished are kept"
         fix = "the same command that began it finishes it"
         return Problem(what, where=str(folder), fix=fix)
