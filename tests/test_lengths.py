@@ -11,7 +11,6 @@ MOST_LINES, MOST_STATEMENT_LINES = 500, 40
 _KERNEL = "compiled by numba: what it calls would be handed a dozen arrays and counters"
 REASONS = {
     "dfdbench/api.py": "every public function, each with its docstring",
-    "dfdbench/cli/audit.py": "four verbs that share options and answers",
     "dfdbench/audit/splits.py": "proposals, and the tables and files that show them",
     "dfdbench/datasets/unseen.py:unseen_manifest": "the text of a manifest",
     "dfdbench/methods/data_cost.py:_fill": _KERNEL,
