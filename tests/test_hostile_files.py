@@ -244,7 +244,7 @@ def test_a_store_and_a_run_of_an_older_zarr_run_nothing(
         Dataset(tmp_path / "old.zarr")
     pair = tiny_store.pairs("One")[0]
     make_old_zarr(tmp_path / "run" / PREDICTIONS / pair.scene, trap, codecs)
-    with pytest.raises(DfdbenchError, match="no depth maps of a run"):
+    with pytest.raises(DfdbenchError, match="not a run's depth maps"):
         read_prediction(tmp_path / "run", pair, tiny_store.shape_of(pair.scene))
 
 
