@@ -113,7 +113,7 @@ def test_a_method_that_asks_for_the_recipe_is_refused(
         "    def __call__(self, infocus, defocus):\n        return infocus[..., 0]\n"
     )
     solver = f"{tmp_path / 'solver.py'}:Solver"
-    with pytest.raises(MethodError, match="a track does not tell it"):
+    with pytest.raises(MethodError, match="a track does not give it"):
         load_for(store, solver, {})
     assert load_for(store, solver, {"recipe": "published"}).parameters == {"recipe": "published"}
     # One that can measure the blur is not refused, and not told.
