@@ -49,6 +49,7 @@ BUILT_IN = {
     "graph-cuts-rounded": "dfdbench.methods.rounded_graph_cuts:RoundedGraphCuts",
     "guided": "dfdbench.methods.guided:Guided",
     "local": "dfdbench.methods.baselines:Local",
+    "positional-prior": "dfdbench.methods.baselines:PositionalPrior",
     "rational-filters": "dfdbench.methods.rational_filters:RationalFilters",
     "s-transform": "dfdbench.methods.s_transform:STransform",
     "sgm": "dfdbench.methods.sgm:SemiGlobal",

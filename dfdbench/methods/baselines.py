@@ -13,11 +13,15 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import Solver
+from dfdbench.methods.fitted import Solver, learned_array
 from dfdbench.methods.law_cost import all_blurred
+from dfdbench.methods.method import Learned, TrainingPair
 
 Image = NDArray[np.uint8]
 Cost = NDArray[np.float32]
+
+#: Rows and columns of what `PositionalPrior` learns.
+_CELLS = (24, 32)
 
 
 class Constant:
@@ -59,6 +63,46 @@ class ConstantMedian(Constant):
 
     def __init__(self, training_median: float) -> None:
         super().__init__(training_median)
+
+
+class PositionalPrior:
+    """The depth that training captures have at the same place, without a look at the images.
+
+    The median over the captures in each of 24 x 32 cells. A method that is no better has learned
+    where floors and walls are, not what blur says.
+
+    Examples
+    --------
+    >>> from dfdbench.methods.check import MadePair
+    >>> depth = np.full((48, 64), 40, np.uint8)
+    >>> depth[24:] = 200
+    >>> image = np.zeros((48, 64, 3), np.uint8)
+    >>> prior = PositionalPrior()
+    >>> prior.restore(prior.fit([MadePair(image, image, depth, depth > 0)]))
+    >>> prior(image, image)[[0, -1], 0].tolist()
+    [40.0, 200.0]
+    """
+
+    def __init__(self) -> None:
+        self._depth: NDArray[Any] | None = None
+
+    def fit(self, pairs: Sequence[TrainingPair]) -> Learned:
+        """Learn ``depth``, the median level of each cell."""
+        seen = np.stack([_cells(pair.levels, pair.valid) for pair in pairs])
+        depth = [np.median(cell[~np.isnan(cell)]) for cell in seen.reshape(len(pairs), -1).T]
+        return {"depth": np.nan_to_num(depth, nan=np.nanmedian(seen)).reshape(_CELLS)}
+
+    def restore(self, learned: Learned) -> None:
+        """Take over what `fit` learned."""
+        self._depth = learned_array(learned, "depth", "positional-prior", 2)
+
+    def __call__(self, infocus: Image, defocus: Image) -> NDArray[np.float32]:
+        """Return the level for each pixel of `infocus`, shape (y, x)."""
+        if self._depth is None:
+            what = "the method has seen no training captures yet"
+            raise MethodError(what, where="positional-prior", fix="call fit(captures) first")
+        size = infocus.shape[1::-1]
+        return np.asarray(cv2.resize(self._depth, size, interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 class Local(Solver):
@@ -110,6 +154,14 @@ class Local(Solver):
             best[better] = cost[better]
             level[better] = candidate
         return np.asarray(blur.depth_of_level(level), np.float32)
+
+
+def _cells(levels: Image, valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    known = np.where(valid, levels, np.nan)
+    rows = np.array_split(known, _CELLS[0])
+    cells = [cell for row in rows for cell in np.array_split(row, _CELLS[1], axis=1)]
+    medians = [np.nan if np.isnan(cell).all() else np.nanmedian(cell) for cell in cells]
+    return np.reshape(medians, _CELLS)
 
 
 def _by_recipe(recipe: BlurRecipe, infocus: Image, defocus: Image) -> Iterator[Cost]:
