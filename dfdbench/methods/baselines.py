@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import Solver, learned_array
+from dfdbench.methods.fitted import Solver, learned_array, read_out
 from dfdbench.methods.law_cost import all_blurred
 from dfdbench.methods.method import Learned, TrainingPair
 
@@ -119,6 +119,8 @@ class Local(Solver):
         method is fitted: see `dfdbench.methods.calibration`.
     window : int
         Side of the square window in pixels, odd.
+    prior : bool
+        Where the law is fitted: use how often training shows each depth, if it helps there.
 
     Examples
     --------
@@ -131,13 +133,16 @@ class Local(Solver):
     """
 
     def __init__(
-        self, recipe: BlurRecipe | BlurLaw | None = RECIPES["published"], window: int = 7
+        self,
+        recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
+        window: int = 7,
+        prior: bool = True,
     ) -> None:
         if not isinstance(window, int) or window < 1 or window % 2 == 0:
             raise MethodError(
                 "wrong parameter", where="window", expected="odd, positive", got=str(window)
             )
-        super().__init__(recipe)
+        super().__init__(recipe, prior)
         self._window = (window, window)
 
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
@@ -148,12 +153,21 @@ class Local(Solver):
             squares = _by_laws(self.blurs, infocus, images)
         else:
             squares = _by_recipe(blur, infocus, images[0])
+        # Squares over the noise's variance: two a nat.
+        energy, sharpness = 2 * self.prior.energy, self.prior.sharpness / 2
+        volume = []
         for candidate, single in enumerate(squares):
             cost = cv2.boxFilter(single, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE)
+            if self.prior.weight:
+                cost += np.float32(energy[candidate])
+            if sharpness:
+                volume.append(cost)
+                continue
             better = cost < best
             best[better] = cost[better]
             level[better] = candidate
-        return np.asarray(blur.depth_of_level(level), np.float32)
+        found = read_out(np.stack(volume), sharpness) if sharpness else level
+        return np.asarray(blur.depth_of_level(found), np.float32)
 
 
 def _cells(levels: Image, valid: NDArray[np.bool_]) -> NDArray[np.float64]:
