@@ -33,13 +33,13 @@ def errors_by_room(family: str) -> dict[str, pd.DataFrame]:
         if of_family or name == PHOTOGRAPHS:
             frames[str(name)] = rows.pivot_table(index="scene", columns="method", values="value")
     shared = set.intersection(*(set(frame) for name, frame in frames.items() if seeded(name)))
-    return {name: frame[sorted(shared & set(frame))] for name, frame in frames.items()}
+    return {name: frame[[row for row in frame if row in shared]] for name, frame in frames.items()}
 
 
 def orders(errors: pd.DataFrame) -> dict[tuple[str, str], float]:
     """Return, of pairs of methods that are told apart, by how much the first is worse."""
     found = {}
-    for one, other in combinations(errors, 2):
+    for one, other in combinations(map(str, errors), 2):
         differences = errors[one] - errors[other]
         if stats.ttest_1samp(differences, 0).pvalue < 0.05:
             found[one, other] = float(differences.mean())
@@ -50,14 +50,14 @@ def main(family: str = "unseen") -> None:
     """Print the table and what it says."""
     errors = errors_by_room(family)
     means = pd.DataFrame({name: frame.mean() for name, frame in errors.items()})
-    seeds = [name for name in means if seeded(name)]
+    seeds = [name for name in errors if seeded(name)]
     means = means.assign(mean=means[seeds].mean(axis=1)).sort_values("mean").drop(columns="mean")
     means = means[[*seeds, *means.columns.difference(seeds)]]
     print("| method | " + " | ".join(means.columns) + " |")
     print("|:---|" + "---:|" * len(means.columns))
-    for row, values in means.iterrows():
+    for method, values in means.iterrows():
         cells = ["–" if np.isnan(value) else f"{value:.4f}" for value in values]
-        print(f"| {row} | " + " | ".join(cells) + " |")
+        print(f"| {method} | " + " | ".join(cells) + " |")
     told = {name: orders(errors[name]) for name in seeds}
     held = [
         (pair, worse * told[other][pair] > 0)

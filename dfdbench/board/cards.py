@@ -22,6 +22,8 @@ from dfdbench.tables.table import Link, Table, listed
 METHODS = "methods"
 WRITE_CARD = "write one, NAME.toml: title, authors, code, licence, entry, parameters and given"
 _NAME = TypeAdapter[str](Name)
+Takes = Literal["pair", "stack"]
+_PAIRS: tuple[Takes, ...] = ("pair",)
 
 
 class Card(StrictRecord):
@@ -44,7 +46,7 @@ class Card(StrictRecord):
     given: Line
     trained_on: Line | None = None
     fitted_on: Line | None = None
-    takes: list[Literal["pair", "stack"]] = Field(default_factory=lambda: ["pair"])
+    takes: list[Takes] = Field(default_factory=lambda: [*_PAIRS])
     given_blur: bool = False
 
     def is_of(self, name: str, entry: str, parameters: Mapping[str, Any]) -> bool:

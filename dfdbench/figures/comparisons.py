@@ -267,7 +267,7 @@ def transfer_figure(means: pd.DataFrame, title: str) -> Figure:
     side = 1.6 + 0.8 * len(means)
     figure = Figure((side + 1.2, side), layout="constrained")
     axis = figure.subplots()
-    shares = (means / np.diag(means)).to_numpy()
+    shares = means.to_numpy() / np.diag(means)
     image = axis.imshow(shares, vmin=1, cmap="cividis_r")
     middle = (1 + np.nanmax(shares)) / 2
     for (row, column), score in np.ndenumerate(means.to_numpy()):

@@ -159,7 +159,7 @@ class Local(Solver):
         for candidate, single in enumerate(squares):
             cost = cv2.boxFilter(single, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE)
             if self.prior.weight:
-                cost += np.float32(energy[candidate])
+                cost = cost + np.float32(energy[candidate])
             if sharpness:
                 volume.append(cost)
                 continue

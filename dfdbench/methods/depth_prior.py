@@ -28,6 +28,8 @@ FOLDS = 4
 _LOOKED_AT, _SIDE = 8, 200
 # Levels that a histogram is smoothed by, and the share that is spread over all.
 _SMOOTH, _ANYWHERE = 6.0, 1e-3
+# So many weights in a row that do not help end the search.
+_ENOUGH = 2
 # Less is taken for chance, and the prior left off.
 _BETTER = 0.95
 
@@ -99,10 +101,14 @@ def choose_prior(
 
     without = least = error(0.0)
     best = (0.0, 0.0)
+    worse = 0
     for weight in WEIGHTS:
-        if (found := error(weight)) >= least:
+        if (found := error(weight)) < least:
+            least, best, worse = found, (weight, 0.0), 0
+        else:
+            worse += 1
+        if worse == _ENOUGH:
             break
-        least, best = found, (weight, 0.0)
     if not best[0]:
         return NO_PRIOR
     if readouts:

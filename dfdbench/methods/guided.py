@@ -109,8 +109,8 @@ class Guided(Solver):
             filtered[:] = self._box(slope) * guide + self._box(start)
         if self.prior.weight:
             smooth += (UNIT * self.prior.energy[:, np.newaxis, np.newaxis]).astype(np.float32)
-        label = read_out(smooth, self.prior.sharpness / UNIT)
-        return np.asarray(self.blur.depth_of_level(label), np.float32)
+        found = read_out(smooth, self.prior.sharpness / UNIT)
+        return np.asarray(self.blur.depth_of_level(found), np.float32)
 
     def _box(self, image: NDArray[Any]) -> NDArray[np.float32]:
         return np.asarray(

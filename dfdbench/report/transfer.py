@@ -57,8 +57,8 @@ class Transfer:
 
     def worst(self) -> float:
         """Return the most that a foreign fit costs: its score over that of the set's own fit."""
-        means = self.table()
-        return float((means / np.diag(means)).to_numpy().max())
+        means = self.table().to_numpy()
+        return float((means / np.diag(means)).max())
 
     def as_table(self) -> Table:
         """Return the means as a table of the command line."""
