@@ -120,7 +120,7 @@ class Local(Solver):
     window : int
         Side of the square window in pixels, odd.
     prior : bool
-        Where the law is fitted: use how often training shows each depth, if it helps there.
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Examples
     --------
@@ -136,7 +136,7 @@ class Local(Solver):
         self,
         recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
         window: int = 7,
-        prior: bool = True,
+        prior: bool = False,
     ) -> None:
         if not isinstance(window, int) or window < 1 or window % 2 == 0:
             raise MethodError(

@@ -67,7 +67,7 @@ class FavaroSoatto:
     window : int
         Side of the window that residuals are summed over, in pixels, odd.
     prior : bool
-        Use how often training shows each depth, if it helps there.
+        Weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -107,7 +107,7 @@ class FavaroSoatto:
         blurred_patch: int = 3,
         groups: int = 64,
         window: int = 7,
-        prior: bool = True,
+        prior: bool = False,
     ) -> None:
         problems = odd_window("sharp_patch", sharp_patch, most=21)
         problems += odd_window("blurred_patch", blurred_patch, most=21)

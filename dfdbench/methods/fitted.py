@@ -161,7 +161,7 @@ class Calibrated(ABC):
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         """Return depth levels from an image in focus and the defocus images, shape (y, x)."""
 
-    def __init__(self, recipe: BlurRecipe | BlurLaw | None, prior: bool = True) -> None:
+    def __init__(self, recipe: BlurRecipe | BlurLaw | None, prior: bool = False) -> None:
         self._told = recipe
         self._with_prior = prior
         self.prior = NO_PRIOR

@@ -86,7 +86,7 @@ class GraphCuts(Solver):
     published_offset : bool
         Add one level, as the published program does.
     prior : bool
-        Where the law is fitted: use how often training shows each depth, if it helps there.
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -125,7 +125,7 @@ class GraphCuts(Solver):
         solver: str = "split",
         quality: str = "default",
         published_offset: bool = False,
-        prior: bool = True,
+        prior: bool = False,
     ) -> None:
         super().__init__(recipe, prior)
         for kind, name, known in (

@@ -45,7 +45,7 @@ class Guided(Solver):
         Nats above a pixel's least at which costs are cut off, so that one pixel that no level
         explains cannot outvote a window.
     prior : bool
-        Where the law is fitted: use how often training shows each depth, if it helps there.
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class Guided(Solver):
         window: int = 7,
         flatness: float = 100.0,
         limit: float = 15.0,
-        prior: bool = True,
+        prior: bool = False,
     ) -> None:
         problems = odd_window("window", window)
         problems += number_within("flatness", flatness, 0, 1e6)

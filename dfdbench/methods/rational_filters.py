@@ -56,7 +56,7 @@ class RationalFilters(Calibrated):
     window : int
         Side of the square window in pixels, odd.
     prior : bool
-        Where the law is fitted: use how often training shows each depth, if it helps there.
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -87,7 +87,7 @@ class RationalFilters(Calibrated):
     paper = "Watanabe and Nayar, Rational filters for passive depth from defocus, IJCV 1998"
 
     def __init__(
-        self, recipe: BlurRecipe | BlurLaw | None = None, window: int = 7, prior: bool = True
+        self, recipe: BlurRecipe | BlurLaw | None = None, window: int = 7, prior: bool = False
     ) -> None:
         problems = odd_window("window", window)
         if problems:

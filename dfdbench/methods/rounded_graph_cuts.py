@@ -288,7 +288,7 @@ class RoundedGraphCuts(Solver):
     truncation : int
         Difference in levels from which neighbours count as different surfaces.
     prior : bool
-        Where the law is fitted: use how often training shows each depth, if it helps there.
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -319,7 +319,7 @@ class RoundedGraphCuts(Solver):
         self,
         recipe: BlurRecipe | BlurLaw | None = RECIPES["published"],
         truncation: int = 8,
-        prior: bool = True,
+        prior: bool = False,
     ) -> None:
         most = (65535 - 1) // (4 * _UNIT)
         if not isinstance(truncation, int) or not 1 <= truncation <= most:

@@ -121,7 +121,7 @@ class SemiGlobal(Solver):
     limit : float
         Nats above a pixel's least at which costs are cut off.
     prior : bool
-        Where the law is fitted: use how often training shows each depth, if it helps there.
+        Where the law is fitted: weigh depths by how often training shows them, if that helps there.
 
     Raises
     ------
@@ -152,7 +152,7 @@ class SemiGlobal(Solver):
         small_step: float = 0.5,
         large_step: float = 15.0,
         limit: float = 100.0,
-        prior: bool = True,
+        prior: bool = False,
     ) -> None:
         most = MOST // (2 * UNIT)
         problems = number_within("small_step", small_step, 0, most)
