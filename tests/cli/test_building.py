@@ -353,4 +353,6 @@ def test_a_set_without_depth_cannot_be_run(dfdbench: Command, tmp_path: Path) ->
     outcome = dfdbench("run", "--method", "mymodule:predict", "--dataset", "mine")
     assert outcome.status == 2
     assert "mine has no depth to score against" in outcome.err
-    assert "predict" in outcome.err
+    told = outcome.err.split("Fix: dfdbench ")[1].split(", then dfdbench ")
+    assert dfdbench(*told[0].split()).status == 0
+    assert told[1].startswith("predict IMAGES --out MAPS")
