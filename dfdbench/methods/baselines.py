@@ -14,7 +14,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
 from dfdbench.methods.fitted import Solver, learned_array, read_out
-from dfdbench.methods.law_cost import all_blurred
+from dfdbench.methods.law_cost import UNIT, blurred_by, level_costs
 from dfdbench.methods.method import Learned, TrainingPair
 
 Image = NDArray[np.uint8]
@@ -22,6 +22,9 @@ Cost = NDArray[np.float32]
 
 #: Rows and columns of what `PositionalPrior` learns.
 _CELLS = (24, 32)
+# Nats above a pixel's least at which a stack's costs are cut off: of 5 to 1000 the least error on
+# the demo set's training stacks.
+_STACK_NATS = 50
 
 
 class Constant:
@@ -149,12 +152,18 @@ class Local(Solver):
         blur = self.blur
         best = np.full(infocus.shape[:2], np.inf, np.float32)
         level = np.zeros(infocus.shape[:2], np.int64)
-        if isinstance(blur, BlurLaw):
-            squares = _by_laws(self.blurs, infocus, images)
+        squares: Iterator[Cost]
+        # Squares over the noise's variance: two a nat.
+        nat = UNIT if len(images) > 1 else 2
+        if len(images) > 1:
+            # A stack's costs in one volume: its images, each blurred by few kernels, take more.
+            costs = level_costs(self.blurs, infocus, images, _STACK_NATS)
+            squares = (costs[..., n].astype(np.float32) for n in range(costs.shape[2]))
+        elif isinstance(blur, BlurLaw):
+            squares = _by_law(blur, infocus, images[0])
         else:
             squares = _by_recipe(blur, infocus, images[0])
-        # Squares over the noise's variance: two a nat.
-        energy, sharpness = 2 * self.prior.energy, self.prior.sharpness / 2
+        energy, sharpness = nat * self.prior.energy, self.prior.sharpness / nat
         volume = []
         for candidate, single in enumerate(squares):
             cost = cv2.boxFilter(single, cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE)
@@ -187,18 +196,15 @@ def _by_recipe(recipe: BlurRecipe, infocus: Image, defocus: Image) -> Iterator[C
         yield np.asarray(cv2.transform(cv2.multiply(residual, residual), channel_sum))
 
 
-def _by_laws(laws: Sequence[Any], infocus: Image, images: Sequence[Image]) -> Iterator[Cost]:
+def _by_law(law: BlurLaw, infocus: Image, defocus: Image) -> Iterator[Cost]:
     # For Gaussian noise: of two levels that leave as much, the one that has to show more of it.
-    blurred = list(all_blurred(laws, infocus, images))
+    blurred = blurred_by(law, np.atleast_3d(infocus), np.atleast_3d(defocus))
     channel_sum = np.ones((1, infocus.shape[2]), np.float32)
-    for level in range(laws[0].levels):
-        total = np.zeros(infocus.shape[:2], np.float32)
-        for one in blurred:
-            residual = (one.of_level(level) - one.aim) / one.noise
-            squares = cv2.transform(cv2.multiply(residual, residual), channel_sum)
-            entry = infocus.shape[2] * math.log(one.spread[level])
-            total += squares / np.float32(one.spread[level]) + np.float32(entry)
-        yield total
+    for level in range(law.levels):
+        residual = (blurred.of_level(level) - blurred.aim) / blurred.noise
+        squares = cv2.transform(cv2.multiply(residual, residual), channel_sum)
+        entry = infocus.shape[2] * math.log(blurred.spread[level])
+        yield squares / np.float32(blurred.spread[level]) + np.float32(entry)
 
 
 def _separable(image: NDArray[np.float32], kernel: NDArray[np.float64], sigma: float) -> Image:

@@ -133,6 +133,19 @@ class FavaroSoatto:
         MethodError
             Where no group of levels has patches enough.
         """
+        learned = self._learned(pairs)
+        if not self._with_prior:
+            return learned
+        trial = copy.copy(self)
+        trial.restore(learned)
+
+        def solve(part: Part, prior: DepthPrior) -> Array:
+            trial._prior = prior
+            return trial._solve(part.infocus, part.images)
+
+        return learned | choose_prior(solve, pairs, readouts=True).as_learned()
+
+    def _learned(self, pairs: Sequence[TrainingPair]) -> Learned:
         sharp, blurred = self._sides
         size, moments = 0, np.zeros((self._groups, 0, 0))
         counts, depths = np.zeros(self._groups, np.int64), np.zeros(self._groups, np.int64)
@@ -168,20 +181,10 @@ class FavaroSoatto:
             )
         dimensions = size - sharp**2 - 1
         operators = [_complement(moments[group], sharp, dimensions) for group in enough]
-        learned: Learned = {
+        return {
             "operators": np.array(operators, np.float32),
             "depth": depths[enough] / counts[enough],
         }
-        if not self._with_prior:
-            return learned
-        trial = copy.copy(self)
-        trial.restore(learned)
-
-        def solve(part: Part, prior: DepthPrior) -> Array:
-            trial._prior = prior
-            return trial._solve(part.infocus, part.images)
-
-        return learned | choose_prior(solve, pairs, readouts=True).as_learned()
 
     def restore(self, learned: Learned) -> None:
         """Take over what `fit` learned."""
