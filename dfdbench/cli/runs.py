@@ -134,6 +134,40 @@ def tracks(
     _show(done, format, figure_format or (), submit)
 
 
+def transfer(
+    method: options.Method,
+    dataset: Annotated[
+        list[str], typer.Option(help="A data set that is built; name two or more, each by its own.")
+    ],
+    param: options.Params = None,
+    split: options.Split = "test",
+    protocol: Annotated[str, typer.Option(help="Scoring protocol of the table.")] = "valid",
+    out: options.Out = None,
+    format: options.Printed = Format.table,
+    seed: options.Seed = 0,
+    cache: options.Cache = None,
+    figure_format: options.FigureFormats = None,
+) -> None:
+    """Fit a method on each of several data sets and test every fit on all of them."""
+    from dfdbench import api
+
+    done = api.run_transfer(
+        method,
+        dataset,
+        split,
+        parameters=options.values_of(param, "--param"),
+        protocol=protocol,
+        seed=seed,
+        out=out or Path("results", f"transfer-{split}", folder_name(method, param)),
+        cache=cache,
+        on_result=lambda label, result: _say_score(label, result, protocol),
+        shown=progress,
+    )
+    done.draw(("png", *(figure_format or ())))
+    print_tables([done.as_table()], format)
+    say(f"results      {done.folder}")
+
+
 def score(
     predictions: Annotated[
         Path,

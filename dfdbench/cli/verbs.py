@@ -97,6 +97,7 @@ VERBS = {
     "build": Verb("building.build", goes_on=True),
     "run": Verb("runs.run", goes_on=True),
     "tracks": Verb("runs.tracks", goes_on=True),
+    "transfer": Verb("runs.transfer", goes_on=True),
     "predict": Verb("methods.predict"),
     "score": Verb("runs.score"),
     "compare": Verb("reports.compare"),

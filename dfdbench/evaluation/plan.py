@@ -167,7 +167,7 @@ def require_truth(store: Dataset) -> None:
     """Refuse a data set that has no depth to score against."""
     if not store.manifest.has_truth:
         name = store.manifest.short
-        export = f"dfdbench export {name} --images-only --png IMAGES"
+        export = f"dfdbench export {name} --png IMAGES --images-only"
         fix = f"{export}, then dfdbench predict IMAGES --out MAPS"
         raise StoreError(f"{name} has no depth to score against", where=str(store.path), fix=fix)
 
