@@ -413,11 +413,13 @@ def run_transfer(
     >>> found.worst()  # doctest: +SKIP
     """
     stores = {store.manifest.short: store for store in (_opened(each, cache) for each in datasets)}
-    if not 2 <= len(stores) == len(datasets):
-        what = f"a transfer is between two or more data sets, each named once; got {len(datasets)}"
-        raise InputError(what, where="datasets")
     results = {}
     with _folder(out, *(str(store.path) for store in stores.values()), replaces=False) as folder:
+        if not 2 <= len(stores) == len(datasets):
+            what = (
+                f"a transfer is between two or more data sets, each named once; got {len(datasets)}"
+            )
+            raise InputError(what, where="datasets")
         for own in stores:
             for other in (own, *(name for name in stores if name != own)):
                 fitted = None if other == own else folder / own / own
