@@ -216,12 +216,8 @@ def input_problems(image: Any, depth: Any, recipe: BlurRecipe) -> list[Problem]:
             )
         )
     if int(depth.max()) >= recipe.levels:
-        problems.append(
-            Problem(
-                f"depth {int(depth.max())} is beyond the levels, 0 to {recipe.levels - 1}",
-                where="depth",
-            )
-        )
+        what = f"depth {int(depth.max())} is beyond the levels, 0 to {recipe.levels - 1}"
+        problems.append(Problem(what, where="depth"))
     return problems
 
 

@@ -24,6 +24,7 @@ from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
 from dfdbench.errors import Problem, SourceError
 from dfdbench.system.location import Place, as_location
 from dfdbench.system.parallel import Pool, Threads
+from dfdbench.tables.table import listed
 
 
 @dataclass(frozen=True)
@@ -187,12 +188,8 @@ def scene_dataset(
     axes = manifest.axes
     captured = "defocus" in images.facts.roles
     if captured == (blur is not None):
-        raise SourceError(
-            "either the source captures defocus or a recipe makes it",
-            where=manifest.stem,
-            got="neither" if blur is None else "both",
-            fix="the source's captures_defocus must say what its read gives",
-        )
+        what = "either the source captures defocus or a recipe makes it, not both or neither"
+        raise SourceError(what, where=manifest.stem, fix="mend the source's captures_defocus")
     if blur is not None:
         images = _synthesised(manifest, scene, images, blur)
     facts, known = images.facts, _known(images.facts, manifest)
@@ -265,14 +262,9 @@ def _refuse_damage(outcomes: Sequence[_Outcome], source: Source, missing: tuple[
         problem for outcome in outcomes for problem in outcome.problems if not outcome.left_out
     ]
     if problems and missing:
-        named = ", ".join(pair.id for pair in missing[:3])
-        problems.append(
-            Problem(
-                f"{len(missing)} pairs are missing besides",
-                got=f"{named}{' ...' if len(missing) > 3 else ''}",
-                fix=source.missing_help(missing),
-            )
-        )
+        named = listed([pair.id for pair in missing], 3)
+        what = f"{len(missing)} pairs are missing besides: {named}"
+        problems.append(Problem(what, fix=source.missing_help(missing)))
     if problems:
         raise SourceError.of(problems)
 
@@ -286,11 +278,10 @@ def _recipe_of(
     name = asked or manifest.recipe
     if source.captures_defocus and name:
         # A store must not name a blur that its images do not have.
+        where = "--recipe" if recipe else f"{manifest.stem}: recipe"
+        what = f"the defocus images of {manifest.short} are captured: no recipe {name} made them"
         raise SourceError(
-            f"the defocus images of {manifest.short} are captured: no recipe made them",
-            where="--recipe" if recipe else f"{manifest.stem}: recipe",
-            got=name,
-            fix="leave it out; realworld-synthetic blurs the thesis's captures",
+            what, where=where, fix="leave it out; realworld-synthetic blurs the thesis's captures"
         )
     if source.captures_defocus:
         return None

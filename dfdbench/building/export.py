@@ -144,12 +144,8 @@ def _write(path: Path, image: NDArray[Any]) -> None:
             there = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             if there is not None and np.array_equal(there, stored):
                 return
-            raise StoreError(
-                "a file of that name holds something else",
-                where=str(path),
-                fix="export into another folder; no file was overwritten, and the pairs "
-                "before this one are written",
-            )
+            fix = "export into another folder; pairs before this one are written"
+            raise StoreError("a file of that name holds something else", where=str(path), fix=fix)
         write_whole(path, content)
     except OSError as error:
         raise StoreError("cannot write the image", where=str(path), got=reason_of(error)) from error

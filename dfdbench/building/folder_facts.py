@@ -107,12 +107,15 @@ def look_into(folder: Path, layout: Layout) -> Facts:
     photographs = [group for group in photographs if not group.pattern.lower().endswith(ARRAYS)]
     if not depths or len(photographs) < 2:
         there = ", ".join(group.pattern for group in layout.groups)
+        what = (
+            "no depth map and two photographs a scene are found: a depth file is grey and says so "
+        )
+        what += f"in its name, or has 16 or 32 bits ({', '.join((*SUFFIXES, *ARRAYS))})"
+        found = "; ".join(filter(None, (there, unread_files(folder))))
         raise InputError(
-            "no depth map and two photographs a scene can be told",
+            what,
             where=str(folder),
-            expected="two photographs, and a depth file that is grey and says so in its name, or "
-            f"has 16 or 32 bits ({', '.join(SUFFIXES)}; for depth also {', '.join(ARRAYS)})",
-            got="; ".join(filter(None, (there, unread_files(folder)))),
+            got=found,
             fix="rename them, or write the manifest by hand: docs/your_own_data.md",
         )
     depth, fitting = _of_one_size(folder, depths, photographs, layout.scenes)

@@ -41,10 +41,8 @@ class Fetching:
     def __post_init__(self) -> None:
         problems = [
             Problem(
-                "not an address",
+                f"not an address, https://HOST/FOLDER: {mirror}",
                 where="--mirror or DFDBENCH_MIRROR",
-                expected="https://HOST/FOLDER",
-                got=mirror,
             )
             for mirror in self.mirrors
             if not re.match(r"https?://[^/]+", mirror)
@@ -76,11 +74,8 @@ def refuse_to_fetch(manifest: Manifest, folder: Path | None, asked: Sequence[str
         Where any was.
     """
     if asked and folder:
-        raise InputError(
-            "--source reads a copy on disk: nothing is fetched",
-            where=" and ".join(asked),
-            fix="leave it out, or leave out --source",
-        )
+        what = "--source reads a copy on disk: nothing is fetched"
+        raise InputError(what, where=" and ".join(asked), fix="leave it out, or leave out --source")
     if asked:
         raise InputError(
             f"{manifest.short} is not fetched here", where=" and ".join(asked), fix="leave it out"
@@ -107,13 +102,10 @@ def fetch_source(
     offline = fetching.offline
     done = download_middlebury(manifest, folder, fetching.mirrors, offline, on_progress)
     if not done.new and not done.kept:
+        what = f"no file of {manifest.short} is there" + ", and --offline asks nobody" * offline
+        fix = "build once without --offline" if offline else "name a --mirror URL"
         nothing = Problem(
-            f"no file of {manifest.short} is there",
-            where=str(folder),
-            got="--offline asks nobody" if offline else "the site has none of them",
-            fix="build once without --offline, or name a copy: --source DIR"
-            if offline
-            else "name a --mirror URL, or a copy on disk: --source DIR",
+            what, where=str(folder), fix=f"{fix}, or name a copy on disk: --source DIR"
         )
         raise InputError.of([nothing, *done.lacking])
     return open_source(manifest, folder, known_checksums(manifest, folder)), done

@@ -116,11 +116,9 @@ def refuse_recipe_on_track(manifest: Manifest, recipe: str | None) -> None:
         Where both are named.
     """
     if recipe is not None and manifest.on_track:
+        what = f"a track decides how its images are made: no recipe {recipe} on {manifest.short}"
         raise InputError(
-            "a track says itself how its images come about",
-            where=f"{manifest.short}, --recipe",
-            got=recipe,
-            fix=f"leave out --recipe, or the track, @{manifest.degradation}",
+            what, where="--recipe", fix=f"leave out --recipe, or the track, @{manifest.degradation}"
         )
 
 
@@ -144,19 +142,10 @@ def refuse_another_set(
     if not is_local(place) or os.path.realpath(place.path) != own:
         return
     if recipe not in (None, manifest.recipe):
-        raise InputError(
-            "another blur recipe makes another data set",
-            where="--recipe",
-            expected=str(manifest.recipe),
-            got=str(recipe),
-            fix="name its place: --store PATH",
-        )
+        what = f"another blur recipe, {recipe} and not {manifest.recipe}, makes another data set"
+        raise InputError(what, where="--recipe", fix="name its place: --store PATH")
     usual = manifest.capture and (manifest.capture.infocus_step, manifest.capture.defocus_step)
     if steps is not None and usual not in (None, steps):
-        raise InputError(
-            "another pair of voltage steps makes another data set",
-            where="--pair",
-            expected=f"{usual}",
-            got=",".join(map(str, steps)),
-            fix="name its place: --store PATH",
-        )
+        named = ",".join(map(str, steps))
+        what = f"other voltage steps, {named} and not {usual}, make another data set"
+        raise InputError(what, where="--pair", fix="name its place: --store PATH")

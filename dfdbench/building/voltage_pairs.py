@@ -58,11 +58,9 @@ def voltage_pair_sets(
     places = {pair: usual.with_name(f"{manifest.stem}-{pair}.zarr") for pair in steps}
     left = [pair for pair, place in places.items() if not place.exists()]
     if left and source is None:
+        what = f"the sets of these voltage steps are not built: {', '.join(left)}"
         raise InputError(
-            "the sets of these voltage steps are not built",
-            where=str(usual.parent),
-            got=", ".join(left),
-            fix="name the folder of the captures: --source DIR",
+            what, where=str(usual.parent), fix="name the folder of the captures: --source DIR"
         )
     # A step that does not exist is told before the first set is built.
     return VoltagePairSets(

@@ -70,19 +70,11 @@ class Dataset:
         if self.attributes.get("format") != FORMAT:
             raise _not_ours(self.path)
         if self.attributes.get("format_version") != FORMAT_VERSION:
-            raise StoreError(
-                "store of another version",
-                where=str(self.path),
-                expected=str(FORMAT_VERSION),
-                got=str(self.attributes.get("format_version")),
-                fix="build it again",
-            )
+            what = f"store of version {self.attributes.get('format_version')}, not {FORMAT_VERSION}"
+            raise StoreError(what, where=str(self.path), fix="build it again")
         if "fingerprint" not in self.attributes:
-            raise StoreError(
-                "the store is not finished",
-                where=str(self.path),
-                fix="run the dfdbench build that began it again: it goes on from there",
-            )
+            fix = "run the dfdbench build that began it again: it goes on from there"
+            raise StoreError("the store is not finished", where=str(self.path), fix=fix)
         check_attributes(self.attributes, str(self.path))
         self.manifest = manifest_in(self.attributes, str(self.path))
         self._arrays: dict[str, zarr.Array[Any]] = {}
@@ -241,11 +233,10 @@ class Dataset:
         except DAMAGED as error:
             if isinstance(error, DfdbenchError):
                 raise
+            got, where = str(error)[:LONGEST], f"{self.path}, {what}"
+            fix = f"dfdbench verify {self.path} finds what is damaged, `dfdbench build` mends it"
             raise StoreError(
-                "an array of the store cannot be read",
-                where=f"{self.path}, {what}",
-                got=str(error)[:LONGEST],
-                fix=f"dfdbench verify {self.path} tells what is damaged, `dfdbench build` mends it",
+                "an array of the store cannot be read", where=where, got=got, fix=fix
             ) from error
 
     def _repr_html_(self) -> str:
@@ -359,12 +350,7 @@ class Captures(Sequence[Capture]):
         """
         parts = region if isinstance(region, tuple) else ()
         if [type(part) for part in parts] != [slice, slice]:
-            raise InputError(
-                "not a region",
-                where="region",
-                expected="two slices: rows, columns",
-                got=repr(region),
-            )
+            raise InputError(f"not two slices, rows and columns: {region!r}", where="region")
         pair = self.pair_at(index)
         _check_region(region, self.dataset.shape_of(pair.scene))
         return self.dataset.read(pair, region).two_of(self._images)
@@ -378,10 +364,8 @@ def _check_region(region: Region, shape: tuple[int, int]) -> None:
     # Slices beyond an end are cut there by Python's rule, and those that start before 0 empty.
     problems = [
         Problem(
-            "the crop does not lie within the image",
+            f"the crop, {part.start} to {part.stop}, does not lie within the {size} pixels",
             where=axis,
-            expected=f"pixels 0 to {size}, start first",
-            got=f"{part.start} to {part.stop}",
         )
         for axis, part, size in zip(("rows", "columns"), region, shape, strict=True)
         if any(end is not None and not -size <= end <= size for end in (part.start, part.stop))
@@ -426,11 +410,8 @@ def open_dataset(name: str, place: Place | None = None, cache: Path | None = Non
         more = " --source DIR" * bool(manifest.files)
         if manifest.short != "demo":
             more += ", or start with the small set: `dfdbench build demo`, then `--dataset demo`"
-        raise StoreError(
-            f"data set {manifest.short} is not built",
-            where=str(default),
-            fix=f"dfdbench build {typed}{more}",
-        )
+        what = f"data set {manifest.short} is not built"
+        raise StoreError(what, where=str(default), fix=f"dfdbench build {typed}{more}")
     return Dataset(default)
 
 
@@ -441,12 +422,8 @@ def _manifest_of(name: str) -> Manifest:
         if not Path(name).exists():
             raise
         kind = "folder" if Path(name).is_dir() else "file"
-        raise StoreError(
-            f"a {kind}, and not a data set",
-            where=name,
-            expected="a data set's name, or a store's path",
-            fix="`dfdbench list` shows the names; stores end in .zarr",
-        ) from None
+        fix = "`dfdbench list` shows the names of data sets; stores end in .zarr"
+        raise StoreError(f"a {kind}, and not a data set", where=name, fix=fix) from None
 
 
 def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
@@ -457,21 +434,15 @@ def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
 
 
 def _unreadable(location: UPath, error: Exception) -> StoreError:
+    fix = "allow more memory and threads" if "new thread" in str(error) else "build it again"
     return StoreError(
-        "cannot read the store",
-        where=str(location),
-        expected="metadata of Zarr, version 3, as `dfdbench build` wrote it",
-        got=str(error)[:LONGEST],
-        fix="allow more memory and threads" if "new thread" in str(error) else "build it again",
+        "cannot read the store", where=str(location), got=str(error)[:LONGEST], fix=fix
     )
 
 
 def _not_ours(location: UPath) -> StoreError:
-    return StoreError(
-        "not a data set built by dfdbench",
-        where=str(location),
-        fix="dfdbench build NAME; a store whose zarr.json was lost has to be deleted first",
-    )
+    fix = "dfdbench build NAME; a store whose zarr.json was lost has to be deleted first"
+    return StoreError("not a data set built by dfdbench", where=str(location), fix=fix)
 
 
 def _open_root(location: UPath) -> zarr.Group:

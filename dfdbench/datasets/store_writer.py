@@ -143,11 +143,8 @@ class StoreWriter:
         self._held = contextlib.ExitStack()
 
     def __enter__(self) -> StoreWriter:
-        taken = StoreError(
-            "another build is writing this store",
-            where=str(self.path),
-            fix="wait for it, or build elsewhere with --store PATH",
-        )
+        fix = "wait for it, or build elsewhere with --store PATH"
+        taken = StoreError("another build is writing this store", where=str(self.path), fix=fix)
         with disk_errors(self.path), contextlib.ExitStack() as held:
             if is_local(self.path):
                 self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -175,12 +172,11 @@ class StoreWriter:
         found = _attributes_of(self.path) or {}
         lost = sorted(set(missing) - set(found.get("missing_pairs", missing)))
         if lost:
-            raise StoreError(
-                f"the store there holds {len(lost)} pairs that this build lacks",
-                where=str(self.path),
-                got=listed(lost, most=3),
-                fix="build elsewhere with --store PATH, or delete that store; nothing was changed",
+            what = (
+                f"the store there holds {len(lost)} pairs that this build lacks: {listed(lost, 3)}"
             )
+            fix = "build elsewhere with --store PATH, or delete that store; nothing was changed"
+            raise StoreError(what, where=str(self.path), fix=fix)
 
     def finish(self, digests: Mapping[str, str], missing: list[str]) -> str:
         """Move the store into its place whole; return its fingerprint."""
@@ -203,22 +199,16 @@ class StoreWriter:
             found = _attributes_of(place) or {}
             ours = self._is_interrupted_move(place, found) or self._is_hardly_begun(place)
             if found.get("format") != FORMAT and not ours:
-                raise StoreError(
-                    "the place is taken by something that is no dfdbench store",
-                    where=str(place),
-                    fix="choose another with --store PATH, or delete it where it is a store whose"
-                    " zarr.json was lost; nothing was changed",
-                )
+                what = "the place is taken by something that is no dfdbench store"
+                fix = "choose another with --store PATH, or delete a store without zarr.json"
+                raise StoreError(what, where=str(place), fix=fix)
         found = (_attributes_of(self.path) or {}) if exists(self.path) else {}
         for key, what in (("manifest_name", "data set"), ("recipe", "blur recipe")):
             if key in found and found[key] != self._attributes.get(key):
-                raise StoreError(
-                    f"the store there holds another {what}",
-                    where=str(self.path),
-                    expected=str(self._attributes.get(key)),
-                    got=str(found[key]),
-                    fix="choose another place with --store PATH, or delete that store",
-                )
+                other = f"{found[key]}, not {self._attributes.get(key)}"
+                what = f"the store there holds another {what}: {other}"
+                fix = "choose another place with --store PATH, or delete that store"
+                raise StoreError(what, where=str(self.path), fix=fix)
 
     def _is_hardly_begun(self, place: UPath) -> bool:
         # A kill or a full disk came between the folder and what it says of itself.
@@ -243,12 +233,10 @@ def disk_errors(location: UPath) -> Iterator[None]:
         # What an object store's library raises is its own: unreachable, forbidden, no bucket.
         if is_local(location) and not isinstance(error, OSError):
             raise
+        fix = room_or("choose another place with --store PATH", error)
+        fix += "; the same command goes on where it stopped"
         raise StoreError(
-            "cannot write the store",
-            where=str(location),
-            got=reason_of(error),
-            fix=room_or("choose another place with --store PATH", error)
-            + "; the same command goes on where it stopped",
+            "cannot write the store", where=str(location), got=reason_of(error), fix=fix
         ) from error
 
 

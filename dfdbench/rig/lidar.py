@@ -424,11 +424,8 @@ def _decode(path: Path) -> NDArray[np.int32]:
     if _length(big) == len(content):
         fix = "write it again as uint32 rows, uint32 columns, int32 ranges, little-endian"
         raise SourceError("the range file is big-endian", where=str(path), fix=fix)
-    raise SourceError(
-        f"the header of {little[0]} x {little[1]} ranges disagrees with the file's length",
-        where=str(path),
-        fix="copy the file again",
-    )
+    what = f"the header of {little[0]} x {little[1]} ranges disagrees with the file's length"
+    raise SourceError(what, where=str(path), fix="copy the file again")
 
 
 def _length(shape: tuple[int, ...]) -> int:

@@ -192,9 +192,7 @@ def writing_folder(folder: Path, what: str) -> Iterator[None]:
             yield
     except OSError as error:
         fix = room_or("choose another place with --out DIR", error)
+        fix = f"{fix}; the same command goes on where it stopped"
         raise ResultError(
-            f"cannot write the {what}",
-            where=str(folder),
-            got=reason_of(error),
-            fix=f"{fix}; the same command goes on where it stopped",
+            f"cannot write the {what}", where=str(folder), got=reason_of(error), fix=fix
         ) from error

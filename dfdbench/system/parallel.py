@@ -234,30 +234,19 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
     try:
         from distributed import Client, as_completed
     except ImportError as error:
+        fix = "pip install 'dfdbench[cluster]', here and on the cluster's workers"
         raise InputError(
-            "dask.distributed is not installed",
-            where="--scheduler",
-            got=str(error),
-            fix="pip install 'dfdbench[cluster]', here and on the cluster's workers",
+            f"dask.distributed is not installed: {error}", where="--scheduler", fix=fix
         ) from error
     if not _ADDRESS.fullmatch(address):
         # Asked all the same, the client's threads would keep the command from ending.
-        raise InputError(
-            "not a scheduler's address",
-            where="--scheduler",
-            expected="such as tcp://node1:8786",
-            got=address,
-        )
+        what = f"not a scheduler's address, such as tcp://node1:8786: {address}"
+        raise InputError(what, where="--scheduler")
     try:
         client = Client(address, timeout=_SECONDS_TO_ANSWER, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise InputError(
-            "no scheduler answers",
-            where="--scheduler",
-            expected="such as tcp://node1:8786",
-            got=f"{address} ({error})",
-            fix="start one with: dask scheduler",
-        ) from error
+        what = f"no scheduler answers at {address}: {error}"
+        raise InputError(what, where="--scheduler", fix="start one with: dask scheduler") from error
     # A scheduler that goes away is told once, in our words.
     log = logging.getLogger("distributed.client")
     level = log.level
@@ -270,9 +259,6 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
 
 
 def _gone(address: str) -> InputError:
-    return InputError(
-        "the scheduler went away, or its work was cancelled",
-        where="--scheduler",
-        got=address,
-        fix="start it again: the same command goes on with what is left to do",
-    )
+    what = f"the scheduler at {address} went away, or its work was cancelled"
+    fix = "start it again: the same command goes on with what is left to do"
+    return InputError(what, where="--scheduler", fix=fix)

@@ -43,24 +43,14 @@ def require_sound_start(environment: Mapping[str, str], assertions: bool = __deb
     dfdbench.errors.InputError: wrong environment variable (OMP_NUM_THREADS): expected ...
     """
     problems = [
-        Problem(
-            "wrong environment variable",
-            where=name,
-            expected=expected,
-            got=environment[name][:80],
-            fix=f"unset {name}",
-        )
+        Problem(f"not {expected}: {environment[name][:80]}", where=name, fix=f"unset {name}")
         for name, (form, expected) in _FORMS.items()
         if environment.get(name) and not re.fullmatch(form, environment[name].strip())
     ]
     if not assertions:
+        what = "Python was started without assertions, which zarr needs"
         problems.append(
-            Problem(
-                "Python was started without assertions, and zarr cannot do without",
-                where="PYTHONOPTIMIZE, or python -O",
-                expected="a Python as it starts by itself",
-                fix="unset PYTHONOPTIMIZE",
-            )
+            Problem(what, where="PYTHONOPTIMIZE, or python -O", fix="unset PYTHONOPTIMIZE")
         )
     if problems:
         raise InputError.of(problems)

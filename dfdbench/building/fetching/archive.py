@@ -36,20 +36,12 @@ def archive_members(path: Path, where: str = "") -> Mapping[str, int]:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
     except UNREADABLE as error:
-        raise SourceError(
-            "not a zip archive, or a damaged one",
-            where=where,
-            got=str(error)[:200],
-            fix="fetch it again",
-        ) from error
+        what = f"not a zip archive, or a damaged one: {str(error)[:200]}"
+        raise SourceError(what, where=where, fix="fetch it again") from error
     total = sum(member.file_size for member in members)
     if total > _LARGEST_WHOLE or len(members) > _MOST_MEMBERS:
-        raise SourceError(
-            "the archive would unpack to too much",
-            where=where,
-            expected=f"up to {_LARGEST_WHOLE} bytes in {_MOST_MEMBERS} files",
-            got=f"{total} bytes in {len(members)} files",
-        )
+        what = f"the archive would unpack to too much: {total} bytes in {len(members)} files"
+        raise SourceError(what, where=where)
     problems, before = [], set[str]()
     for member in members:
         if fault := _fault(member, before):
@@ -104,8 +96,5 @@ def _fault(member: zipfile.ZipInfo, before: set[str]) -> str:
 
 def _damaged(path: Path, name: str, got: str) -> SourceError:
     return SourceError(
-        "a file in the archive is damaged",
-        where=f"{path}, {name}",
-        got=got,
-        fix="fetch the archive again",
+        f"a file in the archive is damaged: {got}", where=f"{path}, {name}", fix="fetch it again"
     )

@@ -143,10 +143,9 @@ def mirrors_lacking(fates: Sequence[Fate], mirrors: Sequence[str]) -> tuple[Prob
     by_mirror = {m: [a for a in answers if f" {m.rstrip('/')}/" in a] for m in mirrors}
     return tuple(
         Problem(
-            f"the mirror lacks {counted(len(found), 'file')}",
+            f"the mirror lacks {counted(len(found), 'file')}, such as {found[0]}",
             where=mirror,
-            expected="the address that takes the place of the site's .../stereo/data",
-            got=found[0],
+            fix="name the address that takes the place of the site's .../stereo/data",
         )
         for mirror, found in by_mirror.items()
         if found

@@ -105,19 +105,16 @@ def open_source(
 def _offered(manifest: Manifest, folder: Path | None) -> Source:
     offered = offered_as(ENTRY_POINT_GROUP)
     if manifest.reader not in offered:
+        known = ", ".join(sorted({*_BUILT_IN, *offered}))
         raise SourceError(
-            f"this version cannot build {manifest.stem}: it has no reader for its files",
-            expected=f"a data set read by: {', '.join(sorted({*_BUILT_IN, *offered}))}",
-            got=manifest.reader,
+            f"no reader {manifest.reader} for the files of {manifest.stem}; there are {known}"
         )
     point = offered[manifest.reader]
     try:
         reader = point.load()
     except (Exception, SystemExit) as error:
-        raise SourceError(
-            "the reader cannot be imported",
-            where=f"{ENTRY_POINT_GROUP}: {point.name} = {point.value}",
-            got=str(error) or type(error).__name__,
-        ) from error
+        where = f"{ENTRY_POINT_GROUP}: {point.name} = {point.value}"
+        got = str(error) or type(error).__name__
+        raise SourceError("the reader cannot be imported", where=where, got=got) from error
     source: Source = reader(manifest, folder)
     return source

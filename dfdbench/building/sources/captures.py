@@ -166,40 +166,24 @@ class RawScene:
         if len(files) != self._capture.frames:
             name = _image_name(exposure_ms, step)
             place = _exposure_folder(self.folder / "frames", exposure_ms) / f"{name}_*.png"
-            problems.append(
-                Problem(
-                    "frames are missing",
-                    where=str(place),
-                    expected=str(self._capture.frames),
-                    got=str(len(files)),
-                )
-            )
+            what = f"frames are missing: {len(files)} of {self._capture.frames} are there"
+            problems.append(Problem(what, where=str(place)))
         return problems
 
     def scan_problems(self) -> list[Problem]:
         """Return what is wrong with the range files and the calibration."""
         if not self.scans():
-            return [
-                Problem(
-                    "scene has no LIDAR",
-                    where=str(self.folder),
-                    expected="lidar/lidar_rng_00000.bin",
-                )
-            ]
+            return [Problem("scene has no lidar/lidar_rng_00000.bin", where=str(self.folder))]
         problems: list[Problem] = []
         beams = _attempt(self.beams, problems)
         misfits = []
         for path in self.scans():
             ranges = _attempt(partial(read_ranges, path), problems)
             if ranges is not None and beams is not None and len(ranges) != len(beams.altitude):
-                misfits.append(
-                    Problem(
-                        "calibration does not fit the scan",
-                        where=str(self.beams_file() or path),
-                        expected=f"{len(ranges)} beams, as {path.name}",
-                        got=f"{len(beams.altitude)} beams",
-                    )
+                what = (
+                    f"calibration of {len(beams.altitude)} beams for {len(ranges)}, as {path.name}"
                 )
+                misfits.append(Problem(what, where=str(self.beams_file() or path)))
         # The scans of a scene are of one LIDAR: one misfit says it all.
         problems += misfits[:1]
         return problems
@@ -208,12 +192,9 @@ class RawScene:
         """Return what is wrong with range files, calibration and registration."""
         problems = self.scan_problems()
         if not self.registration.exists():
+            fix = f"dfdbench rig register {self.folder.name} --source {self.folder.parent}"
             problems.append(
-                Problem(
-                    "scene is not registered",
-                    where=str(self.registration),
-                    fix=f"dfdbench rig register {self.folder.name} --source {self.folder.parent}",
-                )
+                Problem("scene is not registered", where=str(self.registration), fix=fix)
             )
         else:
             _attempt(lambda: read_registration(self.registration), problems)

@@ -117,28 +117,21 @@ def _problems_of(manifest: Manifest) -> Iterator[Problem]:
     for field, named, needed in fields:
         if named != needed:
             yield Problem(
-                what="the demo scenes have other axes",
+                f"the demo scenes have the axes {listed(needed)}, not {listed(named) or 'none'}",
                 where=f"{manifest.stem}: {field}",
-                expected=", ".join(needed),
-                got=", ".join(named) or "none",
             )
     for axis, values in made.items():
         strange = [value for value in manifest.axes.get(axis, ()) if value not in values]
         if strange:
             yield Problem(
-                what=f"the demo scenes have no such {axis}",
+                f"the demo scenes have no {axis} {listed(strange)}, only {listed(values)}",
                 where=f"{manifest.stem}: axes.{axis}",
-                expected=f"of {listed(values)}",
-                got=listed(strange),
-                fix="leave it out",
             )
     for scene in manifest.scene_names:
         if scene not in SCENES:
             yield Problem(
-                what="no such demo scene",
+                f"no such demo scene: {scene}, not of {listed(SCENES)}",
                 where=f"{manifest.stem}: scenes",
-                expected=f"of {listed(SCENES)}",
-                got=scene,
             )
 
 

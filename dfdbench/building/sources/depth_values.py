@@ -56,12 +56,9 @@ def depth_of(
     if metres:
         told &= numbers > 0
     if not told.any():
+        kind = f"finite{' and above 0' * metres}, and not among depth_missing"
         raise SourceError(
-            "the depth map tells no depths",
-            where=where,
-            expected=f"values that are finite{' and above 0' * metres}, and not among "
-            "depth_missing",
-            got=f"none of {values.size}",
+            f"the depth map holds no depths: none of {values.size} values is {kind}", where=where
         )
     if metres and depth.scale is not None:
         whole = values.dtype.kind != "f"
@@ -105,14 +102,9 @@ def in_unit_of(
 def _refuse_no_levels(found: NDArray[np.float64], where: str) -> None:
     whole = (found == np.rint(found)).all()
     if not whole or found.min() < 0 or found.max() > LAST_LEVEL:
-        raise SourceError(
-            "values that are no depth levels",
-            where=where,
-            expected=f"whole numbers from 0 to {LAST_LEVEL}",
-            got=f"{_short(found.min())} to {_short(found.max())}",
-            fix="state depth_unit under [files], and [depth.scale] with near and far in metres; or "
-            "depth_ends",
-        )
+        what = f"{_short(found.min())} to {_short(found.max())} are not whole levels from 0 to 255"
+        fix = "state depth_unit and [depth.scale] with near and far in metres, or depth_ends"
+        raise SourceError(what, where=where, fix=fix)
 
 
 def _refuse_another_unit(
@@ -122,11 +114,10 @@ def _refuse_another_unit(
     fitting = _units_that_fit(median, scale)
     would = f"depth_unit = {' or '.join(fitting)} would fit"
     if whole and files.depth_unit is None:
+        what = f"not metres, but whole numbers with a median of {_short(median)}"
         raise SourceError(
-            "whole numbers where metres belong",
+            what,
             where=where,
-            expected="numbers with fractions, or depth_unit under [files]",
-            got=f"a median of {_short(median)}",
             fix=would if fitting else "no usual unit fits near and far under [depth.scale]",
         )
     if scale.near <= median * unit <= scale.far:
@@ -135,11 +126,10 @@ def _refuse_another_unit(
         fix = "widen near and far under [depth.scale]"
     else:
         fix = would if fitting else "no usual unit fits: mend near and far under [depth.scale]"
+    what = f"a median depth of {_short(median * unit)} m with depth_unit = {_short(unit)}"
     raise SourceError(
-        "depth in another unit, or other bounds",
+        f"{what}, not {scale.near:g} to {scale.far:g} m: another unit, or other bounds",
         where=where,
-        expected=f"a median from {scale.near:g} to {scale.far:g} m",
-        got=f"{_short(median * unit)} m with depth_unit = {_short(unit)}",
         fix=fix,
     )
 

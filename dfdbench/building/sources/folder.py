@@ -183,12 +183,9 @@ class FolderScenes:
     def _path(self, named: str) -> str:
         found = self._fitting(named)
         if len(found) > 1:
-            raise SourceError(
-                "several files fit the pattern",
-                where=self._where(named),
-                got=listed(found, _NAMED),
-                fix="remove all but one, or write the ending into the manifest's pattern",
-            )
+            what = f"several files fit the pattern: {listed(found, _NAMED)}"
+            fix = "remove all but one, or write the ending into the manifest's pattern"
+            raise SourceError(what, where=self._where(named), fix=fix)
         return found[0] if found else named
 
     def _fitting(self, named: str) -> list[str]:
@@ -210,16 +207,14 @@ class FolderScenes:
             return read_whole(self._folder / path, LARGEST_ARRAY)
         except OSError as error:
             lacking = isinstance(error, FileNotFoundError)
-            raise SourceError(
-                _MISSING if lacking else "cannot read the file",
-                where=self._where(path),
-                got="" if lacking else reason_of(error),
-            ) from error
+            what = _MISSING if lacking else f"cannot read the file: {reason_of(error)}"
+            raise SourceError(what, where=self._where(path)) from error
 
     def _patterns_that_match_nothing(self) -> Iterator[Problem]:
         if not self._folder.is_dir():
+            what = "a file, and not a folder" if self._folder.exists() else "no such folder"
             yield Problem(
-                "a file, and not a folder" if self._folder.exists() else "no such folder",
+                what,
                 where=str(self._folder),
                 fix="name the folder that holds the scenes: --source DIR",
             )
@@ -232,13 +227,9 @@ class FolderScenes:
                 else [self._named(what, p) or "" for p in self._manifest.pairs()]
             )
             if paths and not any(self._fitting(path) for path in paths):
-                yield Problem(
-                    f"the pattern of files.{what} matches no file",
-                    where=str(self._folder),
-                    expected=f"{pattern}, as {paths[0]}",
-                    got=_what_is_in(self._folder),
-                    fix=f"mend files.{what} in the manifest, or name another folder",
-                )
+                what = f"no file matches files.{what}, {pattern}, as {paths[0]}"
+                fix = "mend the pattern in the manifest, or name another folder"
+                yield Problem(what, where=str(self._folder), got=_what_is_in(self._folder), fix=fix)
 
 
 def _missing_together(problems: Iterable[Problem]) -> Iterator[Problem]:

@@ -95,8 +95,7 @@ def read_photograph(
         raise SourceError(
             "the photograph has transparent pixels",
             where=where,
-            expected="RGB or grey",
-            fix="write it without its alpha channel",
+            fix="write it without alpha channel",
         )
     return np.ascontiguousarray(image[..., 2::-1])
 
@@ -142,28 +141,18 @@ def decode_depth(content: bytes, where: str) -> NDArray[Any]:
         if kind == "npz":
             names = [_DEPTH_NAME] if _DEPTH_NAME in values.files else values.files
             if len(names) != 1:
-                raise SourceError(
-                    "several arrays, and none is called depth",
-                    where=where,
-                    got=", ".join(names) or "no array",
-                )
+                got = ", ".join(names) or "no array"
+                raise SourceError("several arrays, and none is called depth", where=where, got=got)
             if values.zip.getinfo(f"{names[0]}.npy").file_size > LARGEST_ARRAY:
                 raise ValueError("unpacked it is larger than any depth map")
             values = values[names[0]]
     except UNREADABLE as error:
         raise SourceError(
-            f"the {kind} file is damaged",
-            where=where,
-            got=str(error),
-            fix="copy it again from where it came from",
+            f"the {kind} file is damaged: {error}", where=where, fix="copy it again"
         ) from error
     if values.ndim not in (2, 3) or values.dtype.kind not in "iuf" or not values.size:
-        raise SourceError(
-            "the array is not a depth map",
-            where=where,
-            expected="numbers of shape (y, x)",
-            got=f"{values.dtype} of shape {values.shape}",
-        )
+        what = f"{values.dtype} of shape {values.shape} is not a depth map: numbers of shape (y, x)"
+        raise SourceError(what, where=where)
     return np.asarray(values)
 
 
@@ -345,13 +334,9 @@ def _upright(image: NDArray[Any], content: bytes, where: str, rotation: str | No
     if orientation not in _UPRIGHT or rotation == "ignore":
         return image
     if rotation is None:
-        raise SourceError(
-            "the image's EXIF data say that it is to be turned",
-            where=where,
-            expected="an upright image, or a word on it in the manifest",
-            got=f"orientation {orientation}",
-            fix='exif_rotation = "apply" or "ignore" under [files]: look which lies as the depth',
-        )
+        what = f"the image's EXIF data say that it is to be turned, orientation {orientation}"
+        fix = 'exif_rotation = "apply" or "ignore" under [files]: compare with the depth map'
+        raise SourceError(what, where=where, fix=fix)
     return _UPRIGHT[orientation](image)
 
 
@@ -376,22 +361,13 @@ def _in_full(image: NDArray[Any], where: str, bits: int | None, deep: bool) -> N
     greatest = int(image.max())
     likely = likely_bits(greatest)
     if bits is None and likely:
+        what = f"a 16-bit image that seems to hold {likely} bits: its greatest value is {greatest}"
+        other = f"image_bits = {likely}" if likely > 8 else "else write it as 8 bit"
         raise SourceError(
-            f"a 16-bit image that seems to hold {likely} bits",
-            where=where,
-            expected="values up to 65535",
-            got=f"{greatest} at most",
-            fix=f"image_bits = {likely} under [files]; image_bits = 16 where it is only dark"
-            if likely > 8
-            else "image_bits = 16 under [files] where it is only dark; else write it as 8 bit",
+            what, where=where, fix=f"image_bits = 16 under [files] if it is only dark; {other}"
         )
     if greatest >= 2 ** (bits or _FULL):
-        raise SourceError(
-            f"the image holds more than {bits} bits",
-            where=where,
-            expected=f"values below {2 ** (bits or _FULL)}",
-            got=f"{greatest}",
-            fix="mend image_bits under [files]",
-        )
+        what = f"the image holds {greatest}, more than {bits} bits"
+        raise SourceError(what, where=where, fix="mend image_bits under [files]")
     full = np.iinfo(np.uint16 if deep else np.uint8)
     return np.asarray(np.rint(image * (full.max / (2 ** (bits or _FULL) - 1))), full.dtype)

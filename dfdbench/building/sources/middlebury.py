@@ -56,13 +56,8 @@ class MiddleburyScenes:
             if (files := find_scene(scene.name, scene.source, folder))
         }
         if not self._scenes:
-            raise SourceError(
-                "no scene found",
-                where=str(folder),
-                expected="folders such as Aloe or scenes2005/ThirdSize/Art, or archives such "
-                "as Aloe-2views.zip",
-                got=_kind_of(folder),
-            )
+            what = "no scene found, such as Aloe, scenes2005/ThirdSize/Art or Aloe-2views.zip"
+            raise SourceError(what, where=str(folder), got=_kind_of(folder))
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -104,16 +99,11 @@ class MiddleburyScenes:
         }
         read = {view: depth for view, depth in depths.items() if depth is not None}
         shape = next(iter(read.values())).shape if read else (0, 0)
-        problems += [
-            Problem(
-                "size differs from the other view's",
-                where=self._scenes[scene].where(depth_name({"view": view})),
-                expected=f"{shape}",
-                got=f"{depth.shape}",
-            )
-            for view, depth in read.items()
-            if depth.shape != shape
-        ]
+        for view, depth in read.items():
+            if depth.shape != shape:
+                where = self._scenes[scene].where(depth_name({"view": view}))
+                what = f"size {depth.shape} differs from the other view's, {shape}"
+                problems.append(Problem(what, where=where))
         images: dict[Pair, Levels] = {}
         for pair in self._manifest.pairs_of_scene(scene):
             if self._has_image(pair) and pair.at["view"] in depths:

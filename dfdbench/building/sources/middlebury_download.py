@@ -110,11 +110,12 @@ def download_middlebury(
             fates = _bring_default(site, stages) if default_lighting else _bring_all(site, stages)
             lock = _write_lock(manifest, folder, fates)
     except OSError as error:
+        where, fix = (
+            str(error.filename or folder),
+            room_or("choose another place with --cache DIR", error),
+        )
         raise SourceError(
-            "cannot keep the download",
-            where=str(error.filename or folder),
-            got=reason_of(error),
-            fix=room_or("choose another place with --cache DIR", error),
+            "cannot keep the download", where=where, got=reason_of(error), fix=fix
         ) from error
     lacking = mirrors_lacking(fates, mirrors)
     _refuse(fates, folder, lacking)
@@ -261,23 +262,13 @@ def _refuse(fates: list[Fate], folder: Path, lacking: tuple[Problem, ...]) -> No
     damaged = sum(fate.kind == "damaged" for fate in fates)
     if damaged:
         whole = sum(fate.kind in ("new", "kept") for fate in fates)
-        problems.append(
-            Problem(
-                f"{damaged} damaged files in all; the other {whole} are whole and kept",
-                where=str(folder / SET_ASIDE),
-                got="the damaged are set aside there",
-                fix="the same command asks for them again, here or with another --mirror",
-            )
-        )
+        what = f"{damaged} damaged files in all, set aside; the other {whole} are whole and kept"
+        fix = "the same command asks for them again, here or with another --mirror"
+        problems.append(Problem(what, where=str(folder / SET_ASIDE), fix=fix))
     missing = [fate.name for fate in fates if fate.kind == "missing"]
     if problems and missing:
-        problems.append(
-            Problem(
-                f"{len(missing)} files are missing: no address has them",
-                where=str(folder),
-                got=listed(missing, _NAMES_SHOWN),
-            )
-        )
+        what = f"no address has these {len(missing)} files: {listed(missing, _NAMES_SHOWN)}"
+        problems.append(Problem(what, where=str(folder)))
     if problems:
         raise SourceError.of([*problems, *lacking])
 
@@ -288,9 +279,6 @@ def _told_once(fates: list[Fate], kind: str) -> list[Problem]:
     if kind == "damaged" or len(problems) <= _NAMES_SHOWN:
         return problems
     names = [fate.name for fate in fates]
-    rest = Problem(
-        f"{len(fates)} files in all could not be had",
-        got=listed(names, _NAMES_SHOWN),
-        fix="the same command goes on from here",
-    )
+    what = f"{len(fates)} files in all could not be had: {listed(names, _NAMES_SHOWN)}"
+    rest = Problem(what, fix="the same command goes on from here")
     return [*problems[:3], rest]

@@ -55,12 +55,8 @@ class RealworldFolder:
         self._scenes = {name: files for name, files in found.items() if files}
         if not self._scenes:
             there = "a file" if folder.exists() else "no such folder"
-            raise SourceError(
-                "no scene found",
-                where=str(folder),
-                expected="folders such as k33 with left/exp_30 and lidar",
-                got="none" if folder.is_dir() else there,
-            )
+            what = "no scene found, such as k33 with left/exp_30 and lidar"
+            raise SourceError(what, where=str(folder), got="none" if folder.is_dir() else there)
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -153,14 +149,8 @@ class RealworldFolder:
             lacking = [step for step in self._steps if step not in there]
             wrong = [p for step in there for p in files.image_problems(exposure, step)]
             if lacking:
-                wrong.append(
-                    Problem(
-                        "voltage step is missing",
-                        where=f"{files.folder}, exposure {exposure} ms",
-                        expected=", ".join(map(str, self._steps)),
-                        got=f"no image at {', '.join(map(str, lacking))}",
-                    )
-                )
+                what = f"no image at voltage step {', '.join(map(str, lacking))}"
+                wrong.append(Problem(what, where=f"{files.folder}, exposure {exposure} ms"))
             if not wrong:
                 usable.append(exposure)
             problems += wrong
@@ -170,20 +160,13 @@ class RealworldFolder:
         known = self._capture.voltage_step
         if self._synthetic:
             if pair:
-                raise SourceError(
-                    f"{self._manifest.short} takes the sharpest voltage step",
-                    where="--pair",
-                    fix="leave out --pair, or build realworld",
-                )
+                what = f"{self._manifest.short} takes the sharpest voltage step"
+                raise SourceError(what, where="--pair", fix="leave out --pair, or build realworld")
             return tuple(known)
         steps = pair or (self._capture.infocus_step, self._capture.defocus_step)
         if steps[0] == steps[1] or not set(steps) <= set(known):
-            raise SourceError(
-                "not a pair of voltage steps",
-                where="--pair",
-                expected=f"two of {known[0]} to {known[-1]}, as 141,129",
-                got=f"{steps[0]},{steps[1]}",
-            )
+            what = f"{steps[0]},{steps[1]} are not two steps of {known[0]} to {known[-1]}"
+            raise SourceError(what, where="--pair")
         return steps
 
 

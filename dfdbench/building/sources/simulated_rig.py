@@ -179,29 +179,17 @@ def _problems_of(manifest: Manifest) -> Iterator[Problem]:
         known = read_lens_table().steps
         steps = (capture.infocus_step, capture.defocus_step, capture.sharpest_step)
         if strange := [step for step in steps if step not in known]:
-            yield Problem(
-                "the simulated lens has no such voltage step",
-                where=f"{manifest.stem}: capture",
-                expected=f"of {known[0]} to {known[-1]}",
-                got=listed(strange),
-            )
+            what = f"the simulated lens has steps {known[0]} to {known[-1]}, not {listed(strange)}"
+            yield Problem(what, where=f"{manifest.stem}: capture")
     fields: tuple[tuple[str, list[str], list[str]], ...] = (
         ("axes", list(manifest.axes), ["exposure_ms"]),
         ("depth.axes", manifest.depth.axes, []),
     )
     for field, named, needed in fields:
         if named != needed:
-            yield Problem(
-                "the simulated rig has other axes",
-                where=f"{manifest.stem}: {field}",
-                expected=", ".join(needed) or "none",
-                got=", ".join(named) or "none",
-            )
+            what = f"the simulated rig has the axes {needed or 'none'}, not {named or 'none'}"
+            yield Problem(what, where=f"{manifest.stem}: {field}")
     numbers = [re.fullmatch(r"k(\d\d)", name) for name in manifest.scene_names]
     if any(found is None or int(found[1]) >= SCENES for found in numbers):
-        yield Problem(
-            "no such simulated scene",
-            where=f"{manifest.stem}: scenes",
-            expected=f"of k00 to k{SCENES - 1}",
-            got=listed(manifest.scene_names),
-        )
+        what = f"the simulated scenes are k00 to k{SCENES - 1}, got {listed(manifest.scene_names)}"
+        yield Problem(what, where=f"{manifest.stem}: scenes")
