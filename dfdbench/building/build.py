@@ -279,7 +279,9 @@ def _recipe_of(
     if source.captures_defocus and name:
         # A store must not name a blur that its images do not have.
         where = "--recipe" if recipe else f"{manifest.stem}: recipe"
-        what = f"the defocus images of {manifest.short} are captured: no recipe {name} made them"
+        what = (
+            f"the defocus images of {manifest.short} are captured: no recipe made them, not {name}"
+        )
         raise SourceError(
             what, where=where, fix="leave it out; realworld-synthetic blurs the thesis's captures"
         )

@@ -112,12 +112,8 @@ def look_into(folder: Path, layout: Layout) -> Facts:
         )
         what += f"in its name, or has 16 or 32 bits ({', '.join((*SUFFIXES, *ARRAYS))})"
         found = "; ".join(filter(None, (there, unread_files(folder))))
-        raise InputError(
-            what,
-            where=str(folder),
-            got=found,
-            fix="rename them, or write the manifest by hand: docs/your_own_data.md",
-        )
+        fix = "rename them, or write the manifest by hand: docs/your_own_data.md"
+        raise InputError(what, where=str(folder), got=found, fix=fix)
     depth, fitting = _of_one_size(folder, depths, photographs, layout.scenes)
     facts, scenes = Facts({"depth": depth}), _shared(layout.scenes, depth)
     keys = _spread(scenes, max(_FEWEST, min(_LOOKED_AT, _PHOTOGRAPHS // len(fitting))))

@@ -19,6 +19,8 @@ from dfdbench.errors import unknown_name
 from dfdbench.system.strict import StrictRecord
 
 ALL_PAIRS = "all"
+#: The reader of sets that are described by their manifest alone.
+FOLDER = "folder"
 
 #: What may become part of a path: no separator, no dot in front, short.
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]

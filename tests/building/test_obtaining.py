@@ -34,7 +34,7 @@ def test_a_mirror_is_an_address(mirror: str, right: bool) -> None:
         return
     with pytest.raises(InputError, match="not an address") as caught:
         Fetching(("https://right.example", mirror))
-    assert [problem.got for problem in caught.value.problems] == [mirror]
+    assert mirror in caught.value.problems[0].what
 
 
 def test_middlebury_alone_is_fetched_and_only_without_a_folder(tmp_path: Path) -> None:

@@ -28,9 +28,9 @@ def test_another_blur_or_other_steps_are_refused_in_the_sets_own_place(
     tmp_path: Path, named: bool
 ) -> None:
     places = [default_store(manifest, tmp_path) if named else None for manifest in (DEMO, CAPTURED)]
-    with pytest.raises(InputError, match="another blur recipe makes another data set"):
+    with pytest.raises(InputError, match="another blur recipe"):
         plan_build(DEMO, places[0], "text", cache=tmp_path)
-    with pytest.raises(InputError, match="another pair of voltage steps makes another data set"):
+    with pytest.raises(InputError, match="other voltage steps"):
         plan_build(CAPTURED, places[1], steps=(1, 2), cache=tmp_path)
     capture = CAPTURED.capture
     assert capture is not None

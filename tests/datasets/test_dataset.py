@@ -66,7 +66,7 @@ def test_what_is_no_store_is_said_so(tmp_path: Path) -> None:
     zarr.open_group(tmp_path / "other.zarr", mode="a").attrs.update(
         {"format": "dfdbench store", "format_version": 99}
     )
-    with pytest.raises(StoreError, match="another version"):
+    with pytest.raises(StoreError, match="version 99, not 1"):
         open_dataset(str(tmp_path / "other.zarr"))
     (tmp_path / "file.zarr").write_text("x")
     with pytest.raises(StoreError):
@@ -207,10 +207,10 @@ def test_a_crop_decodes_its_own_pair_only(tiny_store: Dataset) -> None:
 @pytest.mark.parametrize(
     ("region", "told"),
     [
-        ((slice(20, 28), slice(0, 8)), "rows.*20 to 28"),
-        ((slice(0, 8), slice(0, 31)), "columns.*0 to 31"),
-        ((slice(-4, 4), slice(0, 8)), "rows.*-4 to 4"),
-        ((slice(8, 8), slice(-99, None)), "rows.*8 to 8.*columns.*-99"),
+        ((slice(20, 28), slice(0, 8)), "20 to 28.*rows"),
+        ((slice(0, 8), slice(0, 31)), "0 to 31.*columns"),
+        ((slice(-4, 4), slice(0, 8)), "-4 to 4.*rows"),
+        ((slice(8, 8), slice(-99, None)), "8 to 8.*rows.*-99"),
     ],
 )
 def test_a_crop_beyond_the_image_is_refused(

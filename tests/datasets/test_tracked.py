@@ -50,7 +50,7 @@ def test_a_manifest_of_one_s_own_has_tracks(tmp_path: Path) -> None:
         ("demo@camra-2", "did you mean camera"),
         ("demo@camera-9", "did you mean camera-"),
         ("demo@camera-9", "did you mean camera-3"),
-        ("demo@", "unknown track: nothing stands behind the @"),
+        ("demo@", "unknown track: nothing follows the @"),
         ("dmo@camera-2", "did you mean demo"),
         ("demo@camera-2@noise-1", r"(?s)one track at a time.*demo@camera-2 or demo@noise-1"),
         ("demo@../camera-2", "unknown data set"),

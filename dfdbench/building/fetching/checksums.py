@@ -113,9 +113,6 @@ def check_checksum(name: str, content: bytes, known: Mapping[str, str], where: s
     """
     expected = known.get(name)
     if expected is not None and sha256(content) != expected:
-        what = f"the file's SHA-256 is {sha256(content)}, not {expected} as of this data set's"
-        raise SourceError(
-            what,
-            where=where,
-            fix="fetch the site's own file again; pixels encoded anew do not count",
-        )
+        got = f"SHA-256 {sha256(content)}, not {expected}"
+        fix = "fetch the site's own file again; pixels encoded anew do not count"
+        raise SourceError("not the file of this data set", where=where, got=got, fix=fix)

@@ -13,8 +13,7 @@ from dfdbench.building.sources.middlebury_download import Download, download_mid
 from dfdbench.building.sources.realworld import RealworldFolder
 from dfdbench.building.sources.rooms import Rooms
 from dfdbench.building.sources.simulated_rig import SimulatedRig
-from dfdbench.datasets.captured_checks import FOLDER
-from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.manifest import FOLDER, Manifest
 from dfdbench.errors import SourceError
 from dfdbench.system.packages import offered_as
 

@@ -166,7 +166,7 @@ class RawScene:
         if len(files) != self._capture.frames:
             name = _image_name(exposure_ms, step)
             place = _exposure_folder(self.folder / "frames", exposure_ms) / f"{name}_*.png"
-            what = f"frames are missing: {len(files)} of {self._capture.frames} are there"
+            what = f"only {len(files)} of {self._capture.frames} frames"
             problems.append(Problem(what, where=str(place)))
         return problems
 

@@ -117,7 +117,7 @@ def _problems_of(manifest: Manifest) -> Iterator[Problem]:
     for field, named, needed in fields:
         if named != needed:
             yield Problem(
-                f"the demo scenes have the axes {listed(needed)}, not {listed(named) or 'none'}",
+                f"the demo scenes have other axes: {listed(needed)}, not {listed(named) or 'none'}",
                 where=f"{manifest.stem}: {field}",
             )
     for axis, values in made.items():

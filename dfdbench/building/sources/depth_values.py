@@ -56,10 +56,8 @@ def depth_of(
     if metres:
         told &= numbers > 0
     if not told.any():
-        kind = f"finite{' and above 0' * metres}, and not among depth_missing"
-        raise SourceError(
-            f"the depth map holds no depths: none of {values.size} values is {kind}", where=where
-        )
+        kind = f"finite{' and above 0' * metres}, and not missing"
+        raise SourceError(f"none of {values.size} depths is {kind}", where=where)
     if metres and depth.scale is not None:
         whole = values.dtype.kind != "f"
         _refuse_another_unit(float(np.median(numbers[told])), whole, files, depth.scale, where)
@@ -102,7 +100,7 @@ def in_unit_of(
 def _refuse_no_levels(found: NDArray[np.float64], where: str) -> None:
     whole = (found == np.rint(found)).all()
     if not whole or found.min() < 0 or found.max() > LAST_LEVEL:
-        what = f"{_short(found.min())} to {_short(found.max())} are not whole levels from 0 to 255"
+        what = f"{_short(found.min())} to {_short(found.max())} are no depth levels, 0 to 255"
         fix = "state depth_unit and [depth.scale] with near and far in metres, or depth_ends"
         raise SourceError(what, where=where, fix=fix)
 
@@ -114,7 +112,7 @@ def _refuse_another_unit(
     fitting = _units_that_fit(median, scale)
     would = f"depth_unit = {' or '.join(fitting)} would fit"
     if whole and files.depth_unit is None:
-        what = f"not metres, but whole numbers with a median of {_short(median)}"
+        what = f"whole numbers, and not metres, with a median of {_short(median)}"
         raise SourceError(
             what,
             where=where,
@@ -126,12 +124,8 @@ def _refuse_another_unit(
         fix = "widen near and far under [depth.scale]"
     else:
         fix = would if fitting else "no usual unit fits: mend near and far under [depth.scale]"
-    what = f"a median depth of {_short(median * unit)} m with depth_unit = {_short(unit)}"
-    raise SourceError(
-        f"{what}, not {scale.near:g} to {scale.far:g} m: another unit, or other bounds",
-        where=where,
-        fix=fix,
-    )
+    what = f"a median of {_short(median * unit)} m, not {scale.near:g} to {scale.far:g} m"
+    raise SourceError(f"{what}: another unit, or other bounds", where=where, fix=fix)
 
 
 def _units_that_fit(median: float, scale: DepthScale) -> list[str]:

@@ -208,9 +208,7 @@ def _smooth_grey(image: Image) -> NDArray[np.float32]:
 def _not_aligned(got: str) -> InputError:
     what = f"no alignment of the pair's images was found: {got}, not a correlation of "
     what += f"{_LEAST_CORRELATION} and a move below {_FARTHEST:.0%} of the image's side"
-    return InputError(
-        what, fix='leave the scene out, or set align = "none" for a set that is aligned already'
-    )
+    return InputError(what, fix='leave the scene out, or set align = "none" for an aligned set')
 
 
 def place(image: NDArray[np.float64], at: Placement) -> tuple[NDArray[np.float64], Mask]:

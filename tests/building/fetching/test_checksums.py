@@ -50,7 +50,7 @@ def test_another_file_is_refused_and_an_unknown_one_passes() -> None:
     known = {"a": sha256(b"one")}
     check_checksum("a", b"one", known, "here")
     check_checksum("b", b"anything", known, "here")
-    with pytest.raises(SourceError, match="not the one of this data set") as caught:
+    with pytest.raises(SourceError, match="not the file of this data set") as caught:
         check_checksum("a", b"two", known, "here/a")
     assert sha256(b"one") in str(caught.value)
     assert sha256(b"two") in str(caught.value)

@@ -94,11 +94,9 @@ def test_broken_scenes_are_named_together_and_the_others_built(
         "door/capture1",
         "lamp/capture1",
     ]
-    assert [problem.what for problem in report.problems] == [
-        "a file is missing",
-        "depth in another unit, or other bounds",
-        "the images of the pair do not match: no alignment was found",
-    ]
+    wrong = ("a file is missing", "another unit, or other bounds", "no alignment")
+    for problem, what in zip(report.problems, wrong, strict=True):
+        assert what in problem.what
     assert "depth_unit = 0.01 (centimetres)" in report.problems[1].fix
     assert [pair.id for pair in Dataset(tmp_path / "mine.zarr").pairs("all")] == ["shelf/capture1"]
 
@@ -124,10 +122,11 @@ def test_where_no_scene_is_whole_nothing_is_built(folder: Path, tmp_path: Path) 
 
 def test_patterns_that_match_nothing_say_what_is_there(folder: Path) -> None:
     text = FOLDER_TOML.replace("{scene}/sharp.png", "{scene}/infocus.png")
-    with pytest.raises(SourceError, match="matches no file") as caught:
+    with pytest.raises(
+        SourceError, match=r"no file matches files.infocus, .*, as desk/infocus.png"
+    ) as caught:
         open_source(manifest_of(text), folder)
     (problem,) = caught.value.problems
-    assert "as desk/infocus.png" in problem.expected
     assert "desk/blurred.png" in problem.got
     with pytest.raises(SourceError, match="no such folder"):
         open_source(manifest_of(), folder / "nowhere")
@@ -149,7 +148,7 @@ def test_a_pattern_may_leave_the_ending_open(folder: Path) -> None:
     for step in (source.signature, source.read):
         with pytest.raises(SceneError, match="several files fit the pattern") as caught:
             step("shelf")
-        assert caught.value.problems[0].got == "shelf/sharp.jpg, shelf/sharp.png"
+        assert caught.value.problems[0].what.endswith(": shelf/sharp.jpg, shelf/sharp.png")
 
 
 def test_a_clone_may_be_named_or_the_set_in_it(tmp_path: Path) -> None:
@@ -164,7 +163,7 @@ def test_a_file_that_is_not_the_one_known_is_refused(folder: Path) -> None:
     known = {"desk/desk/sharp.png": right, "door/door/sharp.png": right}
     source = open_source(manifest_of(), folder, known)
     assert source.signature("desk")
-    with pytest.raises(SceneError, match="not the one of this data set"):
+    with pytest.raises(SceneError, match="not the file of this data set"):
         source.signature("door")
 
 

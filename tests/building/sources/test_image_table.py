@@ -131,7 +131,7 @@ def test_what_is_wrong_with_scenes_is_told_together_and_the_others_built(
     assert [(problem.what, Path(problem.where).name) for problem in report.problems] == [
         ("two images are focused at 1", "focus.csv"),
         ("size differs", "f_002.png"),
-        ("the depth map tells no depths", "depth.npy"),
+        ("none of 6912 depths is finite and above 0, and not missing", "depth.npy"),
     ]
     capture = Dataset(tmp_path / "mine.zarr").captures()[0]
     assert capture.stack.attrs["unit"] == "metres"

@@ -94,7 +94,7 @@ def test_sixteen_bit_images_are_refused(tiny_manifest: Manifest, tiny_folder: Pa
 
 def test_a_depth_map_of_another_size_is_named(tiny_manifest: Manifest, tiny_folder: Path) -> None:
     write_png(tiny_folder / "One/disp5.png", np.arange(24 * 31).reshape(24, 31).astype(np.uint8))
-    with pytest.raises(SourceError, match="size differs") as caught:
+    with pytest.raises(SourceError, match="differs from the other view's") as caught:
         MiddleburyScenes(tiny_manifest, tiny_folder).read("One")
     assert "disp5.png" in str(caught.value)
 

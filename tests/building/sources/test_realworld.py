@@ -72,7 +72,7 @@ def test_another_pair_of_voltage_steps(published: Path) -> None:
     assert images.defocus is not None
     assert (images.defocus[0] == cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).all()
     for wrong in ((141, 141), (141, 99)):
-        with pytest.raises(SourceError, match="not a pair of voltage steps"):
+        with pytest.raises(SourceError, match="are not two steps"):
             RealworldFolder(CAPTURED, published, wrong)
     with pytest.raises(SourceError, match="takes the sharpest"):
         open_source(find_manifest("realworld-synthetic"), published, pair=(141, 129))
