@@ -256,8 +256,8 @@ class Dataset:
         return f"<table>{listed}</table>{self.captures()._repr_html_()}"
 
     def __reduce__(self) -> tuple[type[Dataset], tuple[UPath]]:
-        # Another process opens it anew.
-        return Dataset, (self.path,)
+        # Another process opens it anew, perhaps in another working directory.
+        return Dataset, (self.path.absolute() if is_local(self.path) else self.path,)
 
 
 class Captures(Sequence[Capture]):

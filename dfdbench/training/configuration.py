@@ -92,11 +92,11 @@ class TrainingConfiguration(Record):
     decay_prelu : bool
         Weight decay for the slopes of the PReLUs too, as in dlib; else for filters alone. A choice
         of its own, whatever the schedule. U-Net has no PReLU.
-    schedule : {"dlib", "progress", "cosine"}
-        Lower the learning rate where the loss makes no progress, as dlib's trainer judges it or by
-        an earlier rule of our own; or along a cosine to 0.
+    schedule : {"dlib", "cosine"}
+        Lower the learning rate if the loss makes no progress, as dlib's trainer judges it; or along
+        a cosine to 0.
     patience, shrink, minimum_learning_rate
-        Of ``dlib`` and ``progress``: steps without progress, factor, and where training ends.
+        Of ``dlib``: steps without progress, factor, and where training ends.
     steps : int, optional
         If training ends at the latest; ``cosine`` needs it.
     warm_up : int
@@ -142,7 +142,7 @@ class TrainingConfiguration(Record):
         0.99,
     )
     decay_prelu: bool = True
-    schedule: Literal["dlib", "progress", "cosine"] = "dlib"
+    schedule: Literal["dlib", "cosine"] = "dlib"
     patience: Annotated[int, Field(ge=10)] = 2500
     shrink: Annotated[float, Field(gt=0, lt=1)] = 0.1
     minimum_learning_rate: Positive = 1e-10

@@ -6,6 +6,7 @@ import os
 import random
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +19,7 @@ from dfdbench.methods.networks.weights import load_weights
 from dfdbench.system.files import hold
 from dfdbench.system.parallel import Cluster, Processes
 from dfdbench.training.configuration import read_configuration
-from dfdbench.training.search import run as module
-from dfdbench.training.search.log import Job, LogRow, Outcome, evaluate_job
+from dfdbench.training.search.log import Evaluation, LogRow, Outcome
 from dfdbench.training.search.particle import begun, judged, particle_at, position_of
 from dfdbench.training.search.run import (
     SearchOutcome,
@@ -150,19 +150,22 @@ def test_a_scheduler_that_goes_away_loses_nothing(tiny_store: Dataset, tmp_path:
 def test_a_failed_training_is_told_and_searched_past(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def sometimes(job: Job) -> Outcome | None:
-        if job.particle == 0:
-            return Outcome(failed="diverged: the loss became nan, step 2")
-        return evaluate_job(job)
+    trained = Evaluation.__call__
 
-    monkeypatch.setattr(module, "evaluate_job", sometimes)
+    def sometimes(self: Evaluation, particle: Any) -> Outcome | None:
+        if particle[0][1] == 0:
+            return Outcome(failed="diverged: the loss became nan, step 2")
+        return trained(self, particle)
+
+    monkeypatch.setattr(Evaluation, "__call__", sometimes)
     outcome = searched(tiny_store, tmp_path / "s")
     assert [row.place for row in outcome.failures] == [(0, 0), (1, 0), (2, 0)]
     assert [item.failed for item in outcome.course] == [1, 1, 1]
     assert outcome.best is not None
     assert outcome.best.place[1] == 1
     assert same(searched(tiny_store, tmp_path / "s"), outcome)
-    monkeypatch.setattr(module, "evaluate_job", lambda job: Outcome(failed="failed: no memory"))
+    failed = Outcome(failed="failed: no memory")
+    monkeypatch.setattr(Evaluation, "__call__", lambda *_: failed)
     nothing = searched(tiny_store, tmp_path / "t")
     assert (nothing.best, nothing.finished) == (None, True)
 
@@ -174,13 +177,13 @@ def test_time_is_up_and_more_time_goes_on(
     plan = small_plan(tiny_store)
     early = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1, max_seconds=0)
     assert (early.finished, early.swarm, early.course, early.trainings) == (False, None, (), 0)
-    asked = []
+    asked, trained = [], Evaluation.__call__
 
-    def three(job: Job) -> Outcome | None:
-        asked.append(job)
-        return evaluate_job(job) if len(asked) <= 3 else None
+    def three(self: Evaluation, particle: Any) -> Outcome | None:
+        asked.append(particle)
+        return trained(self, particle) if len(asked) <= 3 else None
 
-    monkeypatch.setattr(module, "evaluate_job", three)
+    monkeypatch.setattr(Evaluation, "__call__", three)
     some = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
     assert (some.finished, len(some.course), some.trainings) == (False, 1, 3)
     monkeypatch.undo()
