@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dfdbench.building.build import build_store
-from dfdbench.building.voltage_pairs import voltage_pair_sets
+from dfdbench.building.obtaining import voltage_pair_sets
 from dfdbench.cli.options import (
     Cache,
     DataSet,

@@ -13,7 +13,7 @@ import xarray
 import zarr
 from upath import UPath
 
-from dfdbench.datasets.damage import DAMAGED
+from dfdbench.datasets.damage import DAMAGED, open_scene
 from dfdbench.datasets.dataset import FORMAT, FORMAT_VERSION
 from dfdbench.datasets.fingerprint import (
     ATTRIBUTES_SHA256,
@@ -22,7 +22,6 @@ from dfdbench.datasets.fingerprint import (
     scene_digests,
 )
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.whole_arrays import open_scene
 from dfdbench.errors import DfdbenchError, StoreError, reason_of, room_or
 from dfdbench.system.files import hold
 from dfdbench.system.location import (

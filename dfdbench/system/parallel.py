@@ -15,7 +15,6 @@ from multiprocessing.connection import wait
 from typing import Any, Generic, Protocol, TypeVar
 
 from dfdbench.errors import InputError
-from dfdbench.system.abandoned import keep_quiet_of_abandoned_tasks
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
@@ -262,3 +261,24 @@ def _gone(address: str) -> InputError:
     what = f"the scheduler at {address} went away, or its work was cancelled"
     fix = "start it again: the same command goes on with what is left to do"
     return InputError(what, where="--scheduler", fix=fix)
+
+
+# What asyncio says, with a traceback, whenever the garbage collector comes by.
+_SAID = (
+    "Task exception was never retrieved",
+    "Future exception was never retrieved",
+    "Task was destroyed but it is pending!",
+)
+
+
+def keep_quiet_of_abandoned_tasks() -> None:
+    """Let asyncio say nothing of the tasks that nobody waits for any more.
+
+    zarr reads the members of a group all at once. The first that cannot be read is raised, and
+    told by name; of the others asyncio prints tracebacks, now or later, as if dfdbench had broken.
+    """
+    logging.getLogger("asyncio").addFilter(_is_news)
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    return not record.getMessage().startswith(_SAID)

@@ -17,8 +17,7 @@ from torch import nn
 
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.folds import require_fold, training_of
-from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.manifest import Pair, require_fold, training_of
 from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.inference import Predictor, Readout
 from dfdbench.methods.networks.weights import build_network, weights_sha256

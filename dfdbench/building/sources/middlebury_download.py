@@ -19,10 +19,10 @@ from dfdbench.building.fetching.checksums import (
 from dfdbench.building.fetching.download import (
     SET_ASIDE,
     Fate,
+    Fetcher,
     Patience,
     Progress,
     WantedFile,
-    fetch,
     mirrors_lacking,
 )
 from dfdbench.building.sources.image_files import decode_file, decode_image, decode_levels
@@ -97,26 +97,21 @@ def download_middlebury(
         With every file that is damaged or could not be reached; the missing are counted beside
         them. What came is kept.
     """
-    taken = SourceError(
-        "another download into this folder is running", where=str(folder), fix="wait for it"
-    )
+    what = "another download into this folder is running"
+    taken = SourceError(what, where=str(folder), fix="wait for it")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with hold(folder / f".{lock_name(manifest)}.lock", taken):
             site = _Site(manifest, folder, tuple(mirrors), known_checksums(manifest, folder))
-            stages = _Stages(folder, on_progress, patience, offline)
+            fetcher = Fetcher(folder, on_progress, patience, offline)
             # The site's archives hold the default lighting and no other.
             default_lighting = set(manifest.axes) == {"view"}
-            fates = _bring_default(site, stages) if default_lighting else _bring_all(site, stages)
+            fates = _bring_default(site, fetcher) if default_lighting else _bring_all(site, fetcher)
             lock = _write_lock(manifest, folder, fates)
     except OSError as error:
-        where, fix = (
-            str(error.filename or folder),
-            room_or("choose another place with --cache DIR", error),
-        )
-        raise SourceError(
-            "cannot keep the download", where=where, got=reason_of(error), fix=fix
-        ) from error
+        what = f"cannot keep the download: {reason_of(error)}"
+        fix = room_or("choose another place with --cache DIR", error)
+        raise SourceError(what, where=str(error.filename or folder), fix=fix) from error
     lacking = mirrors_lacking(fates, mirrors)
     _refuse(fates, folder, lacking)
     return Download(
@@ -187,43 +182,18 @@ class _Site:
         return name in self.checksums
 
 
-class _Stages:
-    """Calls of `fetch` that follow one another and show one progress."""
-
-    def __init__(
-        self, folder: Path, on_progress: Progress | None, patience: Patience | None, offline: bool
-    ) -> None:
-        self._folder = folder
-        self._on_progress = on_progress
-        self._patience = patience
-        self._offline = offline
-        self._files = 0
-        self._bytes = 0
-
-    def bring(self, wanted: list[WantedFile], to_follow: int = 0) -> list[Fate]:
-        """Fetch some files, of which so many others will follow."""
-        files, received = self._files, self._bytes
-
-        def step(done: int, total: int, count: int) -> None:
-            self._files, self._bytes = files + done, received + count
-            if self._on_progress:
-                self._on_progress(self._files, files + total + to_follow, self._bytes)
-
-        return list(fetch(wanted, self._folder, step, self._patience, self._offline))
-
-
-def _bring_all(site: _Site, stages: _Stages) -> list[Fate]:
+def _bring_all(site: _Site, fetcher: Fetcher) -> list[Fate]:
     # Depth maps first: an image is checked against the size of its own.
     scenes = site.manifest.scenes
     depths = [file for scene in scenes for file in site.depths(scene)]
     images = [file for scene in scenes for file in site.images(scene)]
-    fates = stages.bring(depths, len(images))
+    fates = fetcher.bring(depths, len(images))
     if all(fate.kind == "unreachable" for fate in fates):
         return fates
-    return fates + stages.bring(images)
+    return fates + fetcher.bring(images)
 
 
-def _bring_default(site: _Site, stages: _Stages) -> list[Fate]:
+def _bring_default(site: _Site, fetcher: Fetcher) -> list[Fate]:
     single = {
         scene.name: (site.depths(scene), site.images(scene)) for scene in site.manifest.scenes
     }
@@ -233,12 +203,12 @@ def _bring_default(site: _Site, stages: _Stages) -> list[Fate]:
         if all((site.folder / file.name).exists() for kind in single[scene.name] for file in kind)
     ]
     archives = [scene for scene in site.manifest.scenes if scene.name not in whole]
-    fates = stages.bring([site.archive(scene) for scene in archives])
+    fates = fetcher.bring([site.archive(scene) for scene in archives])
     had = {fate.name for fate in fates if fate.kind in ("new", "kept")}
     alone = [scene.name for scene in archives if site.archive(scene).name not in had] + whole
     depths = [file for name in alone for file in single[name][0]]
     images = [file for name in alone for file in single[name][1]]
-    later = stages.bring(depths, len(images)) + stages.bring(images)
+    later = fetcher.bring(depths, len(images)) + fetcher.bring(images)
     return [fate for fate in fates if fate.name in had] + later
 
 

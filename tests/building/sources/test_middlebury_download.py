@@ -86,7 +86,7 @@ def test_all_that_mends_itself(
     assert done.new == FILES
     assert fingerprint(manifest, done, tmp_path) == reference
     for name, listed in faults.items():
-        assert len(site.asked_for(f"/{BELOW}/{name}")) == len(listed) + 1
+        assert site.asked_for(f"/{BELOW}/{name}") == len(listed) + 1
     aside = [path for path in (tmp_path / "in/set-aside").rglob("*") if path.is_file()]
     assert [path.name.split(".")[0] for path in aside] == ["view5"]
 
