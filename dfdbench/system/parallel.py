@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from dfdbench.errors import InputError
 
@@ -53,8 +53,40 @@ class Pool(Protocol):
         """
 
 
+class _Counting:
+    """Count the items that are done, and call back after each."""
+
+    def map(
+        self,
+        function: Callable[[Item], Outcome],
+        items: Sequence[Item],
+        on_outcome: OnOutcome[Item, Outcome] | None = None,
+        on_done: OnDone | None = None,
+    ) -> list[Outcome]:
+        """Return what a function gives for each item; see `Pool`."""
+        done = 0
+
+        def hear(number: int, outcome: Outcome) -> None:
+            nonlocal done
+            done += 1
+            if on_outcome:
+                on_outcome(items[number], outcome)
+            if on_done:
+                on_done(done, len(items))
+
+        return self._outcomes(function, items, hear)
+
+    def _outcomes(
+        self,
+        function: Callable[[Item], Outcome],
+        items: Sequence[Item],
+        hear: Callable[[int, Outcome], None],
+    ) -> list[Outcome]:
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class Threads:
+class Threads(_Counting):
     """Work in threads of this process.
 
     Parameters
@@ -70,21 +102,17 @@ class Threads:
 
     workers: int = 1
 
-    def map(
+    def _outcomes(
         self,
         function: Callable[[Item], Outcome],
         items: Sequence[Item],
-        on_outcome: OnOutcome[Item, Outcome] | None = None,
-        on_done: OnDone | None = None,
+        hear: Callable[[int, Outcome], None],
     ) -> list[Outcome]:
-        """Return what a function gives for each item; see `Pool`."""
-        return _compute(
-            ThreadPoolExecutor(self.workers), function, items, _Listener(items, on_outcome, on_done)
-        )
+        return _compute(ThreadPoolExecutor(self.workers), function, items, hear)
 
 
 @dataclass(frozen=True)
-class Processes:
+class Processes(_Counting):
     """Work in processes of this machine, for what shares no process well.
 
     Parameters
@@ -95,52 +123,45 @@ class Processes:
 
     workers: int = 1
 
-    def map(
+    def _outcomes(
         self,
         function: Callable[[Item], Outcome],
         items: Sequence[Item],
-        on_outcome: OnOutcome[Item, Outcome] | None = None,
-        on_done: OnDone | None = None,
+        hear: Callable[[int, Outcome], None],
     ) -> list[Outcome]:
-        """Return what a function gives for each item; see `Pool`."""
         # Forking a process that has threads (numba's, zarr's) can hang: start afresh.
-        pool = ProcessPoolExecutor(
-            self.workers, mp_context=get_context("spawn"), initializer=_begin_worker
-        )
-        return _compute(pool, function, items, _Listener(items, on_outcome, on_done))
+        context = get_context("spawn")
+        pool = ProcessPoolExecutor(self.workers, context, initializer=_begin_worker)
+        return _compute(pool, function, items, hear)
 
 
 @dataclass(frozen=True)
-class Cluster:
+class Cluster(_Counting):
     """Work on a `dask.distributed` cluster whose workers have dfdbench installed.
 
     Parameters
     ----------
     address : str
         The scheduler's, such as ``tcp://node1:8786``.
+
+    Raises
+    ------
+    InputError
+        From `map`, if dask.distributed is not installed, no scheduler answers, or it goes away.
     """
 
     address: str
 
-    def map(
+    def _outcomes(
         self,
         function: Callable[[Item], Outcome],
         items: Sequence[Item],
-        on_outcome: OnOutcome[Item, Outcome] | None = None,
-        on_done: OnDone | None = None,
+        hear: Callable[[int, Outcome], None],
     ) -> list[Outcome]:
-        """Return what a function gives for each item; see `Pool`.
-
-        Raises
-        ------
-        InputError
-            Where dask.distributed is not installed, no scheduler answers, or it goes away.
-        """
         with _client(self.address) as (client, as_completed):
             futures = client.map(function, items, pure=False, batch_size=1)
             place = {future.key: number for number, future in enumerate(futures)}
             outcomes: dict[int, Outcome] = {}
-            listener = _Listener(items, on_outcome, on_done)
             try:
                 for future, outcome in as_completed(futures, loop=client.loop, with_results=True):
                     # Work that nobody will do any more comes as an outcome, too.
@@ -148,7 +169,7 @@ class Cluster:
                         raise _gone(self.address)
                     number = place[future.key]
                     outcomes[number] = outcome
-                    listener.hear(number, outcome)
+                    hear(number, outcome)
             finally:
                 if client.status == "running":
                     client.cancel(futures)
@@ -174,32 +195,11 @@ def _end_with_parent() -> None:
     threading.Thread(target=end, daemon=True).start()
 
 
-class _Listener(Generic[Item, Outcome]):
-    """Counts the items that are done and tells the caller of each."""
-
-    def __init__(
-        self,
-        items: Sequence[Item],
-        on_outcome: OnOutcome[Item, Outcome] | None,
-        on_done: OnDone | None,
-    ) -> None:
-        self._items, self._on_outcome, self._on_done = items, on_outcome, on_done
-        self._done = 0
-
-    def hear(self, number: int, outcome: Outcome) -> None:
-        """Tell of an item by its place."""
-        self._done += 1
-        if self._on_outcome:
-            self._on_outcome(self._items[number], outcome)
-        if self._on_done:
-            self._on_done(self._done, len(self._items))
-
-
 def _compute(
     pool: Executor,
     function: Callable[[Item], Outcome],
     items: Sequence[Item],
-    listener: _Listener[Item, Outcome],
+    hear: Callable[[int, Outcome], None],
 ) -> list[Outcome]:
     # Here: it takes a third of a second, and one worker does without.
     from dask.base import compute
@@ -210,7 +210,7 @@ def _compute(
 
     def posttask(key: Any, outcome: Any, *_: Any) -> None:
         if key in place:
-            listener.hear(place[key], outcome)
+            hear(place[key], outcome)
 
     tasks = [
         delayed(function, pure=False)(items[number], dask_key_name=name)
