@@ -21,99 +21,6 @@ from dfdbench.tables.table import counted
 
 
 @dataclass(frozen=True)
-class Fetching:
-    """How files are to be fetched.
-
-    Parameters
-    ----------
-    mirrors : tuple of str
-        Addresses that are asked before the site.
-    offline : bool
-        Ask nobody: take what was fetched before.
-
-    Raises
-    ------
-    InputError
-        Where a mirror is no address.
-    """
-
-    mirrors: tuple[str, ...] = ()
-    offline: bool = False
-
-    def __post_init__(self) -> None:
-        problems = [
-            Problem(
-                f"not an address, https://HOST/FOLDER: {mirror}",
-                where="--mirror or DFDBENCH_MIRROR",
-            )
-            for mirror in self.mirrors
-            if not re.match(r"https?://[^/]+", mirror)
-        ]
-        if problems:
-            raise InputError.of(problems)
-
-
-def is_fetched(manifest: Manifest, folder: Path | None) -> bool:
-    """Return whether a data set's files are fetched: Middlebury's are, unless a folder is named."""
-    return folder is None and manifest.reader == "middlebury"
-
-
-def refuse_to_fetch(manifest: Manifest, folder: Path | None, asked: Sequence[str]) -> None:
-    """Refuse what was asked about fetching where nothing is fetched.
-
-    Parameters
-    ----------
-    manifest : Manifest
-        The data set.
-    folder : Path or None
-        The folder that its files are read from.
-    asked : sequence of str
-        The options given, such as ``--offline``.
-
-    Raises
-    ------
-    InputError
-        Where any was.
-    """
-    if asked and folder:
-        what = "--source reads a copy on disk: nothing is fetched"
-        raise InputError(what, where=" and ".join(asked), fix="leave it out, or leave out --source")
-    if asked:
-        raise InputError(
-            f"{manifest.short} is not fetched here", where=" and ".join(asked), fix="leave it out"
-        )
-
-
-def download_folder(manifest: Manifest, cache: Path | None = None) -> Path:
-    """Return where a data set's downloads lie."""
-    return cache_folder(cache) / DOWNLOADS / manifest.file_stem
-
-
-def fetch_source(
-    manifest: Manifest, folder: Path, fetching: Fetching, on_progress: Progress | None = None
-) -> tuple[Source, Download]:
-    """Fetch a data set's files into a folder; return them as a source, and what was done.
-
-    Raises
-    ------
-    SourceError
-        As `download_middlebury` does.
-    InputError
-        Where no file at all is there.
-    """
-    offline = fetching.offline
-    done = download_middlebury(manifest, folder, fetching.mirrors, offline, on_progress)
-    if not done.new and not done.kept:
-        what = f"no file of {manifest.short} is there" + ", and --offline asks nobody" * offline
-        fix = "build once without --offline" if offline else "name a --mirror URL"
-        nothing = Problem(
-            what, where=str(folder), fix=f"{fix}, or name a copy on disk: --source DIR"
-        )
-        raise InputError.of([nothing, *done.lacking])
-    return open_source(manifest, folder, known_checksums(manifest, folder)), done
-
-
-@dataclass(frozen=True)
 class Obtained:
     """The files that a build reads.
 
@@ -166,23 +73,41 @@ def obtain(
         If options contradict each other, or files cannot be had.
     """
     manifest = plan.manifest
-    if not is_fetched(manifest, folder):
+    if folder is not None or manifest.reader != "middlebury":
         given = [name for name, value in (("--mirror", mirrors), ("--offline", offline)) if value]
-        refuse_to_fetch(manifest, folder, given)
+        if given:
+            what = f"{manifest.short} is not fetched here"
+            if folder is not None:
+                what = "--source reads a copy on disk: nothing is fetched"
+            raise InputError(what, where=" and ".join(given), fix="leave it out")
         return Obtained(open_source(manifest, folder, known_checksums(manifest), plan.steps))
     if offline and mirrors:
         raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
-    fetching = Fetching((*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split()), offline)
-    place = download_folder(manifest, cache)
-    before = _count_files(place / SET_ASIDE)
+    mirrors = (*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split())
+    problems = [
+        Problem(f"not an address, https://HOST/FOLDER: {one}", where="--mirror or DFDBENCH_MIRROR")
+        for one in mirrors
+        if not re.match(r"https?://[^/]+", one)
+    ]
+    if problems:
+        raise InputError.of(problems)
+    place = cache_folder(cache) / DOWNLOADS / manifest.file_stem
+    aside = place / SET_ASIDE
+    before = _count_files(aside)
     try:
-        source, done = fetch_source(manifest, place, fetching, on_progress)
+        done = download_middlebury(manifest, place, mirrors, offline, on_progress)
     except SourceError as error:
-        if refused := _count_files(place / SET_ASIDE) - before:
-            kept = Problem(f"{counted(refused, 'file')} set aside in {place / SET_ASIDE}")
+        if refused := _count_files(aside) - before:
+            kept = Problem(f"{counted(refused, 'file')} set aside in {aside}")
             raise SourceError.of([*error.problems, kept]) from error
         raise
-    return Obtained(source, place, done, _count_files(place / SET_ASIDE) - before)
+    if not done.new and not done.kept:
+        what = f"no file of {manifest.short} is there" + ", and --offline asks nobody" * offline
+        fix = "build once without --offline" if offline else "name a --mirror URL"
+        fix += ", or name a copy on disk: --source DIR"
+        raise InputError.of([Problem(what, where=str(place), fix=fix), *done.lacking])
+    source = open_source(manifest, place, known_checksums(manifest, place))
+    return Obtained(source, place, done, _count_files(aside) - before)
 
 
 def _count_files(folder: Path) -> int:

@@ -17,6 +17,7 @@ from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, load_weights, weights_sha256
 from dfdbench.metrics.metric import METRICS
 from dfdbench.results.wording import score_text
+from dfdbench.system.strict import Record
 from dfdbench.tables.table import Table
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration, settled
 from dfdbench.training.schedule import EndedBy
@@ -29,8 +30,7 @@ FOLD = "fold"
 PAIR = "pair"
 
 
-@dataclass(frozen=True)
-class Experiment:
+class Experiment(Record):
     """What is trained again and again.
 
     Parameters
@@ -51,8 +51,8 @@ class Experiment:
 
     name: str
     title: str
-    varies: str
-    values: tuple[Any, ...]
+    varies: str = ""
+    values: tuple[Any, ...] = ()
     repeats: int
     split: str = "train"
     baseline: str = ""
@@ -68,18 +68,7 @@ def experiments() -> dict[str, Experiment]:
     """
     source = files("dfdbench.training").joinpath("experiments.toml")
     content = tomllib.loads(source.read_text(encoding="utf-8"))
-    return {
-        name: Experiment(
-            name,
-            item["title"],
-            item.get("varies", ""),
-            tuple(item.get("values", ())),
-            item["repeats"],
-            item.get("split", "train"),
-            str(item.get("baseline", "")),
-        )
-        for name, item in content.items()
-    }
+    return {name: Experiment(name=name, **item) for name, item in content.items()}
 
 
 def find_experiment(name: str) -> Experiment:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,27 +46,6 @@ class EndedBy(StrEnum):
     def early(self) -> bool:
         """True if training would continue with more time."""
         return self in (EndedBy.TIME_LIMIT, EndedBy.TIME_LIMIT_IN_WARM_UP)
-
-
-class Schedule(Protocol):
-    """What the trainer asks after each step."""
-
-    @property
-    def rate(self) -> float:
-        """The learning rate of the step to come."""
-
-    def after(self, step: int, loss: float) -> None:
-        """Note the loss of a step; the first is 1."""
-
-    @property
-    def ended(self) -> str:
-        """Why training has ended; empty if it has not."""
-
-    def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` returned."""
 
 
 class DlibSchedule:
@@ -186,7 +165,7 @@ class CosineSchedule:
         self._step = state["step"]
 
 
-def schedule_of(configuration: TrainingConfiguration) -> Schedule:
+def schedule_of(configuration: TrainingConfiguration) -> DlibSchedule | CosineSchedule:
     """Return the schedule that a configuration asks for."""
     if configuration.schedule == "cosine":
         return CosineSchedule(configuration)

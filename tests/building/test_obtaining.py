@@ -1,77 +1,46 @@
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dfdbench.building.build import build_store
-from dfdbench.building.obtaining import (
-    Fetching,
-    download_folder,
-    fetch_source,
-    is_fetched,
-    refuse_to_fetch,
-    voltage_pair_sets,
-)
+from dfdbench.building.obtaining import obtain, voltage_pair_sets
+from dfdbench.building.plan import plan_build
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import InputError, SourceError
 from tests.conftest import write_png
 
-OFFLINE = Fetching(offline=True)
 
-
-@pytest.mark.parametrize(
-    ("mirror", "right"),
-    [
-        ("https://mirror.example/middlebury", True),
-        ("http://127.0.0.1:8000", True),
-        ("/data/middlebury", False),
-        ("mirror.example/middlebury", False),
-        ("ftp://mirror.example", False),
-        ("https://", False),
-        ("https:///folder", False),
-    ],
-)
-def test_a_mirror_is_an_address(mirror: str, right: bool) -> None:
-    if right:
-        assert Fetching((mirror,)).mirrors == (mirror,)
-        return
-    with pytest.raises(InputError, match="not an address") as caught:
-        Fetching(("https://right.example", mirror))
-    assert mirror in caught.value.problems[0].what
-
-
-def test_middlebury_alone_is_fetched_and_only_without_a_folder(tmp_path: Path) -> None:
-    for name, fetched in (("middlebury", True), ("middlebury-default", True), ("demo", False)):
-        assert is_fetched(find_manifest(name), None) is fetched
-        assert not is_fetched(find_manifest(name), tmp_path)
-    assert not is_fetched(find_manifest("realworld"), None)
+@pytest.mark.parametrize("mirror", ["/data/middlebury", "ftp://mirror.example", "https:///folder"])
+def test_a_mirror_is_an_address(tmp_path: Path, mirror: str) -> None:
+    plan = plan_build(find_manifest("middlebury"), cache=tmp_path)
+    with pytest.raises(InputError, match=f"not an address.*{mirror}"):
+        obtain(plan, mirrors=["https://right.example", mirror], cache=tmp_path)
 
 
 def test_what_is_asked_about_fetching_is_refused_where_nothing_is_fetched(tmp_path: Path) -> None:
-    demo, middlebury = find_manifest("demo"), find_manifest("middlebury")
-    refuse_to_fetch(demo, None, ())
-    refuse_to_fetch(middlebury, tmp_path, ())
+    demo, middlebury = (plan_build(find_manifest(name)) for name in ("demo", "middlebury"))
+    assert obtain(demo).folder is None
     with pytest.raises(InputError, match="demo is not fetched here"):
-        refuse_to_fetch(demo, None, ("--offline",))
+        obtain(demo, offline=True)
     with pytest.raises(InputError, match="reads a copy on disk") as caught:
-        refuse_to_fetch(middlebury, tmp_path, ("--mirror", "--offline"))
+        obtain(middlebury, tmp_path, ["https://a.example"], offline=True)
     assert caught.value.problems[0].where == "--mirror and --offline"
 
 
-def test_offline_what_lies_there_is_the_source(tiny_manifest: Manifest, tiny_folder: Path) -> None:
-    source, done = fetch_source(tiny_manifest, tiny_folder, OFFLINE)
-    assert (done.new, done.kept) == (0, 17)
-    assert len(source.available_pairs()) == 11
-
-
-def test_offline_with_nothing_there_is_told(tiny_manifest: Manifest, tmp_path: Path) -> None:
-    folder = download_folder(tiny_manifest, tmp_path)
-    assert folder == tmp_path / "downloads/tiny-1"
-    with pytest.raises(InputError, match="no file of tiny is there") as caught:
-        fetch_source(tiny_manifest, folder, OFFLINE)
-    assert "build once without --offline" in caught.value.problems[0].fix
+def test_offline_what_lies_there_is_the_source(
+    tiny_manifest: Manifest, tiny_folder: Path, tmp_path: Path
+) -> None:
+    plan = plan_build(tiny_manifest, cache=tmp_path / "cache")
+    with pytest.raises(InputError, match=r"no file of tiny is there[^$]*without --offline"):
+        obtain(plan, offline=True, cache=tmp_path / "cache")
+    shutil.copytree(tiny_folder, tmp_path / "cache/downloads/tiny-1", dirs_exist_ok=True)
+    found = obtain(plan, offline=True, cache=tmp_path / "cache")
+    assert found.done is not None
+    assert (found.done.new, found.done.kept) == (0, 17)
+    assert len(found.source.available_pairs()) == 11
 
 
 REALWORLD = find_manifest("realworld")
@@ -129,12 +98,3 @@ def test_a_step_that_the_lens_never_had_is_told_before_anything_is_built(
 ) -> None:
     with pytest.raises(SourceError, match="two steps of 127 to 143"):
         voltage_pair_sets(REALWORLD, ["135-129", "135-150"], site, tmp_path)
-
-
-def test_another_pair_is_kept_out_of_the_sets_own_place(
-    site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("DFDBENCH_CACHE", str(tmp_path))
-    sets = voltage_pair_sets(REALWORLD, ["135-129"], site, tmp_path)
-    with pytest.raises(InputError, match="make another data set"):
-        build_store(REALWORLD, sets.to_build["135-129"], default_store(REALWORLD))

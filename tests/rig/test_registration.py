@@ -160,9 +160,3 @@ def test_a_file_that_gives_no_transform_is_told(tmp_path: Path, text: str, told:
         read_registration(path)
     with pytest.raises(SourceError, match="cannot read"):
         read_registration(tmp_path / "none.toml")
-
-
-def test_a_file_nested_too_deep_is_told(tmp_path: Path) -> None:
-    (tmp_path / "deep.toml").write_text("matrix = " + "[" * 3000)
-    with pytest.raises(SourceError, match="nested too deep"):
-        read_registration(tmp_path / "deep.toml")

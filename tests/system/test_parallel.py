@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import logging
 import os
 import subprocess
 import sys
@@ -15,13 +14,7 @@ from distributed import LocalCluster
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError
-from dfdbench.system.parallel import (
-    Cluster,
-    Pool,
-    Processes,
-    Threads,
-    keep_quiet_of_abandoned_tasks,
-)
+from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from tests.conftest import ON_SERVERS
 
 
@@ -97,10 +90,6 @@ def test_what_failed_is_not_told_as_done() -> None:
 def test_errors_come_through(pool: Pool) -> None:
     with pytest.raises(ValueError, match=r"no [12]"):
         pool.map(fail, [1, 2])
-
-
-def test_nothing_to_do(pool: Pool) -> None:
-    assert pool.map(fail, []) == []
 
 
 def test_threads_work_at_once() -> None:
@@ -233,11 +222,3 @@ def test_a_store_with_several_damaged_scenes_is_one_error(tiny_store: Dataset) -
     assert "cannot read the store" in done.stderr
     assert "Traceback" not in done.stderr
     assert "Task" not in done.stderr
-
-
-def test_what_else_asyncio_says_is_said(caplog: pytest.LogCaptureFixture) -> None:
-    keep_quiet_of_abandoned_tasks()
-    logger = logging.getLogger("asyncio")
-    logger.error("Task exception was never retrieved\nfuture: <Task>")
-    logger.error("socket.send() raised exception")
-    assert [record.getMessage() for record in caplog.records] == ["socket.send() raised exception"]

@@ -197,13 +197,6 @@ def test_what_is_no_configuration(tmp_path: Path) -> None:
         read_configuration("published", {"filters": "F-99"})
 
 
-def test_a_file_nested_too_deep_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "deep.toml"
-    path.write_text("noise = " + "[" * 3000)
-    with pytest.raises(InputError, match="nested too deep"):
-        read_configuration(str(path))
-
-
 @pytest.mark.parametrize(
     ("told", "precision", "said"),
     [

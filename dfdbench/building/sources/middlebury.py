@@ -236,7 +236,7 @@ class SceneFiles:
         Raises
         ------
         SourceError
-            Where the archive has to be looked into and is not to be trusted.
+            If the archive has to be looked into and is none.
         """
         if self.folder and (self.folder / name).is_file():
             return True

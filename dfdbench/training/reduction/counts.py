@@ -335,9 +335,6 @@ def winners(
     >>> len(set(winners(vectors @ vectors.T).tolist()))
     3
     """
-    if tuning not in TUNINGS:
-        expected = " or ".join(TUNINGS)
-        raise InputError("no such tuning", where="tuning", expected=expected, got=str(tuning))
     neurons = _Neurons.along_first_component(_centred(gram))
     random = np.random.default_rng(seed)
     for epoch in range(_EPOCHS):

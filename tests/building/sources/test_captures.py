@@ -44,13 +44,6 @@ def test_raw_files_are_found_by_exposure_step_and_number(tmp_path: Path) -> None
     assert scene.images(10, 130) == scene.images(20, 141) == []
 
 
-def test_a_leading_zero_of_an_exposure_is_as_good(tmp_path: Path) -> None:
-    touch(tmp_path / "frames/exp_05/image_129_5.00_0.png")
-    scene = RawScene(tmp_path, CAPTURE)
-    assert scene.exposures() == (5,)
-    assert len(scene.images(5, 129)) == 1
-
-
 def test_frames_of_one_image_are_counted(tmp_path: Path) -> None:
     for number in range(CAPTURE.frames - 1):
         frame = np.zeros((*CAPTURE.frame_size, 3), np.uint8)
@@ -85,22 +78,6 @@ def test_of_published_depth_maps_the_scaled_one_is_taken(tmp_path: Path) -> None
     assert np.array_equal(found, levels)
     # 0 and 255 say that nothing came back.
     assert np.argwhere(~valid).tolist() == [[0, 0], [0, 1]]
-
-
-def test_a_published_frame_is_what_the_crop_left(tmp_path: Path) -> None:
-    image = np.random.default_rng(4).integers(0, 256, (630, 630, 3)).astype(np.uint8)
-    write_png(tmp_path / "left/exp_30/image_141_30.00.png", image)
-    scene = PublishedScene(tmp_path, CAPTURE)
-    assert (scene.exposures(), scene.images(30, 129)) == ((30,), [])
-    assert scene.image_problems(30, 141) == []
-    assert np.array_equal(scene.image(30, 141), image[..., ::-1])
-    assert np.array_equal(scene.frame(30, 141), scene.image(30, 141))
-
-
-def test_a_raw_image_is_the_middle_of_the_mean_frame(captures: Path) -> None:
-    scene = raw_scene(captures, "k03")
-    assert np.array_equal(scene.image(40, 135), scene.rig.crop(scene.frame(40, 135)))
-    assert scene.image_problems(40, 135) == scene.depth_problems() == []
 
 
 @pytest.mark.parametrize("damage", ["lidar", "registration"])

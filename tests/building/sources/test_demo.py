@@ -23,12 +23,6 @@ def test_every_test_depth_is_covered_by_the_training_depths(demo_store: Dataset)
     assert (test <= train).all()
 
 
-def test_some_depth_is_unknown_as_in_middlebury(demo_store: Dataset) -> None:
-    for scene in demo_store.scenes:
-        unknown = np.isnan(demo_store.to_xarray(scene)["depth"].values).mean()
-        assert 0.01 < unknown < 0.12, scene
-
-
 @pytest.mark.slow
 def test_low_exposure_is_darker_and_harder(demo_store: Dataset) -> None:
     method = Local()

@@ -119,11 +119,6 @@ def test_depth_is_read_as_it_stands() -> None:
         read_depth_file(encoded(RGB), "d.png")
 
 
-def test_an_image_and_a_depth_map_keep_their_values() -> None:
-    assert np.array_equal(decode_image(encoded(RGB), "x", (5, 7)), RGB)
-    assert np.array_equal(decode_levels(encoded(RGB[..., 0]), "x", 0), RGB[..., 0])
-
-
 @pytest.mark.parametrize(
     ("content", "told"),
     [

@@ -11,7 +11,7 @@ from dfdbench.errors import InputError, MethodError, UnknownNameError
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.methods.networks.weights import Card, build_network, count_parameters, save_weights
 from dfdbench.training.configuration import TrainingConfiguration, read_configuration
-from dfdbench.training.reduction.counts import STATISTICS, Counts, Statistic
+from dfdbench.training.reduction.counts import STATISTICS, Statistic
 from dfdbench.training.reduction.reduce import (
     BASELINE,
     LEVELS,
@@ -22,8 +22,6 @@ from dfdbench.training.reduction.reduce import (
     iterative_rows,
     reduce_weights,
     rounded,
-    rows_of,
-    rows_table,
     seconds_an_image,
 )
 from tests.methods.made_weights import card, save_small
@@ -147,18 +145,6 @@ def test_h_is_printed_exactly_and_l_goes_down_everywhere() -> None:
     assert rounded({"x": (5, 256)}, "L") == {"xL": (8, 256)}
 
 
-def test_counts_make_the_rows_of_an_ensemble_or_a_level() -> None:
-    d_1 = table_d_1()
-    found = {layer: (d_1["min"][layer], d_1["max"][layer]) for layer in d_1["min"]}
-    counts = Counts(dict.fromkeys(found, 512), found, found, ("a", "b"))
-    base = FILTERS["original"]
-    assert rows_of(counts, base, None)["B-03-03"] == FILTERS["B-03-03"]
-    assert set(rows_of(counts, base, 3)) == {name for name in FILTERS if name[:2] == "F-"} - {
-        "F-02-02L",
-        "F-02-02H",
-    }
-
-
 def test_a_row_is_a_configuration_that_train_reads(tmp_path: Path) -> None:
     choices = TrainingConfiguration(
         narrow=8, noise=2, tracks=("noise",), minimum_learning_rate=1e-9
@@ -170,13 +156,6 @@ def test_a_row_is_a_configuration_that_train_reads(tmp_path: Path) -> None:
     assert read == choices.model_copy(update=expected)
     assert read.architecture("dfd-net")["filters"] == list(FILTERS["B-01-01"])
     assert "steps" not in tomllib.loads(path.read_text())
-
-
-def test_the_table_has_the_form_of_d_2() -> None:
-    table = rows_table({"B-01-01": FILTERS["B-01-01"]}, {"B-01-01": 1_727_497}, "T")
-    assert table.columns[1:19] == tuple(map(str, LAYERS))
-    assert table.rows[0][0] == "B-01-01"
-    assert table.rows[0][-1] == "1,727,497"
 
 
 def scored(nrmse: float, **changes: object) -> Card:

@@ -112,15 +112,6 @@ def test_a_log_that_cannot_be_is_named_and_kept(
     assert log.read_text() == before
 
 
-def test_every_bad_row_is_named(plan: SearchPlan, path: Path) -> None:
-    log = path / "positions.csv"
-    for line in (2, 4):
-        log.write_text(changed(line, "width_8", "wide")(log.read_text()))
-    with pytest.raises(InputError) as caught:
-        opened(plan, path)
-    assert len(caught.value.problems) == 2
-
-
 def test_a_position_that_the_search_does_not_come_to_is_named(plan: SearchPlan, path: Path) -> None:
     folder = opened(plan, path)
     other = some_rows(plan)[0].position.copy()

@@ -205,14 +205,6 @@ def test_the_author_s_variant_moves_as_the_author_s_program(seed: int) -> None:
     assert any(own)
 
 
-def test_the_author_s_swarm_starts_at_whole_numbers_and_with_larger_patches() -> None:
-    swarm = begun(box_of(Bounds(), VARIANTS["author"]), 400, 1)
-    assert (swarm.velocities[:, COMPONENTS.index("crop")] == 1).all()
-    sizes = [i for i, name in enumerate(COMPONENTS) if name.startswith(("rows", "columns"))]
-    shares = np.bincount(swarm.positions[:, sizes].astype(int).ravel()) / (400 * len(sizes))
-    assert shares == pytest.approx(np.full(5, 0.2), abs=0.02)
-
-
 def sphere(x: Numbers) -> Numbers:
     return np.asarray((x**2).sum(-1))
 
@@ -340,12 +332,6 @@ def test_only_what_is_strictly_better_takes_a_place() -> None:
     assert better.own_values.tolist() == [2.0, 1.0, 0.5]
 
 
-def test_where_all_fail_nothing_is_best() -> None:
-    *_, last = search(lambda swarm: np.full(2, np.inf), cube(1.0, 2), 2, 3, 0)
-    assert last.best_value == np.inf
-    assert np.all(np.isfinite(last.positions))
-
-
 def test_what_goes_round_comes_in_again() -> None:
     box = mixed(whole=False)
     given = np.array([[0.0, 5.0, -0.25, -1.0], [600.0, 2.2, 6.0, 0.3], [9.0, 0.0, 5.9, 2.0]])
@@ -354,10 +340,3 @@ def test_what_goes_round_comes_in_again() -> None:
     # A remainder of next to nothing below is rounded to the divisor.
     assert box.limited(np.array([8.0, 0.0, -1e-17, 0.0]))[2] == 0.0
     assert mixed(whole=True).limited(np.array([8.5, 1.4, 5.6, 0.5])).tolist() == [9, 1, 0, 1]
-
-
-def test_a_known_particle_begins_where_it_is_known() -> None:
-    box, known = mixed(whole=True), np.array([128.0, 1.0, 1.0, 1.0])
-    swarm = begun(box, 3, 5, known)
-    assert np.array_equal(swarm.positions[0], known)
-    assert np.array_equal(swarm.positions[1:], begun(box, 3, 5).positions[1:])

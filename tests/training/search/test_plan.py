@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
@@ -49,13 +48,6 @@ def test_a_position_means_a_network(tiny_store: Dataset) -> None:
     found = small_plan(tiny_store).configuration_of(particle_at(position))
     expected = TrainingConfiguration(filters="pso", first_activation="sigmoid", narrow=64)
     assert found.architecture("dfd-net") == expected.architecture("dfd-net")
-
-
-def test_only_the_author_s_first_particle_is_known(tiny_store: Dataset) -> None:
-    assert small_plan(tiny_store).known is None
-    known = small_plan(tiny_store, variant="author", bounds=Bounds(crop=(12, 16))).known
-    assert known is not None
-    assert np.array_equal(known, position_of(FILTERS["original"]))
 
 
 def test_every_choice_makes_another_search(tiny_store: Dataset) -> None:
