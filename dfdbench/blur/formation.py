@@ -79,7 +79,7 @@ def normal_numbers(shape: tuple[int, ...], *key: str | int) -> NDArray[np.float6
     return np.asarray(ndtri(uniform_numbers(int(np.prod(shape)), *key)).reshape(shape))
 
 
-def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
+def given_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
     """Express a track's formation as a blur law, as far as a law can.
 
     Parameters
@@ -105,7 +105,7 @@ def told_law(recipe: BlurRecipe, formation: Formation) -> BlurLaw:
     --------
     >>> from dfdbench.blur.recipe import RECIPES
     >>> from dfdbench.blur.tracks import find_degradation
-    >>> law = told_law(RECIPES["published"], find_degradation("psf-3").formation)
+    >>> law = given_law(RECIPES["published"], find_degradation("psf-3").formation)
     >>> law.exponent, round(law.sigmas[255], 5), round(law.sigmas[0], 5)
     (32.0, 0.32, 3.18875)
     """

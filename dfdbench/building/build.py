@@ -204,8 +204,8 @@ def scene_dataset(
         name: ((*axes, "image"), np.broadcast_to(known[name], extent)) for name in BY_IMAGE
     }
     coordinates |= {name: ((), known[name]) for name in OF_CAMERA}
-    told: dict[str, Any] = {"found": dict(images.found)} if images.found else {}
-    return xarray.Dataset(variables, coords=coordinates, attrs=told)
+    found: dict[str, Any] = {"found": dict(images.found)} if images.found else {}
+    return xarray.Dataset(variables, coords=coordinates, attrs=found)
 
 
 def _known(facts: ImageFacts, manifest: Manifest) -> dict[str, Any]:

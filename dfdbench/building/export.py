@@ -102,9 +102,9 @@ def _write_stack(folder: Path, capture: Capture, images_only: bool) -> None:
         _write(folder / name, image)
     known = {key: stack[key].values.tolist() for key in ("role", *BY_IMAGE)}
     # JSON has no NaN.
-    told = {key: [None if v != v else v for v in values] for key, values in known.items()}
+    coordinates = {key: [None if v != v else v for v in values] for key, values in known.items()}
     attributes = {key: None if v != v else v for key, v in stack.attrs.items()}
-    said = {"images": names, "coordinates": told, "attributes": attributes}
+    said = {"images": names, "coordinates": coordinates, "attributes": attributes}
     write_whole(folder / STACK_FILE, json.dumps(said, indent=1).encode() + b"\n")
     if not images_only:
         content = io.BytesIO()

@@ -162,7 +162,7 @@ def voltage_pair_sets(
         raise InputError(
             what, where=str(usual.parent), fix="name the folder of the captures: --source DIR"
         )
-    # A step that does not exist is told before the first set is built.
+    # A step that does not exist is reported before the first set is built.
     return VoltagePairSets(
         places, {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
     )

@@ -20,19 +20,6 @@ from dfdbench.errors import StoreError
 from dfdbench.system.location import zarr_store
 from dfdbench.system.strict import problems_of
 
-#: What zarr and xarray come to where files are damaged, by where they are.
-DAMAGED: tuple[type[Exception], ...] = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    EOFError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-)
 #: Characters of what a library says of damage.
 LONGEST = 300
 

@@ -20,14 +20,7 @@ from dfdbench.blur.recipe import BlurRecipe, find_recipe
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import ROLES, Capture, ImageFacts
 from dfdbench.datasets.catalog import find_manifest
-from dfdbench.datasets.damage import (
-    DAMAGED,
-    LONGEST,
-    WholeArrays,
-    check_attributes,
-    open_scene,
-    require_fit,
-)
+from dfdbench.datasets.damage import LONGEST, WholeArrays, check_attributes, open_scene, require_fit
 from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, Pair
 from dfdbench.datasets.store_place import default_store, place_of
 from dfdbench.datasets.tracked import manifest_in
@@ -71,7 +64,7 @@ class Dataset:
 
     def __init__(self, place: Place) -> None:
         self.path = as_location(place)
-        self._root = _open_root(self.path)
+        self._root, groups = _open_root(self.path)
         self.attributes: dict[str, Any] = dict(self._root.attrs)
         if self.attributes.get("format") != FORMAT:
             raise _not_ours(self.path)
@@ -85,7 +78,6 @@ class Dataset:
         self.manifest = manifest_in(self.attributes, str(self.path))
         self._arrays: dict[str, zarr.Array[Any]] = {}
         self._known: dict[str, dict[str, NDArray[Any]]] = {}
-        groups = set(_group_names(self.path, self._root))
         #: The scenes that were built, in the manifest's order.
         self.scenes = tuple(name for name in self.manifest.scene_names if name in groups)
 
@@ -236,9 +228,10 @@ class Dataset:
         """
         try:
             yield
-        except DAMAGED as error:
-            if isinstance(error, DfdbenchError):
-                raise
+        except DfdbenchError:
+            raise
+        except Exception as error:
+            # Damaged files come to anything, by where the damage is.
             got, where = str(error)[:LONGEST], f"{self.path}, {what}"
             fix = f"dfdbench verify {self.path} finds what is damaged, `dfdbench build` mends it"
             raise StoreError(
@@ -432,38 +425,25 @@ def _manifest_of(name: str) -> Manifest:
         raise StoreError(f"a {kind}, and not a data set", where=name, fix=fix) from None
 
 
-def _group_names(location: UPath, root: zarr.Group) -> tuple[str, ...]:
-    try:
-        return tuple(root.group_keys())
-    except DAMAGED as error:
-        raise _unreadable(location, error) from error
-
-
-def _unreadable(location: UPath, error: Exception) -> StoreError:
-    fix = "allow more memory and threads" if "new thread" in str(error) else "build it again"
-    return StoreError(
-        "cannot read the store", where=str(location), got=str(error)[:LONGEST], fix=fix
-    )
-
-
 def _not_ours(location: UPath) -> StoreError:
     fix = "dfdbench build NAME; a store whose zarr.json was lost has to be deleted first"
     return StoreError("not a data set built by dfdbench", where=str(location), fix=fix)
 
 
-def _open_root(location: UPath) -> zarr.Group:
+def _open_root(location: UPath) -> tuple[zarr.Group, frozenset[str]]:
+    """Return a store's root and the names of its groups."""
     try:
         if not exists(location):
-            raise StoreError(
-                "no such store", where=str(location), fix="dfdbench build NAME --store PATH"
-            )
-        return zarr.open_group(WholeArrays(zarr_store(location)), mode="r", zarr_format=3)
+            fix = "dfdbench build NAME --store PATH"
+            raise StoreError("no such store", where=str(location), fix=fix)
+        root = zarr.open_group(WholeArrays(zarr_store(location)), mode="r", zarr_format=3)
+        return root, frozenset(root.group_keys())
     except DfdbenchError:
         raise
     except GroupNotFoundError as error:
         raise _not_ours(location) from error
     except Exception as error:
-        # What an object store's library raises is its own: unreachable, forbidden, no bucket.
-        if is_local(location) and not isinstance(error, DAMAGED):
-            raise
-        raise _unreadable(location, error) from error
+        # Of an object store it may be unreachable, forbidden, no bucket.
+        what = f"cannot read the store: {str(error)[:LONGEST]}"
+        fix = "allow more memory and threads" if "new thread" in str(error) else "build it again"
+        raise StoreError(what, where=str(location), fix=fix) from error

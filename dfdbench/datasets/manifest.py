@@ -276,7 +276,7 @@ class Manifest(StrictRecord):
 
     @property
     def on_track(self) -> bool:
-        """Whether a track makes the images: then nobody is told by what blur."""
+        """Whether a track makes the images: then nobody is given the blur."""
         return self.degradation != CLEAN
 
     @property

@@ -246,7 +246,7 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
     except (OSError, ValueError) as error:
         what = f"no scheduler answers at {address}: {error}"
         raise InputError(what, where="--scheduler", fix="start one with: dask scheduler") from error
-    # A scheduler that goes away is told once, in our words.
+    # A scheduler that goes away is reported once, in our words.
     log = logging.getLogger("distributed.client")
     level = log.level
     log.setLevel(logging.CRITICAL)
@@ -275,7 +275,7 @@ def keep_quiet_of_abandoned_tasks() -> None:
     """Let asyncio say nothing of the tasks that nobody waits for any more.
 
     zarr reads the members of a group all at once. The first that cannot be read is raised, and
-    told by name; of the others asyncio prints tracebacks, now or later, as if dfdbench had broken.
+    with its name; of the others asyncio prints tracebacks, now or later, as if dfdbench had broken.
     """
     logging.getLogger("asyncio").addFilter(_is_news)
 

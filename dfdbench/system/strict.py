@@ -1,4 +1,4 @@
-"""Records that files keep: what is in them is checked, and what is wrong is told."""
+"""Frozen records of checked fields, and what is wrong with one in words."""
 
 from __future__ import annotations
 

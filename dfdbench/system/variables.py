@@ -1,4 +1,4 @@
-"""What was set before Python began and breaks libraries: told before they are imported."""
+"""Reject environment variables that crash our dependencies."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dfdbench.errors import InputError, Problem
 
 _COUNT = r"[1-9]\d{0,5}"
 _THREADS = "a number of threads, 1 or more"
-#: What a variable has to look like, and how that is told.
+#: What a variable has to look like, and that in words.
 _FORMS = {
     "NUMBA_NUM_THREADS": (_COUNT, _THREADS),
     # OpenMP takes a count for each depth of nesting.

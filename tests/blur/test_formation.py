@@ -12,9 +12,9 @@ from dfdbench.blur.formation import (
     decode,
     encode,
     form_pair,
+    given_law,
     move,
     normal_numbers,
-    told_law,
     uniform_numbers,
 )
 from dfdbench.blur.law import noise_at
@@ -241,7 +241,7 @@ def test_the_law_explains_a_plane_of_every_track(label: str) -> None:
     depth = np.full((64, 64), 100, np.uint8)
     degradation = find_degradation(label)
     infocus, defocus = form_pair(image, depth, RECIPE, degradation, "Art/view1")
-    law = told_law(RECIPE, degradation.formation)
+    law = given_law(RECIPE, degradation.formation)
     blurred = blurred_by(law, infocus, defocus, np.array([100]))
     inner = (slice(12, -12), slice(12, -12))
     left = (blurred.of_level(0) - blurred.aim)[inner]
@@ -255,7 +255,7 @@ def test_noise_is_what_a_grey_patch_shows() -> None:
     for label in ("noise-3", "camera-3"):
         degradation = find_degradation(label)
         _, defocus = form_pair(grey, depth, RECIPE, degradation, "Art/view1")
-        law = told_law(RECIPE, degradation.formation)
+        law = given_law(RECIPE, degradation.formation)
         told = noise_at(law.noise, np.array(90.0))
         seen = 255 * decode(defocus.astype(float)) if law.linear else defocus
         assert float(seen.std()) == pytest.approx(float(told), rel=0.05)
@@ -263,7 +263,7 @@ def test_noise_is_what_a_grey_patch_shows() -> None:
 
 def test_what_a_law_cannot_say_it_leaves_to_be_found_a_pair() -> None:
     shift, gain = (
-        told_law(RECIPE, find_degradation(f"{n}-2").formation) for n in ("shift", "gain")
+        given_law(RECIPE, find_degradation(f"{n}-2").formation) for n in ("shift", "gain")
     )
     assert (shift.registered, shift.even) == (False, True)
     assert (gain.registered, gain.even) == (True, False)

@@ -51,26 +51,26 @@ def depth_of(
         in another unit, or values are no levels.
     """
     numbers = values.astype(np.float64)
-    told = np.isfinite(numbers) & ~np.isin(numbers, files.depth_missing)
+    known = np.isfinite(numbers) & ~np.isin(numbers, files.depth_missing)
     metres = depth.kind == "metres" or files.depth_unit is not None
     if metres:
-        told &= numbers > 0
-    if not told.any():
+        known &= numbers > 0
+    if not known.any():
         kind = f"finite{' and above 0' * metres}, and not missing"
         raise SourceError(f"none of {values.size} depths is {kind}", where=where)
     if metres and depth.scale is not None:
         whole = values.dtype.kind != "f"
-        _refuse_another_unit(float(np.median(numbers[told])), whole, files, depth.scale, where)
+        _refuse_another_unit(float(np.median(numbers[known])), whole, files, depth.scale, where)
     elif files.depth_ends is None:
-        _refuse_no_levels(numbers[told], where)
-        told &= numbers != depth.unknown
+        _refuse_no_levels(numbers[known], where)
+        known &= numbers != depth.unknown
     ends = files.depth_ends
     if ends is not None:
-        told &= (numbers >= min(ends)) & (numbers <= max(ends))
+        known &= (numbers >= min(ends)) & (numbers <= max(ends))
     if metres and depth.scale is not None:
         distance = numbers * (files.depth_unit or 1.0)
-        told &= (distance >= depth.scale.near) & (distance <= depth.scale.far)
-    found = in_unit_of(np.where(told, numbers, np.nan), files, depth)
+        known &= (distance >= depth.scale.near) & (distance <= depth.scale.far)
+    found = in_unit_of(np.where(known, numbers, np.nan), files, depth)
     if depth.kind == "levels" and values.dtype.kind != "f":
         found = np.rint(found)
     return found.astype(np.float32)

@@ -13,7 +13,7 @@ from dfdbench.building.fetching.checksums import check_checksum, sha256
 from dfdbench.building.sources.captured_images import CapturedImages, File, captured_images
 from dfdbench.building.sources.image_files import SUFFIXES
 from dfdbench.building.sources.image_table import TakenImage, read_table, taken_images
-from dfdbench.building.sources.interface import SceneError, SceneImages
+from dfdbench.building.sources.interface import SceneError, SceneImages, gathered
 from dfdbench.datasets.captured_files import ANY_ENDING, BY_IMAGE, CapturedFiles, fill
 from dfdbench.datasets.captures import ImageFacts
 from dfdbench.datasets.manifest import Manifest, Pair
@@ -64,7 +64,7 @@ class FolderScenes:
             raise SourceError.of(problems)
 
     def available_pairs(self) -> tuple[Pair, ...]:
-        """Return every pair: scenes whose files are missing are told when they are read."""
+        """Return every pair: scenes whose files are missing are reported when they are read."""
         return self._manifest.pairs()
 
     def signature(self, scene: str) -> str:
@@ -73,18 +73,14 @@ class FolderScenes:
         problems: list[Problem] = []
         named: dict[str, None] = {}
         for pair in self._manifest.pairs_of_scene(scene):
-            try:
+            with gathered(problems):
                 named |= dict.fromkeys(self._files_of(pair))
-            except SourceError as error:
-                problems += error.problems
         for name in named:
-            try:
+            with gathered(problems):
                 path = self._path(name)
                 content = self._content(path)
                 check_checksum(f"{scene}/{path}", content, self._checksums, self._where(path))
                 digest.update(f"{path}\n{sha256(content)}\n".encode())
-            except SourceError as error:
-                problems += error.problems
         if problems:
             raise SceneError.of(_missing_together(dict.fromkeys(problems)))
         return digest.hexdigest()
@@ -95,7 +91,7 @@ class FolderScenes:
         taken: dict[Pair, list[TakenImage]] = {}
         problems: list[Problem] = []
         for pair in self._manifest.pairs_of_scene(scene):
-            try:
+            with gathered(problems):
                 taken[pair] = self._taken(pair)
                 photographs = [self._file(image.path) for image in taken[pair]]
                 depth = self._named("depth", pair)
@@ -105,8 +101,6 @@ class FolderScenes:
                     self._files,
                     self._manifest.depth,
                 )
-            except SourceError as error:
-                problems += error.problems
         kinds = {
             pair.id: (found.images.shape, found.images.dtype, [one.role for one in taken[pair]])
             for pair, found in captured.items()
@@ -134,7 +128,7 @@ class FolderScenes:
         facts = {name: np.full((*extent, len(first.images)), np.nan) for name in BY_IMAGE}
         known = np.full((*(len(axes[axis]) for axis in depth.axes), *first.depth.shape), np.nan)
         seen = np.zeros(known.shape[:-2], bool)
-        told: dict[str, Any] = {}
+        notes: dict[str, Any] = {}
         for pair, found in captured.items():
             at = tuple(axes[axis].index(value) for axis, value in pair.coordinates)
             images[at], available[at] = found.images, True
@@ -146,11 +140,11 @@ class FolderScenes:
             seen[at] = True
             for number, how in enumerate(found.found, 1):
                 if how:
-                    told[pair.id if len(found.found) == 1 else f"{pair.id}/image{number}"] = how
+                    notes[pair.id if len(found.found) == 1 else f"{pair.id}/image{number}"] = how
         warnings = tuple(text for found in captured.values() for text in found.warnings)
         roles = tuple(image.role for image in next(iter(taken.values())))
         return SceneImages(
-            images, known.astype(np.float32), available, ImageFacts(roles, **facts), told, warnings
+            images, known.astype(np.float32), available, ImageFacts(roles, **facts), notes, warnings
         )
 
     def _taken(self, pair: Pair) -> list[TakenImage]:
@@ -220,7 +214,7 @@ class FolderScenes:
             )
             return
         for what, pattern in self._files.patterns.items():
-            # Of a stack the images are told with its table, scene by scene.
+            # Of a stack the images are checked with its table, scene by scene.
             paths = (
                 []
                 if what == "images"

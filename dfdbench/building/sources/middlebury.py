@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dfdbench.building.fetching.archive import archive_members, read_member
 from dfdbench.building.fetching.checksums import check_checksum, sha256
 from dfdbench.building.sources.image_files import decode_image, decode_levels
-from dfdbench.building.sources.interface import SceneImages
+from dfdbench.building.sources.interface import SceneImages, gathered
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError, reason_of
 from dfdbench.system.files import LARGEST_ARRAY, read_whole
@@ -72,14 +72,12 @@ class MiddleburyScenes:
         problems: list[Problem] = []
         available = []
         for scene in self._scenes:
-            try:
+            with gathered(problems):
                 available += [
                     pair
                     for pair in self._manifest.pairs_of_scene(scene)
                     if self._has_image(pair) and self._scenes[scene].has(depth_name(pair.at))
                 ]
-            except SourceError as error:
-                problems += error.problems
         if problems:
             raise SourceError.of(problems)
         return tuple(available)
@@ -93,30 +91,33 @@ class MiddleburyScenes:
         return digest.hexdigest()
 
     def read(self, scene: str) -> SceneImages:
-        """Read one scene; every file that is damaged or does not fit is told at once."""
+        """Read one scene; every file that is damaged or does not fit is named at once."""
         problems: list[Problem] = []
-        depths = {
-            view: self._depth(scene, depth_name({"view": view}), problems)
-            for view in self._manifest.axes["view"]
-            if self._scenes[scene].has(depth_name({"view": view}))
-        }
-        read = {view: depth for view, depth in depths.items() if depth is not None}
-        shape = next(iter(read.values())).shape if read else (0, 0)
+        files, unknown = self._scenes[scene], self._manifest.depth.unknown
+        read: dict[int, Levels] = {}
+        for view in self._manifest.axes["view"]:
+            name = depth_name({"view": view})
+            if files.has(name):
+                with gathered(problems):
+                    read[view] = decode_levels(
+                        self._content(scene, name), files.where(name), unknown
+                    )
+        shape = next(iter(read.values())).shape if read else None
         for view, depth in read.items():
             if depth.shape != shape:
-                where = self._scenes[scene].where(depth_name({"view": view}))
                 what = f"size {depth.shape} differs from the other view's, {shape}"
-                problems.append(Problem(what, where=where))
+                problems.append(Problem(what, where=files.where(depth_name({"view": view}))))
         images: dict[Pair, Levels] = {}
         for pair in self._manifest.pairs_of_scene(scene):
-            if self._has_image(pair) and pair.at["view"] in depths:
-                size = (shape[0], shape[1]) if read else None
-                image = self._image(scene, image_name(pair.at), size, problems)
-                if image is not None:
-                    images[pair] = image
+            name = image_name(pair.at)
+            if files.has(name) and files.has(depth_name(pair.at)):
+                with gathered(problems):
+                    images[pair] = decode_image(
+                        self._content(scene, name), files.where(name), shape
+                    )
         if problems:
             raise SourceError.of(problems)
-        return self._assemble(read, images, shape)
+        return self._assemble(read, images, shape or (0, 0))
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
         """Return where the files that are missing can be had, and what they are called."""
@@ -148,25 +149,6 @@ class MiddleburyScenes:
         content = files.read(name)
         check_checksum(f"{scene}/{name}", content, self._checksums, files.where(name))
         return content
-
-    def _depth(self, scene: str, name: str, problems: list[Problem]) -> Levels | None:
-        unknown = self._manifest.depth.unknown
-        try:
-            where = self._scenes[scene].where(name)
-            return decode_levels(self._content(scene, name), where, unknown)
-        except SourceError as error:
-            problems += error.problems
-            return None
-
-    def _image(
-        self, scene: str, name: str, size: tuple[int, int] | None, problems: list[Problem]
-    ) -> Levels | None:
-        try:
-            where = self._scenes[scene].where(name)
-            return decode_image(self._content(scene, name), where, size)
-        except SourceError as error:
-            problems += error.problems
-            return None
 
     def _assemble(
         self, depths: Mapping[int, Levels], images: Mapping[Pair, Levels], shape: tuple[int, ...]

@@ -227,7 +227,7 @@ def _refuse(fates: list[Fate], folder: Path, lacking: tuple[Problem, ...]) -> No
     problems = [
         problem
         for kind in ("damaged", "unreachable")
-        for problem in _told_once([fate for fate in fates if fate.kind == kind], kind)
+        for problem in _first_few([fate for fate in fates if fate.kind == kind], kind)
     ]
     damaged = sum(fate.kind == "damaged" for fate in fates)
     if damaged:
@@ -243,7 +243,7 @@ def _refuse(fates: list[Fate], folder: Path, lacking: tuple[Problem, ...]) -> No
         raise SourceError.of([*problems, *lacking])
 
 
-def _told_once(fates: list[Fate], kind: str) -> list[Problem]:
+def _first_few(fates: list[Fate], kind: str) -> list[Problem]:
     # A server that is down fails every file alike: the first few tell enough.
     problems = [problem for fate in fates for problem in fate.problems]
     if kind == "damaged" or len(problems) <= _NAMES_SHOWN:

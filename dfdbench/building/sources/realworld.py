@@ -118,7 +118,7 @@ class RealworldFolder:
             images = [files.image(exposure, step) for step in steps]
             infocus[place], defocus[place] = images[0], images[-1]
             available[place] = True
-        depth = as_told(levels, valid, self._manifest.depth, whole=self._synthetic)
+        depth = in_direction_of(levels, valid, self._manifest.depth, whole=self._synthetic)
         return SceneImages.of_pairs(
             infocus, depth, valid, available, None if self._synthetic else defocus
         )
@@ -136,7 +136,7 @@ class RealworldFolder:
 
     @cached_property
     def _checked(self) -> dict[str, tuple[tuple[int, ...], list[Problem]]]:
-        # Every file is looked at before any is used: what is wrong is told at once.
+        # Every file is looked at before any is used: all that is wrong is reported together.
         return {name: self._check(files) for name, files in self._scenes.items()}
 
     def _check(self, files: PublishedScene | RawScene) -> tuple[tuple[int, ...], list[Problem]]:
@@ -170,10 +170,10 @@ class RealworldFolder:
         return steps
 
 
-def as_told(
+def in_direction_of(
     levels: NDArray[np.uint8], valid: NDArray[np.bool_], depth: Depth, whole: bool = False
 ) -> NDArray[np.uint8]:
-    """Return the rig's levels, which are distances, as a manifest wants them told.
+    """Return the rig's levels, which are distances, in the direction that a manifest states.
 
     By Eq. 7.1 what is near is bright, as in Middlebury's maps.
 
@@ -192,7 +192,7 @@ def as_told(
     --------
     >>> from dfdbench.datasets.catalog import find_manifest
     >>> levels = np.array([[150, 0]], np.uint8)
-    >>> as_told(levels, levels > 0, find_manifest("realworld").depth).tolist()
+    >>> in_direction_of(levels, levels > 0, find_manifest("realworld").depth).tolist()
     [[105, 0]]
     """
     if depth.grows_with == "distance":

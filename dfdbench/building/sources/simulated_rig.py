@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dfdbench.building.sources.image_files import average_frames
 from dfdbench.building.sources.interface import SceneImages
-from dfdbench.building.sources.realworld import as_told
+from dfdbench.building.sources.realworld import in_direction_of
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import Problem, SourceError
 from dfdbench.optics.lens_table import read_lens_table
@@ -123,7 +123,7 @@ class SimulatedRig:
         size = (self._capture.crop_size,) * 2
         seen = depth_image(self._ranges(simulated), read_beams())
         levels, valid = warp(*seen, matrices[scene], size)
-        depth = as_told(levels, valid, self._manifest.depth)
+        depth = in_direction_of(levels, valid, self._manifest.depth)
         return SceneImages.of_pairs(infocus, depth, valid, np.ones(len(infocus), bool), blurred)
 
     @cached_property
@@ -181,14 +181,10 @@ def _problems_of(manifest: Manifest) -> Iterator[Problem]:
         if strange := [step for step in steps if step not in known]:
             what = f"the simulated lens has steps {known[0]} to {known[-1]}, not {listed(strange)}"
             yield Problem(what, where=f"{manifest.stem}: capture")
-    fields: tuple[tuple[str, list[str], list[str]], ...] = (
-        ("axes", list(manifest.axes), ["exposure_ms"]),
-        ("depth.axes", manifest.depth.axes, []),
-    )
-    for field, named, needed in fields:
-        if named != needed:
-            what = f"the simulated rig has the axes {needed or 'none'}, not {named or 'none'}"
-            yield Problem(what, where=f"{manifest.stem}: {field}")
+    axes, depth_axes = list(manifest.axes), manifest.depth.axes
+    if axes != ["exposure_ms"] or depth_axes:
+        what = f"the simulated rig has one axis, exposure_ms, not {axes + depth_axes}"
+        yield Problem(what, where=f"{manifest.stem}: axes")
     numbers = [re.fullmatch(r"k(\d\d)", name) for name in manifest.scene_names]
     if any(found is None or int(found[1]) >= SCENES for found in numbers):
         what = f"the simulated scenes are k00 to k{SCENES - 1}, got {listed(manifest.scene_names)}"

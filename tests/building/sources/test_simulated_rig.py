@@ -85,7 +85,7 @@ def test_what_cannot_be_simulated_is_told_at_once(tmp_path: Path) -> None:
         SimulatedRig(other)
     assert [problem.what for problem in told.value.problems] == [
         "the simulated lens has steps 127 to 143, not 99",
-        "the simulated rig has the axes ['exposure_ms'], not ['exposure_ms', 'view']",
+        "the simulated rig has one axis, exposure_ms, not ['exposure_ms', 'view']",
         "the simulated scenes are k00 to k63, got k64",
     ]
     with pytest.raises(SourceError, match="section is missing"):
