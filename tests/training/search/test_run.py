@@ -1,16 +1,12 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import os
-import random
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, ResultError
@@ -33,8 +29,6 @@ from tests.conftest import ON_SERVERS
 from tests.training.search.made_searches import losses, small_plan, some_rows
 
 ITERATIONS = 2
-#: `make kills` asks for more.
-MANY = int(os.environ.get("DFDBENCH_KILLS", "16"))
 
 
 def searched(store: Dataset, folder: Path, particles: int = 2) -> SearchOutcome:
@@ -75,48 +69,6 @@ def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Dataset, tmp_pa
     more = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
     assert same(more, searched(tiny_store, tmp_path / "at-once"))
     assert losses(tmp_path / "s") == losses(tmp_path / "at-once")
-
-
-def search_here(place: str, folder: Path) -> None:
-    """What `dfdbench thesis search architecture` does; run in a process that is killed."""
-    torch.set_num_threads(1)
-    searched(Dataset(place), folder)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kills", "hits"), [(4, 2), pytest.param(MANY, MANY // 2, marks=pytest.mark.slow)]
-)
-def test_killed_at_random_moments_it_ends_with_the_same_swarm(
-    tiny_store: Dataset, tmp_path: Path, kills: int, hits: int
-) -> None:
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
-    process = context.Process(target=time.sleep, args=(0,))
-    process.start()
-    process.join()
-    begun = time.monotonic()
-    process = context.Process(target=search_here, args=(str(tiny_store.path), tmp_path / "whole"))
-    process.start()
-    process.join()
-    takes = time.monotonic() - begun
-    expected = searched(tiny_store, tmp_path / "whole")
-    assert expected.trainings == 2 * (ITERATIONS + 1)
-    moments, killed = random.Random(7), 0
-    for number in range(kills):
-        # Two kills to each place: the second hits what is left to do.
-        folder = tmp_path / f"in{number // 2}"
-        process = context.Process(target=search_here, args=(str(tiny_store.path), folder))
-        process.start()
-        time.sleep(moments.uniform(0.2 * takes, 0.8 * takes))
-        process.kill()
-        process.join()
-        killed += process.exitcode != 0
-    assert killed >= hits
-    for number in range(kills // 2):
-        assert same(searched(tiny_store, tmp_path / f"in{number}"), expected)
-        assert losses(tmp_path / f"in{number}") == losses(tmp_path / "whole")
-        assert len(list((tmp_path / f"in{number}/particles").iterdir())) == 1
 
 
 @pytest.mark.slow
