@@ -1,7 +1,3 @@
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -132,35 +128,6 @@ def test_damaged_files_are_all_named_and_nothing_is_put_into_place(
     for part in ("damaged", "not a PNG file", "GIF89a", "differs from the other"):
         assert part in text
     assert not (tmp_path / "s.zarr").exists()
-
-
-@pytest.mark.slow
-def test_a_killed_build_goes_on(demo_store: Dataset, tmp_path: Path) -> None:
-    path = tmp_path / "killed.zarr"
-    command = [
-        sys.executable,
-        "-m",
-        "dfdbench",
-        "build",
-        "demo",
-        "--store",
-        str(path),
-        "--workers",
-        "1",
-    ]
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    partial = path.with_name("killed.zarr.partial")
-    deadline = time.monotonic() + 60
-    while len(list(partial.glob("*/zarr.json"))) < 3 and time.monotonic() < deadline:
-        time.sleep(0.05)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert not path.exists()
-    report = build_store(
-        find_manifest("demo"), open_source(find_manifest("demo")), path, None, Threads(2)
-    )
-    assert report.fingerprint == demo_store.fingerprint
-    assert report.scenes_kept
 
 
 def test_depth_that_grows_with_distance_is_inverted_before_the_blur() -> None:

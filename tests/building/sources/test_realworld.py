@@ -213,17 +213,16 @@ def test_all_that_is_wrong_is_told_and_the_other_scenes_build(
     assert report.pairs == 3
     told = source.missing_help(report.missing)
     for what, where in (
-        ("scene has no LIDAR", "k32"),
-        ("voltage step is missing", "k33, exposure 30 ms"),
+        ("scene has no lidar/lidar_rng_00000.bin", "k32"),
+        ("no image at voltage step 129", "k33, exposure 30 ms"),
         ("scene has no LIDAR depth map", "k34"),
         ("range file is big-endian", "k35/lidar/lidar_rng_00001.bin"),
         ("disagrees with the file's length", "k35/lidar/lidar_rng_00002.bin"),
-        ("calibration does not fit", "k44/beams.csv"),
-        ("63 beams", ""),
+        ("calibration of 63 beams for 64", "k44/beams.csv"),
         ("size differs", "k45/frames/exp_40/image_141_40.00_1.png"),
         ("damaged", "k45/frames/exp_40/image_129_40.00_0.png"),
         ("scene is not registered", "k46/registration.toml"),
-        ("frames are missing", "image_141_40.00_*.png"),
+        ("only 3 of 4 frames", "image_141_40.00_*.png"),
     ):
         assert what in told
         assert where in told

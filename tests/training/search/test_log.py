@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, ResultError
+from dfdbench.errors import InputError
 from dfdbench.methods.networks.architectures import DfDNet
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import Predictor
@@ -136,13 +136,6 @@ def test_another_search_is_refused_with_what_differs(
         opened(plan, path)
 
 
-def test_a_folder_with_something_else_is_refused(plan: SearchPlan, tmp_path: Path) -> None:
-    (tmp_path / "precious.txt").write_text("keep")
-    with pytest.raises(InputError, match="something else than a search"):
-        opened(plan, tmp_path)
-    assert [file.name for file in tmp_path.iterdir() if file.is_file()] == ["precious.txt"]
-
-
 def test_trainings_are_forgotten_by_their_place(plan: SearchPlan, tmp_path: Path) -> None:
     folder = opened(plan, tmp_path / "s")
     for place in ((0, 0), (0, 1)):
@@ -201,17 +194,6 @@ def test_a_training_that_fails_is_infinitely_bad(
     assert outcome is not None
     assert outcome.value == math.inf
     assert outcome.failed.startswith(told)
-
-
-def test_what_says_nothing_of_the_network_is_raised(
-    tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: Any, **__: Any) -> None:
-        raise ResultError("cannot write the training", got="No space left on device")
-
-    monkeypatch.setattr(module, "train", fail)
-    with pytest.raises(ResultError, match="No space left"):
-        evaluated(tiny_store, tmp_path)
 
 
 def test_time_is_up_before_and_within_a_training(tiny_store: Dataset, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from statistics import fmean
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from hypothesis import strategies as st
 from dfdbench.errors import InputError
 from dfdbench.methods.networks.choices import FILTERS, LAYERS, SIZED
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.search import particle as module
 from dfdbench.training.search.particle import (
     COMPONENTS,
     KAPPA,
@@ -230,29 +228,6 @@ def values(function: Callable[[Numbers], Numbers]) -> Callable[[Swarm], Numbers]
 def test_kappa_is_a_half_and_that_of_equal_constants_is_clerc_and_kennedy_s() -> None:
     assert KAPPA == 0.5
     assert constriction(2.05, 2.05) == pytest.approx(0.7298437881)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("function", "side", "goal", "published"),
-    [(sphere, 100.0, 0.01, (395, 530)), (rastrigin, 5.12, 100.0, (182, 213))],
-)
-def test_it_comes_to_the_goal_as_soon_as_was_published(
-    function: Callable[[Numbers], Numbers],
-    side: float,
-    goal: float,
-    published: tuple[int, int],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # Mean iterations to the goal of 30 particles in 30 dimensions, velocities limited to the box's
-    # half side, both constants 2.05: Trelea 2003, and Eberhart and Shi, CEC 2000.
-    for name, value in (("COGNITIVE", 2.05), ("SOCIAL", 2.05), ("KAPPA", constriction(2.05, 2.05))):
-        monkeypatch.setattr(module, name, value)
-    taken = []
-    for seed in range(4):
-        course = search(values(function), cube(side, 30), 30, 800, seed)
-        taken.append(next(found.iteration for found in course if found.best_value < goal))
-    assert 0.8 * published[0] < fmean(taken) < 1.2 * published[1]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +8,8 @@ import numpy as np
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, ResultError
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.weights import load_weights
-from dfdbench.system.files import hold
 from dfdbench.system.parallel import Cluster, Processes
 from dfdbench.training.configuration import read_configuration
 from dfdbench.training.search.log import Evaluation, LogRow, Outcome
@@ -83,22 +80,6 @@ def test_elsewhere_it_ends_with_the_same_swarm(
     assert losses(tmp_path / "here") == losses(tmp_path / "there")
 
 
-@pytest.mark.slow
-def test_a_scheduler_that_goes_away_loses_nothing(tiny_store: Dataset, tmp_path: Path) -> None:
-    class Gone:
-        def map(self, function, items, on_outcome=None, on_done=None):  # type: ignore[no-untyped-def]
-            on_outcome(items[0], function(items[0]))
-            raise InputError("the scheduler went away", where="--scheduler")
-
-    plan = small_plan(tiny_store)
-    for done in (1, 2):
-        with pytest.raises(InputError, match="went away"):
-            run_search(plan, tmp_path / "s", ITERATIONS, Gone(), "cpu", 1)
-        assert len((tmp_path / "s/positions.csv").read_text().splitlines()) == done + 1
-    found = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
-    assert same(found, searched(tiny_store, tmp_path / "whole"))
-
-
 def test_a_failed_training_is_told_and_searched_past(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -140,21 +121,6 @@ def test_time_is_up_and_more_time_goes_on(
     assert (some.finished, len(some.course), some.trainings) == (False, 1, 3)
     monkeypatch.undo()
     assert same(searched(tiny_store, tmp_path / "s"), searched(tiny_store, tmp_path / "t"))
-
-
-def test_one_search_a_folder(tiny_store: Dataset, tmp_path: Path) -> None:
-    with (
-        hold(tmp_path / ".s.lock", ResultError("taken")),
-        pytest.raises(ResultError, match="another search is writing"),
-    ):
-        searched(tiny_store, tmp_path / "s")
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
-def test_a_place_that_cannot_be_written_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    with pytest.raises(ResultError, match="cannot write the search"):
-        searched(tiny_store, tmp_path / "s")
 
 
 def test_an_iteration_in_numbers(tiny_store: Dataset) -> None:
