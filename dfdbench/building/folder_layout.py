@@ -103,9 +103,8 @@ def shown_files(folder: Path) -> Iterator[PurePosixPath]:
                 yield PurePosixPath(below)
     except OSError as error:
         what = f"cannot look into the folder: {reason_of(error)}"
-        raise InputError(
-            what, where=str(error.filename or folder), fix="name the folder of the captures alone"
-        ) from error
+        fix = "name the folder of the captures alone"
+        raise InputError(what, where=str(error.filename or folder), fix=fix) from error
 
 
 def find_layout(paths: tuple[str, ...]) -> Layout | None:

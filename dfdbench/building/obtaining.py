@@ -159,9 +159,8 @@ def voltage_pair_sets(
     left = [pair for pair, place in places.items() if not place.exists()]
     if left and source is None:
         what = f"the sets of these voltage steps are not built: {', '.join(left)}"
-        raise InputError(
-            what, where=str(usual.parent), fix="name the folder of the captures: --source DIR"
-        )
+        fix = "name the folder of the captures: --source DIR"
+        raise InputError(what, where=str(usual.parent), fix=fix)
     # A step that does not exist is reported before the first set is built.
     return VoltagePairSets(
         places, {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
@@ -171,7 +170,6 @@ def voltage_pair_sets(
 def _steps_of(pair: str) -> tuple[int, int]:
     parts = re.fullmatch(r"(\d+)-(\d+)", pair)
     if not parts:
-        raise InputError(
-            "not a pair of voltage steps", where="--values", expected="as 141-129,140-130", got=pair
-        )
+        what = "not a pair of voltage steps"
+        raise InputError(what, where="--values", expected="as 141-129,140-130", got=pair)
     return int(parts[1]), int(parts[2])

@@ -210,13 +210,11 @@ def capture_of(stack: xarray.DataArray, name: str = "stack") -> Capture:
     """
     if tuple(stack.dims) != ("image", "y", "x", "channel") or stack.sizes["channel"] != 3:
         got = ", ".join(f"{key} {size}" for key, size in stack.sizes.items())
-        raise InputError(
-            "not a stack of dimensions image, y, x, channel, with 3 channels", where=name, got=got
-        )
+        what = "not a stack of dimensions image, y, x, channel, with 3 channels"
+        raise InputError(what, where=name, got=got)
     if stack.dtype not in (np.uint8, np.uint16):
-        raise InputError(
-            "not a stack", where=name, expected="uint8 or uint16", got=str(stack.dtype)
-        )
+        what = "not a stack"
+        raise InputError(what, where=name, expected="uint8 or uint16", got=str(stack.dtype))
     count = stack.sizes["image"]
     roles = stack["role"].values if "role" in stack.coords else ["defocus"] * count
     facts = ImageFacts(

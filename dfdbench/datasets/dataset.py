@@ -322,9 +322,8 @@ class Captures(Sequence[Capture]):
         try:
             place = operator.index(index)
         except TypeError:
-            raise TypeError(
-                f"a pair is found by its place, as data[0]; got {index!r}. Names: data.pairs"
-            ) from None
+            what = f"a pair is found by its place, as data[0]; got {index!r}. Names: data.pairs"
+            raise TypeError(what) from None
         try:
             return self.pairs[place]
         except IndexError:

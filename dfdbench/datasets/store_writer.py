@@ -232,9 +232,8 @@ def disk_errors(place: UPath) -> Iterator[None]:
             raise
         fix = room_or("choose another place with --store PATH", error)
         fix += "; the same command goes on where it stopped"
-        raise StoreError(
-            "cannot write the store", where=str(place), got=reason_of(error), fix=fix
-        ) from error
+        what = "cannot write the store"
+        raise StoreError(what, where=str(place), got=reason_of(error), fix=fix) from error
 
 
 def _image_chunks(variable: xarray.DataArray) -> tuple[int, ...]:

@@ -61,9 +61,8 @@ def cache_folder(folder: Path | None = None) -> Path:
     if is_address(found):
         where = "--cache" if folder else "DFDBENCH_CACHE"
         fix = "name a folder; `dfdbench build NAME --store URL` builds a store elsewhere"
-        raise InputError(
-            f"the cache is no folder of this machine: {folder or named}", where=where, fix=fix
-        )
+        what = f"the cache is no folder of this machine: {folder or named}"
+        raise InputError(what, where=where, fix=fix)
     return found
 
 

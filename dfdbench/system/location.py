@@ -43,9 +43,8 @@ def as_location(place: Place) -> UPath:
     except (ImportError, ValueError, TypeError, AttributeError) as error:
         # TypeError and AttributeError: kinds that need more than a URL, as reference:// does.
         fix = "install what fsspec needs for it; for s3:// that is dfdbench[s3]"
-        raise InputError(
-            "cannot reach places of this kind", where=str(place), got=str(error), fix=fix
-        ) from error
+        what = "cannot reach places of this kind"
+        raise InputError(what, where=str(place), got=str(error), fix=fix) from error
     except OSError as error:
         # Some libraries connect at once.
         what = f"cannot reach the host: {reason_of(error)}"
@@ -53,9 +52,8 @@ def as_location(place: Place) -> UPath:
     if location.protocol in _LOCAL:
         return UPath(location.path)
     if not location.name:
-        raise InputError(
-            "the URL names no folder", where=str(place), expected="such as s3://bucket/demo.zarr"
-        )
+        what = "the URL names no folder"
+        raise InputError(what, where=str(place), expected="such as s3://bucket/demo.zarr")
     return location
 
 

@@ -68,9 +68,8 @@ def offered_as(group: str) -> dict[str, EntryPoint]:
             :150
         ]
         where = f"{_unreadable()}: entry_points.txt"
-        raise InputError(
-            what, where=where, fix="install that package anew, or remove it"
-        ) from error
+        fix = "install that package anew, or remove it"
+        raise InputError(what, where=where, fix=fix) from error
 
 
 def _unreadable() -> str:

@@ -234,9 +234,8 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
         from distributed import Client, as_completed
     except ImportError as error:
         fix = "pip install 'dfdbench[cluster]', here and on the cluster's workers"
-        raise InputError(
-            f"dask.distributed is not installed: {error}", where="--scheduler", fix=fix
-        ) from error
+        what = f"dask.distributed is not installed: {error}"
+        raise InputError(what, where="--scheduler", fix=fix) from error
     if not _ADDRESS.fullmatch(address):
         # Asked all the same, the client's threads would keep the command from ending.
         what = f"not a scheduler's address, such as tcp://node1:8786: {address}"

@@ -282,9 +282,8 @@ def read_configuration(
 def _text_of(name: str) -> str:
     if not Path(name).is_file():
         known = ", ".join(shipped_configurations())
-        raise InputError(
-            f"no such configuration as {name}", where="--config", expected=f"a file or {known}"
-        )
+        what = f"no such configuration as {name}"
+        raise InputError(what, where="--config", expected=f"a file or {known}")
     try:
         return read_whole(Path(name)).decode("utf-8", errors="replace")
     except OSError as error:

@@ -105,9 +105,8 @@ def _offered(manifest: Manifest, folder: Path | None) -> Source:
     offered = offered_as(ENTRY_POINT_GROUP)
     if manifest.reader not in offered:
         known = ", ".join(sorted({*_BUILT_IN, *offered}))
-        raise SourceError(
-            f"no reader {manifest.reader} for the files of {manifest.stem}; there are {known}"
-        )
+        what = f"no reader {manifest.reader} for the files of {manifest.stem}; there are {known}"
+        raise SourceError(what)
     point = offered[manifest.reader]
     try:
         reader = point.load()

@@ -113,11 +113,8 @@ def _refuse_another_unit(
     would = f"depth_unit = {' or '.join(fitting)} would fit"
     if whole and files.depth_unit is None:
         what = f"whole numbers, and not metres, with a median of {_short(median)}"
-        raise SourceError(
-            what,
-            where=where,
-            fix=would if fitting else "no usual unit fits near and far under [depth.scale]",
-        )
+        fix = would if fitting else "no usual unit fits near and far under [depth.scale]"
+        raise SourceError(what, where=where, fix=fix)
     if scale.near <= median * unit <= scale.far:
         return
     if scale.near / _NEARBY <= median * unit <= scale.far * _NEARBY:

@@ -207,11 +207,8 @@ class FolderScenes:
     def _patterns_that_match_nothing(self) -> Iterator[Problem]:
         if not self._folder.is_dir():
             what = "a file, and not a folder" if self._folder.exists() else "no such folder"
-            yield Problem(
-                what,
-                where=str(self._folder),
-                fix="name the folder that holds the scenes: --source DIR",
-            )
+            fix = "name the folder that holds the scenes: --source DIR"
+            yield Problem(what, where=str(self._folder), fix=fix)
             return
         for what, pattern in self._files.patterns.items():
             # Of a stack the images are checked with its table, scene by scene.

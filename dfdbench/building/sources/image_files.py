@@ -92,11 +92,8 @@ def read_photograph(
     if image.ndim == 2:
         return np.repeat(image[..., np.newaxis], 3, axis=2)
     if image.shape[2] == 4 and not (image[..., 3] == 255).all():
-        raise SourceError(
-            "the photograph has transparent pixels",
-            where=where,
-            fix="write it without alpha channel",
-        )
+        what = "the photograph has transparent pixels"
+        raise SourceError(what, where=where, fix="write it without alpha channel")
     return np.ascontiguousarray(image[..., 2::-1])
 
 
@@ -116,9 +113,8 @@ def read_depth_file(
     if values.ndim == 3:
         colours, grey = values[..., :3], values[..., :1]
         if not ((colours == grey) | (np.isnan(colours) & np.isnan(grey))).all():
-            raise SourceError(
-                "a depth map in colour", where=where, expected="one value a pixel", got="channels"
-            )
+            what = "a depth map in colour"
+            raise SourceError(what, where=where, expected="one value a pixel", got="channels")
         values = values[..., 0]
     return values
 
@@ -147,9 +143,8 @@ def decode_depth(content: bytes, where: str) -> NDArray[Any]:
                 raise ValueError("unpacked it is larger than any depth map")
             values = values[names[0]]
     except UNREADABLE as error:
-        raise SourceError(
-            f"the {kind} file is damaged: {error}", where=where, fix="copy it again"
-        ) from error
+        what = f"the {kind} file is damaged: {error}"
+        raise SourceError(what, where=where, fix="copy it again") from error
     if values.ndim not in (2, 3) or values.dtype.kind not in "iuf" or not values.size:
         what = f"{values.dtype} of shape {values.shape} is not a depth map: numbers of shape (y, x)"
         raise SourceError(what, where=where)
@@ -355,17 +350,15 @@ def _in_full(image: NDArray[Any], where: str, bits: int | None, deep: bool) -> N
     if image.dtype == np.uint8:
         return np.asarray(image)
     if image.dtype != np.uint16:
-        raise SourceError(
-            "wrong kind of pixels", where=where, expected="8 or 16 bit", got=str(image.dtype)
-        )
+        what = "wrong kind of pixels"
+        raise SourceError(what, where=where, expected="8 or 16 bit", got=str(image.dtype))
     greatest = int(image.max())
     likely = likely_bits(greatest)
     if bits is None and likely:
         what = f"a 16-bit image that seems to hold {likely} bits: its greatest value is {greatest}"
         other = f"image_bits = {likely}" if likely > 8 else "else write it as 8 bit"
-        raise SourceError(
-            what, where=where, fix=f"image_bits = 16 under [files] if it is only dark; {other}"
-        )
+        fix = f"image_bits = 16 under [files] if it is only dark; {other}"
+        raise SourceError(what, where=where, fix=fix)
     if greatest >= 2 ** (bits or _FULL):
         what = f"the image holds {greatest}, more than {bits} bits"
         raise SourceError(what, where=where, fix="mend image_bits under [files]")

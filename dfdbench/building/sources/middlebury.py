@@ -242,9 +242,8 @@ class SceneFiles:
             if self.folder and (self.folder / name).is_file():
                 return read_whole(self.folder / name, LARGEST_ARRAY)
         except OSError as error:
-            raise SourceError(
-                "cannot read the file", where=self.where(name), got=reason_of(error)
-            ) from error
+            what = "cannot read the file"
+            raise SourceError(what, where=self.where(name), got=reason_of(error)) from error
         if self.archive is None or name not in self._members:
             raise SourceError("no such file", where=self.where(name))
         return read_member(self.archive, self._members[name])

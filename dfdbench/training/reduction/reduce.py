@@ -313,9 +313,8 @@ def configurations_in(folder: Path, names: Sequence[object] | None) -> dict[str,
     there = {path.stem: str(path) for path in sorted(folder.glob("*.toml"))}
     if BASELINE not in there:
         what = f"the folder lacks {BASELINE}.toml, which dfdbench thesis reduce writes"
-        raise InputError(
-            what, where=str(folder), fix="name a folder that dfdbench thesis reduce wrote"
-        )
+        fix = "name a folder that dfdbench thesis reduce wrote"
+        raise InputError(what, where=str(folder), fix=fix)
     chosen = (
         list(map(str, names))
         if names
