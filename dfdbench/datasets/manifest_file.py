@@ -12,8 +12,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_checks import check_sections
-from dfdbench.errors import ManifestError, Problem, reason_of
-from dfdbench.system.files import read_whole
+from dfdbench.errors import ManifestError, Problem
+from dfdbench.system.files import read_as
 from dfdbench.system.strict import problems_of
 from dfdbench.system.text import parse_toml
 
@@ -42,13 +42,7 @@ def read_manifest(path: str | Path) -> Manifest:
     >>> len(find_manifest("middlebury").pairs("test"))
     54
     """
-    file = Path(path)
-    try:
-        content = read_whole(file)
-    except OSError as error:
-        what = f"cannot read the manifest: {reason_of(error)}"
-        raise ManifestError(what, where=str(file)) from error
-    return parse_manifest(content, file.name)
+    return parse_manifest(read_as(ManifestError, Path(path), "the manifest"), Path(path).name)
 
 
 def parse_manifest(content: bytes, file: str) -> Manifest:

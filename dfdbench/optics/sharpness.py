@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
-from dfdbench.errors import Problem, SourceError, reason_of
-from dfdbench.system.files import LARGEST_ARRAY, read_whole
+from dfdbench.errors import Problem, SourceError
+from dfdbench.system.files import LARGEST_ARRAY, read_as
 
 Image = NDArray[np.uint8]
 
@@ -181,10 +181,7 @@ def _measure(path: Path, warms: bool) -> Measurement:
     if not match or (warms and match[3] is None):
         shape = "image_STEP_EXPOSURE_TEMPERATURE.png" if warms else "image_STEP_EXPOSURE.png"
         raise SourceError(f"the name is not {shape}", where=where)
-    try:
-        content = read_whole(path, LARGEST_ARRAY)
-    except OSError as error:
-        raise SourceError("cannot read the file", where=where, got=reason_of(error)) from error
+    content = read_as(SourceError, path, "the file", LARGEST_ARRAY)
     image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR_RGB)
     if image is None:
         raise SourceError("not a PNG image", where=where)

@@ -11,11 +11,11 @@ import torch
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from dfdbench.blur.tracks import TRACKS
-from dfdbench.errors import InputError, Problem, reason_of
+from dfdbench.errors import InputError, Problem
 from dfdbench.methods.networks.architectures import UNET_FILTERS
 from dfdbench.methods.networks.choices import FILTERS, SITES, SIZED, narrowed, plain_choices
 from dfdbench.methods.networks.inference import Readout
-from dfdbench.system.files import read_whole
+from dfdbench.system.files import read_as
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import parse_toml
 
@@ -284,11 +284,8 @@ def _text_of(name: str) -> str:
         known = ", ".join(shipped_configurations())
         what = f"no such configuration as {name}"
         raise InputError(what, where="--config", expected=f"a file or {known}")
-    try:
-        return read_whole(Path(name)).decode("utf-8", errors="replace")
-    except OSError as error:
-        got = reason_of(error)
-        raise InputError("cannot read the configuration", where=name, got=got) from error
+    content = read_as(InputError, Path(name), "the configuration")
+    return content.decode("utf-8", errors="replace")
 
 
 def precision_for(device: torch.device) -> tuple[Literal["float32", "bf16"], str]:

@@ -19,7 +19,7 @@ from dfdbench.errors import InputError, Problem, ResultError, reason_of, room_or
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import Card, count_parameters, save_weights
 from dfdbench.results.environment import describe_environment
-from dfdbench.system.files import read_whole, write_whole
+from dfdbench.system.files import read_as, write_whole
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.system.text import differences
 from dfdbench.training.configuration import settled
@@ -290,14 +290,11 @@ class TrainingFolder:
             If it is damaged, or of another training; every difference is named.
         """
         path = self.path / _CHECKPOINT
-        try:
-            content = read_whole(path, _LARGEST)
-        except OSError as error:
-            what = f"cannot read the checkpoint: {reason_of(error)}"
-            raise InputError(what, where=str(path), fix="--fresh starts over") from error
+        fix = "--fresh starts over"
+        content = read_as(InputError, path, "the checkpoint", _LARGEST, fix)
         body, digest = content[:-_DIGEST_BYTES], content[-_DIGEST_BYTES:]
         if hashlib.sha256(body).digest() != digest:
-            raise InputError("damaged checkpoint", where=str(path), fix="--fresh starts over")
+            raise InputError("damaged checkpoint", where=str(path), fix=fix)
         saved = torch.load(io.BytesIO(body), weights_only=True)
         problems = [
             Problem(

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from PIL import UnidentifiedImageError
 
-from dfdbench.errors import Problem, SourceError, reason_of
+from dfdbench.errors import Problem, SourceError
 from dfdbench.system.array_files import UNREADABLE, UNREADABLE_IMAGE
-from dfdbench.system.files import LARGEST_ARRAY, read_whole
+from dfdbench.system.files import LARGEST_ARRAY, read_as
 
 Image = NDArray[np.uint8]
 
@@ -269,7 +269,7 @@ def decode_levels(content: bytes, where: str, unknown: int) -> Image:
 
 def read_rgb(path: Path) -> Image:
     """Return a file's image as `decode_rgb` does."""
-    return decode_rgb(_read(path), str(path))
+    return decode_rgb(read_as(SourceError, path, "the file", LARGEST_ARRAY), str(path))
 
 
 def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
@@ -277,7 +277,7 @@ def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
     problems: list[Problem] = []
     for path in files:
         try:
-            content = _read(path)
+            content = read_as(SourceError, path, "the file", LARGEST_ARRAY)
             damage = _damage(content)
             if damage:
                 raise SourceError("the image file is damaged", where=str(path), got=damage)
@@ -289,13 +289,6 @@ def image_problems(files: list[Path], size: tuple[int, ...]) -> list[Problem]:
         except SourceError as error:
             problems += error.problems
     return problems
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return read_whole(path, LARGEST_ARRAY)
-    except OSError as error:
-        raise SourceError("cannot read the file", where=str(path), got=reason_of(error)) from error
 
 
 def _sides(shape: tuple[int, ...]) -> str:

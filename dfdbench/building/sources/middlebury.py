@@ -17,8 +17,8 @@ from dfdbench.building.fetching.checksums import check_checksum, sha256
 from dfdbench.building.sources.image_files import decode_image, decode_levels
 from dfdbench.building.sources.interface import SceneImages, gathered
 from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.errors import Problem, SourceError, reason_of
-from dfdbench.system.files import LARGEST_ARRAY, read_whole
+from dfdbench.errors import Problem, SourceError
+from dfdbench.system.files import LARGEST_ARRAY, read_as
 
 Levels = NDArray[np.uint8]
 
@@ -238,12 +238,8 @@ class SceneFiles:
         SourceError
             Where it cannot be read.
         """
-        try:
-            if self.folder and (self.folder / name).is_file():
-                return read_whole(self.folder / name, LARGEST_ARRAY)
-        except OSError as error:
-            what = "cannot read the file"
-            raise SourceError(what, where=self.where(name), got=reason_of(error)) from error
+        if self.folder and (self.folder / name).is_file():
+            return read_as(SourceError, self.folder / name, "the file", LARGEST_ARRAY)
         if self.archive is None or name not in self._members:
             raise SourceError("no such file", where=self.where(name))
         return read_member(self.archive, self._members[name])

@@ -177,10 +177,10 @@ def test_all_problems_of_all_files_are_reported(tmp_path: Path) -> None:
     assert image_problems([whole], (5, 7)) == []
     assert np.array_equal(read_rgb(whole), RGB)
     files = [tmp_path / "absent.png", tmp_path / "pipe.png", other, cut, whole]
-    told = [(Path(problem.where).name, problem.what) for problem in image_problems(files, (7, 5))]
-    assert told == [
-        ("absent.png", "cannot read the file"),
-        ("pipe.png", "cannot read the file"),
+    found = image_problems(files, (7, 5))
+    assert [(Path(problem.where).name, problem.what) for problem in found] == [
+        ("absent.png", "cannot read the file: No such file or directory"),
+        ("pipe.png", "cannot read the file: not a regular file"),
         ("other.png", "the image file is damaged"),
         ("cut.png", "the image file is damaged"),
         ("whole.png", "size differs"),
