@@ -16,6 +16,7 @@ from dfdbench.building.sources.simulated_rig import SimulatedRig
 from dfdbench.datasets.manifest import FOLDER, Manifest
 from dfdbench.errors import SourceError
 from dfdbench.system.packages import offered_as
+from dfdbench.tables.table import listed
 
 __all__ = [
     "ENTRY_POINT_GROUP",
@@ -35,7 +36,13 @@ _MADE: Mapping[str, Callable[[Manifest], Source]] = {
     "realworld-sim": SimulatedRig,
     "unseen": Rooms,
 }
-_BUILT_IN = (*_MADE, FOLDER, "middlebury", "realworld")
+#: What the folder of a reader's files looks like.
+_LAYOUTS = {
+    FOLDER: "the files of its manifest",
+    "middlebury": "Aloe/Illum1/Exp0/view1.png, or Aloe-2views.zip",
+    "realworld": "k33/left/exp_30/image_141_30.00.png and k33/lidar/..., or raw captures as "
+    "dfdbench rig simulate realworld writes them: docs/realworld.md",
+}
 
 
 def is_made(manifest: Manifest) -> bool:
@@ -72,39 +79,26 @@ def open_source(
     """
     if pair and manifest.reader != "realworld":
         raise SourceError(f"{manifest.short} has no voltage steps", where="--pair")
-    if manifest.reader == "realworld":
-        if folder is None:
-            raise SourceError(
-                f"{manifest.short} is read from a folder, and none is named",
-                expected="k33/left/exp_30/image_141_30.00.png and k33/lidar/..., or raw "
-                "captures: docs/realworld.md",
-                fix=f"dfdbench build {manifest.short} --source DIR; to see the layout: "
-                "dfdbench rig simulate realworld --out DIR --scenes k00-k07",
-            )
-        return RealworldFolder(manifest, folder, pair)
-    if manifest.reader == FOLDER:
-        if folder is None:
-            raise SourceError(
-                f"{manifest.short} is read from a folder, and none is named",
-                expected=", ".join(manifest.files.patterns.values()) if manifest.files else "",
-                fix="name the folder: --source DIR",
-            )
-        return FolderScenes(manifest, folder, checksums)
     if is_made(manifest):
         if folder:
             raise SourceError(f"{manifest.short} is made, not read", fix="leave out --source")
         return _MADE[manifest.reader](manifest)
-    if manifest.reader == "middlebury":
-        if folder is None:
-            raise SourceError(f"{manifest.short} is read from a folder: name one")
-        return MiddleburyScenes(manifest, folder, checksums)
-    return _offered(manifest, folder)
+    if manifest.reader not in _LAYOUTS:
+        return _offered(manifest, folder)
+    if folder is None:
+        layout = manifest.files.patterns.values() if manifest.files else [_LAYOUTS[manifest.reader]]
+        what = f"{manifest.short} is read from a folder, and none is named"
+        raise SourceError(what, expected=listed(layout), fix="name the folder: --source DIR")
+    if manifest.reader == "realworld":
+        return RealworldFolder(manifest, folder, pair)
+    kind = FolderScenes if manifest.reader == FOLDER else MiddleburyScenes
+    return kind(manifest, folder, checksums)
 
 
 def _offered(manifest: Manifest, folder: Path | None) -> Source:
     offered = offered_as(ENTRY_POINT_GROUP)
     if manifest.reader not in offered:
-        known = ", ".join(sorted({*_BUILT_IN, *offered}))
+        known = ", ".join(sorted({*_MADE, *_LAYOUTS, *offered}))
         what = f"no reader {manifest.reader} for the files of {manifest.stem}; there are {known}"
         raise SourceError(what)
     point = offered[manifest.reader]

@@ -383,7 +383,7 @@ def comparison_table(
     rows = []
     for record in records:
         for kind in ("best", "mean"):
-            ends = [of.get(f"{RANKED_BY}_{kind}") for of in (record, baseline)]
+            ends: list[Any] = [of.get(f"{RANKED_BY}_{kind}") for of in (record, baseline)]
             apart = None if None in ends else ends[0] - ends[1]
             record[f"{kind}_to_{kind}"] = apart
         record["protocol"] = protocol

@@ -22,7 +22,7 @@ from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.metrics.protocol import Protocol, find_protocol
 from dfdbench.system.files import hold, write_whole
-from dfdbench.system.text import differences, parse_json
+from dfdbench.system.text import parse_json, require_same
 from dfdbench.training.learner import DivergedError
 from dfdbench.training.search.particle import COMPONENTS, Numbers, particle_at
 from dfdbench.training.search.plan import SearchPlan
@@ -109,13 +109,8 @@ class SearchFolder:
                 what = "the folder holds something else than a search"
                 raise InputError(what, where=str(self.path), fix=_OTHER)
             write_whole(file, json.dumps(now, indent=2) + "\n")
-        what = "the folder holds another search, with"
-        problems = [
-            Problem(f"{what} {name} {one} instead of {other}", where=str(file), fix=_OTHER)
-            for name, one, other in differences(_read_identity(file), now)
-        ]
-        if problems:
-            raise InputError.of(problems)
+        what = "the folder holds another search"
+        require_same(_read_identity(file), now, what, str(file), _OTHER)
         log = self.path / POSITIONS
         rows = _read_rows(log) if log.exists() else []
         self._rows = {row.place: row for row in rows}
