@@ -24,6 +24,9 @@ Count = Annotated[int, Field(ge=1)]
 Expansion = Literal["eight", "basic", "one"]
 #: Wider than this no configuration can mean.
 _NARROWEST = 128
+_ONE_A_FILTER = Field(min_length=len(SIZED), max_length=len(SIZED))
+_ONE_A_SITE = Field(min_length=len(SITES), max_length=len(SITES))
+_Beta = Annotated[float, Field(ge=0, lt=1)]
 #: Rows and columns of a filter, or one number for both.
 _Size = int | tuple[int, int]
 _Activation = Literal["relu", "prelu", "sigmoid", "tanh", "elu", "srelu"]
@@ -115,15 +118,9 @@ class TrainingConfiguration(Record):
     narrow: Annotated[int, Field(ge=1, le=_NARROWEST)] = 1
     sampling_size: Annotated[int, Field(ge=1, le=8)] = 2
     first_activation: Literal["prelu", "sigmoid"] = "prelu"
-    kernels: Annotated[list[_Size], Field(min_length=len(SIZED), max_length=len(SIZED))] | None = (
-        None
-    )
-    activations: (
-        Annotated[list[_Activation], Field(min_length=len(SITES), max_length=len(SITES))] | None
-    ) = None
-    normalized: (
-        Annotated[list[bool], Field(min_length=len(SITES), max_length=len(SITES))] | None
-    ) = None
+    kernels: Annotated[list[_Size], _ONE_A_FILTER] | None = None
+    activations: Annotated[list[_Activation], _ONE_A_SITE] | None = None
+    normalized: Annotated[list[bool], _ONE_A_SITE] | None = None
     crop: Annotated[int, Field(ge=12)] = 32
     crops_per_step: Annotated[int, Field(ge=1, le=65_536)] = 28
     expansion: Expansion = "eight"
@@ -137,10 +134,7 @@ class TrainingConfiguration(Record):
     label_width: Annotated[float, Field(ge=0, le=64, allow_inf_nan=False)] = 0.0
     learning_rate: Positive = 1e-4
     weight_decay: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0005
-    betas: tuple[Annotated[float, Field(ge=0, lt=1)], Annotated[float, Field(ge=0, lt=1)]] = (
-        0.5,
-        0.99,
-    )
+    betas: tuple[_Beta, _Beta] = (0.5, 0.99)
     decay_prelu: bool = True
     schedule: Literal["dlib", "cosine"] = "dlib"
     patience: Annotated[int, Field(ge=10)] = 2500

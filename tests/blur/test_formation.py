@@ -256,9 +256,9 @@ def test_noise_is_what_a_grey_patch_shows() -> None:
         degradation = find_degradation(label)
         _, defocus = form_pair(grey, depth, RECIPE, degradation, "Art/view1")
         law = given_law(RECIPE, degradation.formation)
-        told = noise_at(law.noise, np.array(90.0))
+        said = noise_at(law.noise, np.array(90.0))
         seen = 255 * decode(defocus.astype(float)) if law.linear else defocus
-        assert float(seen.std()) == pytest.approx(float(told), rel=0.05)
+        assert float(seen.std()) == pytest.approx(float(said), rel=0.05)
 
 
 def test_what_a_law_cannot_say_it_leaves_to_be_found_a_pair() -> None:

@@ -25,7 +25,7 @@ def test_a_gaussian_law_has_the_recipes_kernels() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "told"),
+    ("fields", "said"),
     [
         ({}, "sigmas"),
         ({"sigmas": [1.0, 0.0]}, "sigmas"),
@@ -37,6 +37,6 @@ def test_a_gaussian_law_has_the_recipes_kernels() -> None:
         ({"sigmas": [1.0, 2.0], "sigma_min": 1}, "sigma_min"),
     ],
 )
-def test_a_law_that_is_none_is_refused_by_field(fields: dict[str, object], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_a_law_that_is_none_is_refused_by_field(fields: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
         law_of_fields(fields)

@@ -42,8 +42,8 @@ def test_a_gaussian_of_which_the_kernel_holds_only_the_middle_is_refused() -> No
 def test_all_that_is_wrong_with_given_fields_is_told_at_once() -> None:
     with pytest.raises(InputError) as caught:
         find_recipe({"sigma_mni": 1, "sigma_step": -1, "levels": 1})
-    told = [(problem.what, problem.where) for problem in caught.value.problems]
-    assert told == [
+    said = [(problem.what, problem.where) for problem in caught.value.problems]
+    assert said == [
         ("unknown field of a blur recipe", "sigma_mni"),
         ("a field of the blur recipe is lacking", "sigma_min"),
         ("wrong blur recipe", "sigma_step"),

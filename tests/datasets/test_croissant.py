@@ -28,10 +28,10 @@ def test_a_released_set_is_valid_croissant_with_every_pair(name: str, tmp_path: 
     read = mlcroissant.Dataset(path)
     assert not read.metadata.issues.errors
     assert not read.metadata.issues.warnings
-    told = json.loads(path.read_text("utf-8"))
-    ids = [record["pairs/id"] for record in told["recordSet"][0]["data"]]
+    said = json.loads(path.read_text("utf-8"))
+    ids = [record["pairs/id"] for record in said["recordSet"][0]["data"]]
     assert ids == [pair.id for pair in manifest.pairs()]
-    assert told["distribution"][0]["sha256"] == manifest.sha256
+    assert said["distribution"][0]["sha256"] == manifest.sha256
 
 
 def test_what_conferences_ask_for_is_read_back() -> None:

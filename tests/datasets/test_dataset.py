@@ -144,7 +144,7 @@ def test_a_crop_decodes_its_own_pair_only(tiny_store: Dataset) -> None:
 
 
 @pytest.mark.parametrize(
-    ("region", "told"),
+    ("region", "said"),
     [
         ((slice(20, 28), slice(0, 8)), "20 to 28.*rows"),
         ((slice(0, 8), slice(0, 31)), "0 to 31.*columns"),
@@ -153,10 +153,10 @@ def test_a_crop_decodes_its_own_pair_only(tiny_store: Dataset) -> None:
     ],
 )
 def test_a_crop_beyond_the_image_is_refused(
-    tiny_store: Dataset, region: tuple[slice, slice], told: str
+    tiny_store: Dataset, region: tuple[slice, slice], said: str
 ) -> None:
     data = open_dataset("tiny", tiny_store.path).captures("One")
-    with pytest.raises(InputError, match=f"(?s){told}"):
+    with pytest.raises(InputError, match=f"(?s){said}"):
         data.crop(0, region)
     assert data.crop(0, (slice(16, 24), slice(-8, None))).depth.shape == (8, 8)
 

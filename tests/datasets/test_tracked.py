@@ -44,7 +44,7 @@ def test_a_manifest_of_one_s_own_has_tracks(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "said"),
     [
         ("demo@camra-2", "did you mean camera"),
         ("demo@camera-9", "did you mean camera-"),
@@ -55,8 +55,8 @@ def test_a_manifest_of_one_s_own_has_tracks(tmp_path: Path) -> None:
         ("demo@../camera-2", "unknown data set"),
     ],
 )
-def test_near_misses_are_named(name: str, told: str) -> None:
-    with pytest.raises(UnknownNameError, match=told):
+def test_near_misses_are_named(name: str, said: str) -> None:
+    with pytest.raises(UnknownNameError, match=said):
         find_manifest(name)
 
 

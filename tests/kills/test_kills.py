@@ -79,7 +79,7 @@ class Work:
     outcome: Callable[[Path], object]
 
     def words(self, folder: Path) -> str:
-        """Return the command as what lies in the folder asks for it: a training is told."""
+        """Return the command as what lies in the folder asks for it: a training is said."""
         training = folder / "training"
         if (training / "checkpoint.pt").exists():
             return f"{self.command} --resume"

@@ -87,9 +87,9 @@ def test_files_that_cannot_be_used_are_all_told(tmp_path: Path) -> None:
     write_png(tmp_path / "up/dot.png", dot)
     write_png(tmp_path / "up/image_127_30.00.png", np.zeros((32, 32, 3), np.uint8))
     (tmp_path / "up/image_128_30.00.png").write_bytes(b"no image")
-    with pytest.raises(SourceError) as told:
+    with pytest.raises(SourceError) as said:
         read_lens_captures(tmp_path)
-    assert [problem.what for problem in told.value.problems] == [
+    assert [problem.what for problem in said.value.problems] == [
         "the name is not image_STEP_EXPOSURE_TEMPERATURE.png",
         "the name is not image_STEP_EXPOSURE.png",
         "no white dot on black in the image",

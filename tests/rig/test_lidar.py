@@ -161,7 +161,7 @@ def test_the_layout_is_rows_columns_then_little_endian_ranges(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "said"),
     [
         (b"", "no header"),
         (np.array([64, 2048], "<u4").tobytes() + b"\0" * 400, "disagrees with the file"),
@@ -171,10 +171,10 @@ def test_the_layout_is_rows_columns_then_little_endian_ranges(tmp_path: Path) ->
         (np.array([0, 0], "<u4").tobytes(), "not ranges"),
     ],
 )
-def test_a_damaged_scan_is_told(tmp_path: Path, content: bytes, told: str) -> None:
+def test_a_damaged_scan_is_told(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "lidar_rng_00000.bin"
     path.write_bytes(content)
-    with pytest.raises(SourceError, match=told) as error:
+    with pytest.raises(SourceError, match=said) as error:
         read_ranges(path)
     assert str(path) in str(error.value)
 
@@ -191,7 +191,7 @@ def test_an_array_must_hold_ranges(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "said"),
     [
         ("beam,altitude_deg,azimuth_deg,azimuth_index\n0,16.5,3.1,18\n1,x,0,0\n", "line 3"),
         ("beam,altitude_deg\n0,1\n", "no rows with the columns"),
@@ -204,10 +204,10 @@ def test_an_array_must_hold_ranges(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_damaged_calibration_is_reported(tmp_path: Path, text: str, told: str) -> None:
+def test_a_damaged_calibration_is_reported(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "beams.csv"
     path.write_text(text)
-    with pytest.raises(SourceError, match=told):
+    with pytest.raises(SourceError, match=said):
         read_beams(path)
     with pytest.raises(SourceError, match="cannot read"):
         read_beams(tmp_path / "none.csv")

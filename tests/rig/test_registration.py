@@ -143,7 +143,7 @@ def test_a_matrix_may_be_given_outright(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "said"),
     [
         ("", "too few pairs"),
         ("matrix = [[1, 2], [3, 4]]", "field is missing"),
@@ -153,10 +153,10 @@ def test_a_matrix_may_be_given_outright(tmp_path: Path) -> None:
         ("pairs = ", "cannot read"),
     ],
 )
-def test_a_file_that_gives_no_transform_is_told(tmp_path: Path, text: str, told: str) -> None:
+def test_a_file_that_gives_no_transform_is_told(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "registration.toml"
     path.write_text(text)
-    with pytest.raises(SourceError, match=told):
+    with pytest.raises(SourceError, match=said):
         read_registration(path)
     with pytest.raises(SourceError, match="cannot read"):
         read_registration(tmp_path / "none.toml")

@@ -47,9 +47,9 @@ def test_a_file_that_cannot_be_written_is_told_by_its_own_name(
         write_whole(tmp_path / "folder.tex", "text")
     assert replaced.value.filename == str(tmp_path / "folder.tex")
     monkeypatch.setattr("tempfile.mkstemp", refused)
-    with pytest.raises(PermissionError) as told:
+    with pytest.raises(PermissionError) as said:
         write_whole(path, "text")
-    assert told.value.filename == str(path)
+    assert said.value.filename == str(path)
 
 
 def test_what_is_no_regular_file_is_not_waited_for(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ class Shelf(Record):
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "said"),
     [
         ({"names": ["a"]}, [("field is missing", "f.json: books", "", "")]),
         (
@@ -34,13 +34,13 @@ class Shelf(Record):
     ],
 )
 def test_every_refused_field_is_a_problem(
-    content: dict[str, object], told: list[tuple[str, str, str, str]]
+    content: dict[str, object], said: list[tuple[str, str, str, str]]
 ) -> None:
     with pytest.raises(ValidationError) as caught:
         Shelf.model_validate(content)
     problems = problems_of(caught.value, "off", file="f.json", fix="mend it")
-    assert len(problems) == len(told)
-    for problem, (what, where, expected, got) in zip(problems, told, strict=True):
+    assert len(problems) == len(said)
+    for problem, (what, where, expected, got) in zip(problems, said, strict=True):
         assert (problem.what, problem.where, problem.got) == (what, where, got)
         assert problem.expected.startswith(expected)
         assert problem.fix == "mend it"

@@ -74,7 +74,7 @@ def test_a_store_without_the_splits_scenes_is_told(tiny_store: Dataset) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "said"),
     [
         ({"crop": 18}, "a multiple of 4"),
         ({"crop": 64}, "at most 24"),
@@ -85,9 +85,9 @@ def test_a_store_without_the_splits_scenes_is_told(tiny_store: Dataset) -> None:
     ],
 )
 def test_choices_that_do_not_fit_are_told(
-    tiny_store: Dataset, changes: dict[str, Any], told: str
+    tiny_store: Dataset, changes: dict[str, Any], said: str
 ) -> None:
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=said):
         require_trainable(task(tiny_store, **changes))
 
 

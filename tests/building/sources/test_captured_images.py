@@ -74,8 +74,8 @@ def test_all_that_is_wrong_is_told_at_once(scene: Path) -> None:
     cv2.imwrite(str(scene / "depth.png"), np.full((36, 48), 2, np.uint16))
     with pytest.raises(SourceError) as caught:
         made(scene)
-    told = [(problem.what, problem.where) for problem in caught.value.problems]
-    assert told == [
+    said = [(problem.what, problem.where) for problem in caught.value.problems]
+    assert said == [
         ("not an image file", "blurred.png"),
         ("a median of 0.002 m, not 0.5 to 5 m: another unit, or other bounds", "depth.png"),
         ("size differs", "depth.png"),

@@ -120,7 +120,7 @@ def test_depth_is_read_as_it_stands() -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "said"),
     [
         (b"", "an empty file"),
         (b"<html>404</html>" * 9, "not a PNG file"),
@@ -132,19 +132,19 @@ def test_depth_is_read_as_it_stands() -> None:
         (encoded(RGB[:, :-1]), "size differs"),
     ],
 )
-def test_an_image_of_another_kind_or_size_is_refused(content: bytes, told: str) -> None:
-    with pytest.raises(SourceError, match=told) as caught:
+def test_an_image_of_another_kind_or_size_is_refused(content: bytes, said: str) -> None:
+    with pytest.raises(SourceError, match=said) as caught:
         decode_image(content, "Art/view1.png", (5, 7))
     assert "Art/view1.png" in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("image", "told"), [(RGB, "in colour"), (np.zeros((5, 5), np.uint8), "no depth is known")]
+    ("image", "said"), [(RGB, "in colour"), (np.zeros((5, 5), np.uint8), "no depth is known")]
 )
 def test_a_depth_map_in_colour_or_without_depth_is_refused(
-    image: NDArray[np.uint8], told: str
+    image: NDArray[np.uint8], said: str
 ) -> None:
-    with pytest.raises(SourceError, match=told):
+    with pytest.raises(SourceError, match=said):
         decode_levels(encoded(image), "Art/disp1.png", 0)
 
 

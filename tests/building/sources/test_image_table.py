@@ -76,7 +76,7 @@ def test_the_manifest_may_hold_the_table_and_facts_may_be_stated(folder: Path) -
 
 
 @pytest.mark.parametrize(
-    ("rows", "told"),
+    ("rows", "said"),
     [
         (["1,1", "2,2"], "images that the table does not tell of (WHERE): got desk/f_003.png"),
         (["1,1", "2,2", "3,4", "4,8"], "a file is missing (FOLDER/desk/f_4.png)"),
@@ -90,11 +90,11 @@ def test_the_manifest_may_hold_the_table_and_facts_may_be_stated(folder: Path) -
     ],
 )
 def test_a_table_that_does_not_fit_its_images_is_told(
-    folder: Path, rows: list[str], told: str
+    folder: Path, rows: list[str], said: str
 ) -> None:
     table(folder, *rows)
     text = problems_of(manifest_of(), folder)
-    place = told.replace("WHERE", str(folder / "desk/focus.csv")).replace("FOLDER", str(folder))
+    place = said.replace("WHERE", str(folder / "desk/focus.csv")).replace("FOLDER", str(folder))
     assert place in text
 
 

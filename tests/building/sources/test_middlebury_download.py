@@ -99,8 +99,8 @@ def test_missing_and_damaged_are_told_in_one_report(
     site.faults[f"/{BELOW}/Two/Illum1/Exp0/view5.png"] = ["500"] * 99
     with pytest.raises(SourceError) as caught:
         download_middlebury(manifest, tmp_path / "in", patience=QUICK)
-    told = [problem.what for problem in caught.value.problems]
-    assert told == [
+    said = [problem.what for problem in caught.value.problems]
+    assert said == [
         "not a PNG file",
         "the server does not send the file",
         "1 damaged files in all, set aside; the other 14 are whole and kept",
@@ -163,8 +163,8 @@ def test_a_mirror_without_the_files_is_named(
     wrong = f"{site.address}/nothing"
     done = download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
     assert done.new == FILES
-    (told,) = done.lacking
-    assert f"the mirror lacks {FILES} files, such as 404 {wrong}/" in told.what
+    (said,) = done.lacking
+    assert f"the mirror lacks {FILES} files, such as 404 {wrong}/" in said.what
     # Kept files are not asked for, and say nothing of the mirror.
     again = download_middlebury(manifest, tmp_path / "in", [wrong], patience=QUICK)
     assert again.lacking == ()

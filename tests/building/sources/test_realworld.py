@@ -211,7 +211,7 @@ def test_all_that_is_wrong_is_told_and_the_other_scenes_build(
     report = build_store(CAPTURED, source, tmp_path / "s.zarr")
     assert report.scenes_built == ("k01", "k03", "k33")
     assert report.pairs == 3
-    told = source.missing_help(report.missing)
+    said = source.missing_help(report.missing)
     for what, where in (
         ("scene has no lidar/lidar_rng_00000.bin", "k32"),
         ("no image at voltage step 129", "k33, exposure 30 ms"),
@@ -224,8 +224,8 @@ def test_all_that_is_wrong_is_told_and_the_other_scenes_build(
         ("scene is not registered", "k46/registration.toml"),
         ("only 3 of 4 frames", "image_141_40.00_*.png"),
     ):
-        assert what in told
-        assert where in told
+        assert what in said
+        assert where in said
 
 
 def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def changed(line: int, column: str, value: str) -> Callable[[str], str]:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "said"),
     [
         (changed(2, "objective", "nan"), "objective: no number"),
         (changed(2, "particle", "first"), "line 2"),
@@ -102,12 +102,12 @@ def changed(line: int, column: str, value: str) -> Callable[[str], str]:
     ],
 )
 def test_a_log_that_cannot_be_is_named_and_kept(
-    plan: SearchPlan, path: Path, change: Callable[[str], str], told: str
+    plan: SearchPlan, path: Path, change: Callable[[str], str], said: str
 ) -> None:
     log = path / "positions.csv"
     log.write_text(change(log.read_text()))
     before = log.read_text()
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=said):
         opened(plan, path)
     assert log.read_text() == before
 
@@ -170,7 +170,7 @@ def test_a_particle_is_trained_and_scored_on_both_sets(tiny_store: Dataset, tmp_
 
 
 @pytest.mark.parametrize(
-    ("raised", "told"),
+    ("raised", "said"),
     [
         (None, "diverged: the loss became nan, step"),
         (RuntimeError("CUDA out of memory\nmore"), "failed: CUDA out of memory"),
@@ -182,7 +182,7 @@ def test_a_training_that_fails_is_infinitely_bad(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     raised: Exception | None,
-    told: str,
+    said: str,
 ) -> None:
     def fail(*_: Any, **__: Any) -> None:
         assert raised is not None
@@ -193,7 +193,7 @@ def test_a_training_that_fails_is_infinitely_bad(
     outcome = evaluated(tiny_store, tmp_path, learning_rate=1e30, steps=5)
     assert outcome is not None
     assert outcome.value == math.inf
-    assert outcome.failed.startswith(told)
+    assert outcome.failed.startswith(said)
 
 
 def test_time_is_up_before_and_within_a_training(tiny_store: Dataset, tmp_path: Path) -> None:

@@ -102,7 +102,7 @@ def test_bounds_make_the_box_smaller() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "said"),
     [
         ({"kernel": "2:9"}, "odd numbers"),
         ({"crop": "12:30"}, "multiples of 4"),
@@ -113,8 +113,8 @@ def test_bounds_make_the_box_smaller() -> None:
         ({"width": "a:b"}, "integer"),
     ],
 )
-def test_what_are_no_bounds_is_told(given: dict[str, str], told: str) -> None:
-    with pytest.raises(InputError, match=told) as caught:
+def test_what_are_no_bounds_is_told(given: dict[str, str], said: str) -> None:
+    with pytest.raises(InputError, match=said) as caught:
         bounds_of(given)
     assert "--bounds" in str(caught.value)
 

@@ -74,7 +74,7 @@ def test_every_choice_makes_another_search(tiny_store: Dataset) -> None:
 
 
 @pytest.mark.parametrize(
-    ("configuration", "choices", "told"),
+    ("configuration", "choices", "said"),
     [
         ({}, {"bounds": Bounds()}, "at most 24"),
         ({}, {"split": "train"}, "too few to hold"),
@@ -85,9 +85,9 @@ def test_every_choice_makes_another_search(tiny_store: Dataset) -> None:
     ],
 )
 def test_what_cannot_be_searched_is_told(
-    tiny_store: Dataset, configuration: dict[str, Any], choices: dict[str, Any], told: str
+    tiny_store: Dataset, configuration: dict[str, Any], choices: dict[str, Any], said: str
 ) -> None:
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=said):
         small_plan(tiny_store, configuration, **choices)
 
 

@@ -44,12 +44,12 @@ def same(one: SearchOutcome, other: SearchOutcome) -> bool:
 
 @pytest.mark.slow
 def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Dataset, tmp_path: Path) -> None:
-    told: list[tuple[int, int]] = []
+    said: list[tuple[int, int]] = []
     plan = small_plan(tiny_store)
     outcome = run_search(
-        plan, tmp_path / "s", 1, None, "cpu", 1, on_done=lambda *done: told.append(done)
+        plan, tmp_path / "s", 1, None, "cpu", 1, on_done=lambda *done: said.append(done)
     )
-    assert told == [(done, 4) for done in range(5)]
+    assert said == [(done, 4) for done in range(5)]
     assert (outcome.finished, outcome.trainings) == (True, 4)
     assert outcome.best is not None
     assert [item.number for item in outcome.course] == [0, 1]
