@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
-from dfdbench.blur.layers import composite_layers, without_tails
+from dfdbench.blur.occlusion import composite_layers, without_tails
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
 from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, input_problems, rounded
@@ -248,7 +248,7 @@ def form_stack(
     Notes
     -----
     At depth level d an image focused at level f has a Gaussian with ``sigma = sigma_min + |d - f| *
-    sigma_step``; surfaces cover each other as in `dfdbench.blur.layers.composite_layers`.
+    sigma_step``; surfaces cover each other as in `dfdbench.blur.occlusion.composite_layers`.
 
     Examples
     --------

@@ -14,7 +14,7 @@ from dfdbench.blur.formation import focus_levels, form_pair, form_stack
 from dfdbench.blur.recipe import LAST_LEVEL, BlurRecipe, find_recipe
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.blur.tracks import find_degradation
-from dfdbench.building.plan import refuse_another_set
+from dfdbench.building.build_plan import refuse_another_set
 from dfdbench.building.sources.interface import SceneError, SceneImages, Source
 from dfdbench.datasets.captured_files import BY_IMAGE, OF_CAMERA
 from dfdbench.datasets.captures import PAIR, ROLES, ImageFacts, Role

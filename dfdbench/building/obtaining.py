@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dfdbench.building.build_plan import BuildPlan
 from dfdbench.building.fetching.checksums import known_checksums
 from dfdbench.building.fetching.download import SET_ASIDE, Progress
-from dfdbench.building.plan import BuildPlan
 from dfdbench.building.sources import Download, Source, download_middlebury, open_source
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_place import default_store

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest, read_manifest, released_sha256
+from dfdbench.datasets.rendered import FAMILIES, seeded, unseen_manifest
 from dfdbench.datasets.tracked import part_name, with_track
-from dfdbench.datasets.unseen import FAMILIES, seeded, unseen_manifest
 from dfdbench.errors import InputError, ManifestError, UnknownNameError, unknown_name
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from dfdbench.blur.tracks import CLEAN, find_degradation
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest, released_sha256
-from dfdbench.datasets.unseen import seeded, unseen_manifest
+from dfdbench.datasets.rendered import seeded, unseen_manifest
 from dfdbench.errors import DfdbenchError, InputError, StoreError, UnknownNameError
 
 #: What stands between a data set's name and its track's.

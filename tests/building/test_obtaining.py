@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dfdbench.building.build_plan import plan_build
 from dfdbench.building.obtaining import obtain, voltage_pair_sets
-from dfdbench.building.plan import plan_build
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_place import default_store

@@ -55,7 +55,7 @@ def test_each_reader_has_its_source(
 def test_what_cannot_be_opened_says_what_is_lacking(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="simulate realworld"):
         open_source(find_manifest("realworld"))
-    with pytest.raises(SourceError, match="name one"):
+    with pytest.raises(SourceError, match="and none is named"):
         open_source(find_manifest("middlebury"))
     with pytest.raises(SourceError, match="made, not read"):
         open_source(find_manifest("demo"), tmp_path)

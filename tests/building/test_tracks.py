@@ -14,8 +14,8 @@ from dfdbench.blur.formation import focus_levels, form_pair, form_stack
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.tracks import find_degradation
 from dfdbench.building.build import build_store
+from dfdbench.building.build_plan import plan_build
 from dfdbench.building.export import export_png
-from dfdbench.building.plan import plan_build
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import ATTRIBUTES_SHA256, attributes_digest

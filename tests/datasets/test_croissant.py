@@ -14,7 +14,7 @@ from dfdbench.datasets.croissant import (
     datasheets,
 )
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.unseen import seeded
+from dfdbench.datasets.rendered import seeded
 from tests.conftest import TINY_TOML
 
 NAMES = [*(manifest.stem for manifest in released_manifests()), "demo@camera-2"]

@@ -11,7 +11,7 @@ from dfdbench.blur.recipe import RECIPES
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest, training_of
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.unseen import seeded
+from dfdbench.datasets.rendered import seeded
 from tests.conftest import TINY_TOML
 
 # A released manifest never changes; a correction is a new version with a new line here.

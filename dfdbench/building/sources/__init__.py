@@ -11,7 +11,7 @@ from dfdbench.building.sources.interface import SceneError, SceneImages, Source
 from dfdbench.building.sources.middlebury import MiddleburyScenes
 from dfdbench.building.sources.middlebury_download import Download, download_middlebury
 from dfdbench.building.sources.realworld import RealworldFolder
-from dfdbench.building.sources.rooms import Rooms
+from dfdbench.building.sources.rendered_rooms import Rooms
 from dfdbench.building.sources.simulated_rig import SimulatedRig
 from dfdbench.datasets.manifest import FOLDER, Manifest
 from dfdbench.errors import SourceError

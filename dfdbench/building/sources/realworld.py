@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.building.sources.captures import PublishedScene, RawScene, find_captured_scene
 from dfdbench.building.sources.interface import SceneImages
+from dfdbench.building.sources.rig_scenes import PublishedScene, RawScene, find_captured_scene
 from dfdbench.datasets.manifest import Depth, Manifest, Pair
 from dfdbench.errors import DfdbenchError, Problem, SourceError
 from dfdbench.optics.sharpness import sharpest

@@ -25,7 +25,7 @@ from dfdbench.system.files import hold, write_whole
 from dfdbench.system.text import parse_json, require_same
 from dfdbench.training.learner import DivergedError
 from dfdbench.training.search.particle import COMPONENTS, Numbers, particle_at
-from dfdbench.training.search.plan import SearchPlan
+from dfdbench.training.search.search_plan import SearchPlan
 from dfdbench.training.task import Task, evenly_spaced, mean_scores
 from dfdbench.training.trainer import WEIGHTS, train
 

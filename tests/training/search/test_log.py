@@ -29,7 +29,7 @@ from dfdbench.training.search.log import (
     training_folder,
 )
 from dfdbench.training.search.particle import COMPONENTS, position_of
-from dfdbench.training.search.plan import SearchPlan
+from dfdbench.training.search.search_plan import SearchPlan
 from dfdbench.training.task import mean_scores
 from tests.methods.networks.test_architectures import SMALL
 from tests.training.search.made_searches import small_plan, some_rows

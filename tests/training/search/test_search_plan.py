@@ -9,7 +9,7 @@ from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.training.configuration import TrainingConfiguration
 from dfdbench.training.search.particle import PATCHES, Bounds, particle_at, position_of
-from dfdbench.training.search.plan import Choices, plan_search
+from dfdbench.training.search.search_plan import Choices, plan_search
 from tests.training.search.made_searches import BOUNDS, small_plan
 
 

@@ -25,7 +25,7 @@ from dfdbench.training.search.particle import (
     search,
     whole_numbers,
 )
-from dfdbench.training.search.plan import SearchPlan
+from dfdbench.training.search.search_plan import SearchPlan
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import pytest
 from upath import UPath
 
 from dfdbench.building.build import build_store
-from dfdbench.building.plan import plan_build, refuse_another_set
+from dfdbench.building.build_plan import plan_build, refuse_another_set
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest

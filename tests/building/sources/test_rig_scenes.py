@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dfdbench.building.sources.captures import PublishedScene, RawScene, find_captured_scene
+from dfdbench.building.sources.rig_scenes import PublishedScene, RawScene, find_captured_scene
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.rig.registration import NAME as REGISTRATION
 from tests.conftest import write_png

@@ -9,7 +9,7 @@ import numpy as np
 from dfdbench.building.sources.interface import Made, SceneImages
 from dfdbench.datasets.captures import PAIR, ImageFacts, Role
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.datasets.unseen import GENERATOR, scene_number, seeded
+from dfdbench.datasets.rendered import GENERATOR, scene_number, seeded
 
 
 class Rooms(Made):

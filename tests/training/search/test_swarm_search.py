@@ -14,7 +14,7 @@ from dfdbench.system.parallel import Cluster, Processes
 from dfdbench.training.configuration import read_configuration
 from dfdbench.training.search.log import Evaluation, LogRow, Outcome
 from dfdbench.training.search.particle import begun, judged, particle_at, position_of
-from dfdbench.training.search.run import (
+from dfdbench.training.search.swarm_search import (
     SearchOutcome,
     best_as_toml,
     course_table,
