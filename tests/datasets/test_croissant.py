@@ -4,15 +4,8 @@ from pathlib import Path
 import mlcroissant
 import pytest
 
+from dfdbench.datasets import croissant
 from dfdbench.datasets.catalog import find_manifest, released_manifests
-from dfdbench.datasets.croissant import (
-    CROISSANT,
-    RESPONSIBLE_AI,
-    croissant_of,
-    croissant_text,
-    datasheet_of,
-    datasheets,
-)
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.datasets.rendered import seeded
 from tests.conftest import TINY_TOML
@@ -24,7 +17,7 @@ NAMES = [*(manifest.stem for manifest in released_manifests()), "demo@camera-2"]
 def test_a_released_set_is_valid_croissant_with_every_pair(name: str, tmp_path: Path) -> None:
     manifest = find_manifest(name)
     path = tmp_path / "set.json"
-    path.write_text(croissant_text(manifest), "utf-8")
+    path.write_text(croissant.croissant_text(manifest), "utf-8")
     read = mlcroissant.Dataset(path)
     assert not read.metadata.issues.errors
     assert not read.metadata.issues.warnings
@@ -35,8 +28,8 @@ def test_a_released_set_is_valid_croissant_with_every_pair(name: str, tmp_path: 
 
 
 def test_what_conferences_ask_for_is_read_back() -> None:
-    metadata = mlcroissant.Dataset(croissant_of(find_manifest("demo"))).metadata.to_json()
-    assert metadata["conformsTo"] == [CROISSANT, RESPONSIBLE_AI]
+    metadata = mlcroissant.Dataset(croissant.croissant_of(find_manifest("demo"))).metadata.to_json()
+    assert metadata["conformsTo"] == [croissant.CROISSANT, croissant.RESPONSIBLE_AI]
     for field in (
         *("dataLimitations", "dataBiases", "personalSensitiveInformation"),
         *("dataUseCases", "dataSocialImpact", "hasSyntheticData"),
@@ -47,18 +40,18 @@ def test_what_conferences_ask_for_is_read_back() -> None:
 
 
 def test_a_track_says_what_it_does_and_a_set_of_ones_own_promises_no_more_than_it_has() -> None:
-    assert "read noise" in croissant_of(find_manifest("demo@camera-2"))["description"]
-    own = croissant_of(parse_manifest(TINY_TOML.encode(), "tiny-1.toml"))
-    assert own["conformsTo"] == CROISSANT
+    assert "read noise" in croissant.croissant_of(find_manifest("demo@camera-2"))["description"]
+    own = croissant.croissant_of(parse_manifest(TINY_TOML.encode(), "tiny-1.toml"))
+    assert own["conformsTo"] == croissant.CROISSANT
     assert not [name for name in own if name.startswith(("rai:", "prov:"))]
     assert mlcroissant.Dataset(own).metadata.name == "tiny-1"
 
 
 def test_every_released_set_has_a_sheet_and_every_sheet_a_set() -> None:
     manifests = released_manifests()
-    assert {manifest.short for manifest in manifests} == datasheets().keys()
+    assert {manifest.short for manifest in manifests} == croissant.datasheets().keys()
     for manifest in manifests:
-        sheet = datasheet_of(manifest)
+        sheet = croissant.datasheet_of(manifest)
         assert sheet is not None
         # Whoever reads "captured" must not get what was made.
         made = manifest.recipe or manifest.simulated or seeded(manifest.name)
@@ -66,6 +59,6 @@ def test_every_released_set_has_a_sheet_and_every_sheet_a_set() -> None:
 
 
 def test_a_track_has_the_sheet_of_its_set_and_a_set_of_ones_own_none() -> None:
-    assert datasheet_of(find_manifest("demo@camera-2")) == datasheets()["demo"]
+    assert croissant.datasheet_of(find_manifest("demo@camera-2")) == croissant.datasheets()["demo"]
     own = TINY_TOML.replace('short = "tiny"', 'short = "demo"')
-    assert datasheet_of(parse_manifest(own.encode(), "tiny-1.toml")) is None
+    assert croissant.datasheet_of(parse_manifest(own.encode(), "tiny-1.toml")) is None

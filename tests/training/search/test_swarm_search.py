@@ -12,28 +12,21 @@ from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.weights import load_weights
 from dfdbench.system.parallel import Cluster, Processes
 from dfdbench.training.configuration import read_configuration
+from dfdbench.training.search import swarm_search
 from dfdbench.training.search.log import Evaluation, LogRow, Outcome
 from dfdbench.training.search.particle import begun, judged, particle_at, position_of
-from dfdbench.training.search.swarm_search import (
-    SearchOutcome,
-    best_as_toml,
-    course_table,
-    iteration_of,
-    network_table,
-    run_search,
-)
 from tests.conftest import ON_SERVERS
 from tests.training.search.made_searches import losses, small_plan, some_rows
 
 ITERATIONS = 2
 
 
-def searched(store: Dataset, folder: Path, particles: int = 2) -> SearchOutcome:
+def searched(store: Dataset, folder: Path, particles: int = 2) -> swarm_search.SearchOutcome:
     plan = small_plan(store, particles=particles)
-    return run_search(plan, folder, ITERATIONS, device="cpu", threads=1)
+    return swarm_search.run_search(plan, folder, ITERATIONS, device="cpu", threads=1)
 
 
-def same(one: SearchOutcome, other: SearchOutcome) -> bool:
+def same(one: swarm_search.SearchOutcome, other: swarm_search.SearchOutcome) -> bool:
     assert one.swarm is not None
     assert other.swarm is not None
     arrays = ("positions", "velocities", "own", "own_values", "best")
@@ -46,7 +39,7 @@ def same(one: SearchOutcome, other: SearchOutcome) -> bool:
 def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Dataset, tmp_path: Path) -> None:
     said: list[tuple[int, int]] = []
     plan = small_plan(tiny_store)
-    outcome = run_search(
+    outcome = swarm_search.run_search(
         plan, tmp_path / "s", 1, None, "cpu", 1, on_done=lambda *done: said.append(done)
     )
     assert said == [(done, 4) for done in range(5)]
@@ -63,7 +56,7 @@ def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Dataset, tmp_pa
     card = load_weights(kept / "weights.safetensors", "dfd-net")[1]
     assert card.parameters == outcome.best.outcome.parameters
     # Asked for more, it goes on; asked for the same again, it trains nothing.
-    more = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
+    more = swarm_search.run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
     assert same(more, searched(tiny_store, tmp_path / "at-once"))
     assert losses(tmp_path / "s") == losses(tmp_path / "at-once")
 
@@ -75,7 +68,9 @@ def test_elsewhere_it_ends_with_the_same_swarm(
 ) -> None:
     pool = Processes(2) if kind == "processes" else Cluster(request.getfixturevalue("cluster"))
     here = searched(tiny_store, tmp_path / "here")
-    there = run_search(small_plan(tiny_store), tmp_path / "there", ITERATIONS, pool, "cpu", 1)
+    there = swarm_search.run_search(
+        small_plan(tiny_store), tmp_path / "there", ITERATIONS, pool, "cpu", 1
+    )
     assert same(here, there)
     assert losses(tmp_path / "here") == losses(tmp_path / "there")
 
@@ -108,7 +103,7 @@ def test_time_is_up_and_more_time_goes_on(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = small_plan(tiny_store)
-    early = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1, max_seconds=0)
+    early = swarm_search.run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1, max_seconds=0)
     assert (early.finished, early.swarm, early.course, early.trainings) == (False, None, (), 0)
     asked, trained = [], Evaluation.__call__
 
@@ -117,7 +112,7 @@ def test_time_is_up_and_more_time_goes_on(
         return trained(self, particle) if len(asked) <= 3 else None
 
     monkeypatch.setattr(Evaluation, "__call__", three)
-    some = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
+    some = swarm_search.run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
     assert (some.finished, len(some.course), some.trainings) == (False, 1, 3)
     monkeypatch.undo()
     assert same(searched(tiny_store, tmp_path / "s"), searched(tiny_store, tmp_path / "t"))
@@ -131,10 +126,10 @@ def test_an_iteration_in_numbers(tiny_store: Dataset) -> None:
     values = np.array([3.0, 1.0, np.inf, 2.0])
     swarm = judged(swarm, values)
     object.__setattr__(swarm, "positions", same)
-    found = iteration_of(swarm, values)
+    found = swarm_search.iteration_of(swarm, values)
     assert (found.number, found.best, found.least, found.mean, found.failed) == (0, 1, 1, 2, 1)
     assert found.alike == pytest.approx(1 - 1 / 12)
-    empty = iteration_of(swarm, np.full(4, np.inf))
+    empty = swarm_search.iteration_of(swarm, np.full(4, np.inf))
     assert empty.failed == 4
     assert math.isnan(empty.mean)
 
@@ -144,7 +139,7 @@ def test_tables_say_what_selected_and_what_failed(tiny_store: Dataset) -> None:
     rows = some_rows(plan)
     values = np.array([row.outcome.value for row in rows])
     swarm = judged(begun(plan.box, 3, 0), values)
-    table = course_table(plan, [iteration_of(swarm, values)], rows[-1:])
+    table = swarm_search.course_table(plan, [swarm_search.iteration_of(swarm, values)], rows[-1:])
     assert table.rows[0][:5] == ("start", "0.5000", "0.5000", "0.5500", "1")
     assert any("selected on the TEST scenes" in note for note in table.notes)
     assert any(note.startswith("iteration 0, particle 2: diverged") for note in table.notes)
@@ -157,7 +152,7 @@ def swarm_s(value: float = 0.5) -> LogRow:
 
 
 def test_the_network_found_stands_beside_the_baseline(tiny_store: Dataset) -> None:
-    table = network_table(small_plan(tiny_store), swarm_s())
+    table = swarm_search.network_table(small_plan(tiny_store), swarm_s())
     assert table.rows[0] == ("52", "145", "128", "3 x 3", "yes", "sigmoid")
     assert table.rows[3] == ("42", "238", "256", "2 x 2", "", "")
     assert table.rows[16] == ("5", "135", "128", "3 x 3", "yes", "prelu")
@@ -169,7 +164,7 @@ def test_the_best_is_a_configuration_that_trains_the_same_network(
 ) -> None:
     plan = small_plan(tiny_store, {"noise": 2.0, "precision": "float32"}, as_thesis=True)
     path = tmp_path / "best.toml"
-    path.write_text(best_as_toml(plan, swarm_s()))
+    path.write_text(swarm_search.best_as_toml(plan, swarm_s()))
     assert path.read_text().splitlines()[1].startswith("# selected on the TEST scenes")
     read = read_configuration(str(path))
     assert read == plan.configuration_of(particle_at(swarm_s().position))
