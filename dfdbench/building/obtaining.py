@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -114,26 +114,10 @@ def _count_files(folder: Path) -> int:
     return sum(path.is_file() for path in folder.rglob("*"))
 
 
-@dataclass(frozen=True)
-class VoltagePairSets:
-    """The sets of several pairs of voltage steps.
-
-    Parameters
-    ----------
-    places : mapping of str to Path
-        Where each pair's set lies or will lie, by the pair as ``135-141``.
-    to_build : mapping of str to Source
-        The captures of those that are not built yet.
-    """
-
-    places: Mapping[str, Path]
-    to_build: Mapping[str, Source]
-
-
 def voltage_pair_sets(
     manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None = None
-) -> VoltagePairSets:
-    """Return where the sets of pairs of voltage steps lie, and what is left to build.
+) -> tuple[dict[str, Path], dict[str, Source]]:
+    """Return where the sets of pairs of voltage steps are, and the captures of those not built.
 
     Parameters
     ----------
@@ -162,9 +146,7 @@ def voltage_pair_sets(
         fix = "name the folder of the captures: --source DIR"
         raise InputError(what, where=str(usual.parent), fix=fix)
     # A step that does not exist is reported before the first set is built.
-    return VoltagePairSets(
-        places, {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
-    )
+    return places, {pair: open_source(manifest, source, pair=steps[pair]) for pair in left}
 
 
 def _steps_of(pair: str) -> tuple[int, int]:

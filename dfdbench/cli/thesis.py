@@ -211,13 +211,13 @@ def _data_of(
 def _built_pairs(
     manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None
 ) -> dict[str, Dataset]:
-    sets = voltage_pair_sets(manifest, pairs, source, cache)
-    for pair, files in sets.to_build.items():
+    places, to_build = voltage_pair_sets(manifest, pairs, source, cache)
+    for pair, files in to_build.items():
         with progress(f"building {manifest.stem}, steps {pair}") as step:
-            report = build_store(manifest, files, sets.places[pair], None, pool_of(None), step)
+            report = build_store(manifest, files, places[pair], None, pool_of(None), step)
         pairs_built = counted(report.pairs, "pair")
         say(f"built        {report.path}: {pairs_built}, {len(report.missing)} missing")
-    return {pair: Dataset(place) for pair, place in sets.places.items()}
+    return {pair: Dataset(place) for pair, place in places.items()}
 
 
 def keep_tables(folder: Path, tables: Sequence[Table]) -> None:
