@@ -15,9 +15,8 @@ from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
 from dfdbench.blur.occlusion import composite_layers, without_tails
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
-from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, input_problems, rounded
+from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, require_images, rounded
 from dfdbench.blur.tracks import Degradation, Formation
-from dfdbench.errors import InputError
 
 # A generator's 64 bits make two numbers of 32.
 _HALVES = 2
@@ -195,9 +194,7 @@ def form_pair(
     >>> int(infocus[4, 4, 0]), int(defocus[4, 4, 0])
     (100, 97)
     """
-    problems = input_problems(infocus, depth, recipe)
-    if problems:
-        raise InputError.of(problems)
+    require_images(infocus, depth, recipe)
     formation = degradation.formation
     key = (degradation.track.name, degradation.track.version, pair)
     light = _LINEAR[infocus] if formation.linear else infocus.astype(np.float64)
@@ -259,9 +256,7 @@ def form_stack(
     >>> stack[:, 4, 4, 0].tolist()
     [4, 13, 248]
     """
-    problems = input_problems(infocus, depth, recipe)
-    if problems:
-        raise InputError.of(problems)
+    require_images(infocus, depth, recipe)
     light = infocus.astype(np.float64)
     return np.stack(
         [

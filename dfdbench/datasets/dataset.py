@@ -360,11 +360,9 @@ class Captures(Sequence[Capture]):
 
 def _check_region(region: Region, shape: tuple[int, int]) -> None:
     # Slices beyond an end are cut there by Python's rule, and those that start before 0 empty.
+    what = "the crop does not lie within the image"
     problems = [
-        Problem(
-            f"the crop, {part.start} to {part.stop}, does not lie within the {size} pixels",
-            where=axis,
-        )
+        Problem(f"{what}: {part.start} to {part.stop} of {size} pixels", where=axis)
         for axis, part, size in zip(("rows", "columns"), region, shape, strict=True)
         if any(end is not None and not -size <= end <= size for end in (part.start, part.stop))
         or not range(*part.indices(size))

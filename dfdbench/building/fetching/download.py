@@ -292,16 +292,13 @@ class _UnreachableError(Exception):
 def mirrors_lacking(fates: Sequence[Fate], mirrors: Sequence[str]) -> tuple[Problem, ...]:
     """Return a problem for each mirror that was asked for files that it does not have."""
     answers = [answer for fate in fates for answer in fate.lacking]
-    by_mirror = {m: [a for a in answers if f" {m.rstrip('/')}/" in a] for m in mirrors}
-    return tuple(
-        Problem(
-            f"the mirror lacks {counted(len(found), 'file')}, such as {found[0]}",
-            where=mirror,
-            fix="name the address that takes the place of the site's .../stereo/data",
-        )
-        for mirror, found in by_mirror.items()
-        if found
-    )
+    problems = []
+    for mirror in mirrors:
+        if found := [answer for answer in answers if f" {mirror.rstrip('/')}/" in answer]:
+            what = f"the mirror lacks {counted(len(found), 'file')}, such as {found[0]}"
+            fix = "name the address that takes the place of the site's .../stereo/data"
+            problems.append(Problem(what, where=mirror, fix=fix))
+    return tuple(problems)
 
 
 def _unreachable(address: str, error: requests.exceptions.RequestException) -> _UnreachableError:
