@@ -262,8 +262,7 @@ def _refuse_damage(outcomes: Sequence[_Outcome], source: Source, missing: tuple[
         named = listed([pair.id for pair in missing], 3)
         what = f"{len(missing)} pairs are missing besides: {named}"
         problems.append(Problem(what, fix=source.missing_help(missing)))
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
 
 
 def _recipe_of(manifest: Manifest, source: Source, recipe: str | None) -> str | None:

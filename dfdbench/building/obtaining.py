@@ -89,8 +89,7 @@ def obtain(
         for one in mirrors
         if not re.match(r"https?://[^/]+", one)
     ]
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
     place = cache_folder(cache) / DOWNLOADS / manifest.file_stem
     aside = place / SET_ASIDE
     before = _count_files(aside)

@@ -367,8 +367,7 @@ def _check_region(region: Region, shape: tuple[int, int]) -> None:
         if any(end is not None and not -size <= end <= size for end in (part.start, part.stop))
         or not range(*part.indices(size))
     ]
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
 
 
 def open_dataset(name: str, place: Place | None = None, cache: Path | None = None) -> Dataset:

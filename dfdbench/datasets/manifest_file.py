@@ -61,8 +61,7 @@ def parse_manifest(content: bytes, file: str) -> Manifest:
     raw["toml"] = text
     sections, problems = _validate_sections(raw, file)
     problems += check_sections(sections, file)
-    if problems:
-        raise ManifestError.of(problems)
+    ManifestError.raise_if(problems)
     return Manifest.model_construct(None, **sections)
 
 

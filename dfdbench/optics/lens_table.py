@@ -162,8 +162,7 @@ def parse_lens_table(text: str, where: str) -> LensTable:
     for what, values in (("distances", distances), ("voltage steps", steps)):
         if sorted(set(values)) != list(values):
             problems.append(Problem(f"{what} do not ascend", where=where, got=str(values)))
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
     radius = np.array([row[1:] for row in table], np.int64)
     return LensTable(tuple(steps), tuple(distances), radius)
 

@@ -147,8 +147,7 @@ def read_lens_captures(folder: Path) -> dict[str, tuple[Measurement, ...]]:
                 problems += error.problems
         if measured:
             found[name] = tuple(sorted(measured, key=_TEMPERATURE if warms else _STEP))
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
     if not found:
         fix = "to see the layout: dfdbench rig simulate lens --out DIR"
         raise SourceError("no captures of a lens test", where=str(folder), fix=fix)

@@ -388,8 +388,7 @@ def read_beams(path: Path | None = None) -> Beams:
         raise SourceError(f"no rows with the columns {', '.join(_LIMITS)}", where=where)
     problems: list[Problem] = []
     found = [_column(rows, name, where, problems) for name in _LIMITS]
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
     return Beams(np.array(found[0]), np.array(found[1]), np.array(found[2], np.int64))
 
 

@@ -88,8 +88,7 @@ def check_fields(record: Any, what: str) -> None:
         With every field that is wrong; `what` names the record.
     """
     values = {field.name: getattr(record, field.name) for field in fields(record)}
-    if problems := list(_wrong_values(type(record), values, what)):
-        raise InputError.of(problems)
+    InputError.raise_if(list(_wrong_values(type(record), values, what)))
 
 
 def made_of(kind: type[Made], given: Mapping[str, Any], what: str) -> Made:
@@ -108,8 +107,7 @@ def made_of(kind: type[Made], given: Mapping[str, Any], what: str) -> Made:
         *(Problem(f"a field of the {what} is lacking", where=name) for name in lacking),
         *_wrong_values(kind, {name: given[name] for name in known if name in given}, what),
     ]
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
     return kind(**given)
 
 

@@ -83,8 +83,7 @@ def require_same(
         Problem(f"{what}, with {name} {one} instead of {other}", where=where, fix=fix)
         for name, one, other in differences(before, now)
     ]
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
 
 
 def parse_toml(text: str) -> dict[str, Any]:

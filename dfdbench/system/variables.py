@@ -52,5 +52,4 @@ def require_sound_start(environment: Mapping[str, str], assertions: bool = __deb
         problems.append(
             Problem(what, where="PYTHONOPTIMIZE, or python -O", fix="unset PYTHONOPTIMIZE")
         )
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)

@@ -268,8 +268,7 @@ def read_configuration(
         configuration = TrainingConfiguration.model_validate(kept)
     except ValidationError as error:
         problems += problems_of(error, "the configuration cannot be used", file=name)
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
     return configuration
 
 

@@ -92,8 +92,7 @@ def parse_checksums(text: str, where: str) -> dict[str, str]:
             problems.append(
                 Problem(what, where=f"{where}, line {number}", fix="delete the lock file")
             )
-    if problems:
-        raise SourceError.of(problems)
+    SourceError.raise_if(problems)
     return known
 
 

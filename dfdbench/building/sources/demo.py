@@ -58,8 +58,7 @@ class DemoScenes(Made):
 
     def __init__(self, manifest: Manifest) -> None:
         problems = tuple(_problems_of(manifest))
-        if problems:
-            raise SourceError.of(problems)
+        SourceError.raise_if(problems)
         super().__init__(manifest)
 
     def signature(self, scene: str) -> str:

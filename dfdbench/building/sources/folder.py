@@ -60,8 +60,7 @@ class FolderScenes:
         self._endings: dict[str, dict[str, list[str]]] = {}
         self._names = {scene.name: scene.names for scene in manifest.scenes}
         problems = tuple(self._patterns_that_match_nothing())
-        if problems:
-            raise SourceError.of(problems)
+        SourceError.raise_if(problems)
 
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return every pair: scenes whose files are missing are reported when they are read."""

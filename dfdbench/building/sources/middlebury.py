@@ -78,8 +78,7 @@ class MiddleburyScenes:
                     for pair in self._manifest.pairs_of_scene(scene)
                     if self._has_image(pair) and self._scenes[scene].has(depth_name(pair.at))
                 ]
-        if problems:
-            raise SourceError.of(problems)
+        SourceError.raise_if(problems)
         return tuple(available)
 
     def signature(self, scene: str) -> str:
@@ -115,8 +114,7 @@ class MiddleburyScenes:
                     images[pair] = decode_image(
                         self._content(scene, name), files.where(name), shape
                     )
-        if problems:
-            raise SourceError.of(problems)
+        SourceError.raise_if(problems)
         return self._assemble(read, images, shape or (0, 0))
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:

@@ -188,8 +188,7 @@ def _read_rows(log: Path) -> list[LogRow]:
         if found.setdefault(row.place, row) is not row:
             got = f"iteration {row.place[0]}, particle {row.place[1]} once more"
             problems.append(_damaged("a training is in the log twice", where, got))
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
     return list(found.values())
 
 

@@ -216,8 +216,7 @@ def _refuse_what_particles_choose(base: TrainingConfiguration, changes: Mapping[
     if base.sampling_size != 2:
         what = "particles have filters of 2 x 2 that halve and double"
         problems.append(Problem(what, where="sampling_size"))
-    if problems:
-        raise InputError.of(problems)
+    InputError.raise_if(problems)
 
 
 def _held_out(train: tuple[str, ...], choices: Choices) -> tuple[tuple[str, ...], tuple[str, ...]]:
