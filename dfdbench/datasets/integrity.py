@@ -29,6 +29,11 @@ class StoreDifference:
     array: str
     what: str
 
+    @property
+    def place(self) -> str:
+        """The scene, and the array if it is about one."""
+        return f"{self.scene}/{self.array}".rstrip("/")
+
 
 @dataclass(frozen=True)
 class StoreVerification:
@@ -97,17 +102,13 @@ def require_sound(store: Dataset) -> None:
         With everything that differs.
     """
     found = verify_store(store)
-    if not found.sound:
-        raise StoreError.of(
-            Problem(
-                "the store does not hold what was built",
-                where=f"{store.path}, {'/'.join(filter(None, (item.scene, item.array)))}",
-                got=item.what,
-                fix="the dfdbench build that made it mends it",
-            )
-            for item in found.differences
-            or (StoreDifference("fingerprint", "", f"{found.recomputed}, not the recorded one"),)
-        )
+    items = found.differences
+    if not found.sound and not items:
+        items = (StoreDifference("fingerprint", "", f"{found.recomputed}, not the recorded one"),)
+    what, fix = "the store does not hold what was built", "the dfdbench build that made it mends it"
+    StoreError.raise_if(
+        Problem(what, where=f"{store.path}, {item.place}", got=item.what, fix=fix) for item in items
+    )
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from dfdbench.errors import InputError
 
@@ -22,13 +22,15 @@ Outcome = TypeVar("Outcome")
 OnOutcome = Callable[[Item, Outcome], None]
 #: Called with (items done, items in all) after each item.
 OnDone = Callable[[int, int], None]
+#: Called with an item's number and its outcome, as soon as it is there.
+Hear = Callable[[int, Outcome], None]
 
 _SECONDS_TO_ANSWER = 30
 #: How a scheduler is named: HOST:PORT, with a protocol before it or without.
 _ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx|ucxx)://)?(\[[^\]]+\]|[^\s/:]+):\d+|inproc://\S+")
 
 
-class Pool(Protocol):
+class Pool:
     """Where work is done."""
 
     def map(
@@ -51,19 +53,6 @@ class Pool(Protocol):
         on_done : callable, optional
             Called after that with (items done, items in all).
         """
-
-
-class _Counting:
-    """Count the items that are done, and call back after each."""
-
-    def map(
-        self,
-        function: Callable[[Item], Outcome],
-        items: Sequence[Item],
-        on_outcome: OnOutcome[Item, Outcome] | None = None,
-        on_done: OnDone | None = None,
-    ) -> list[Outcome]:
-        """Return what a function gives for each item; see `Pool`."""
         done = 0
 
         def hear(number: int, outcome: Outcome) -> None:
@@ -77,16 +66,13 @@ class _Counting:
         return self._outcomes(function, items, hear)
 
     def _outcomes(
-        self,
-        function: Callable[[Item], Outcome],
-        items: Sequence[Item],
-        hear: Callable[[int, Outcome], None],
+        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
     ) -> list[Outcome]:
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class Threads(_Counting):
+class Threads(Pool):
     """Work in threads of this process.
 
     Parameters
@@ -103,16 +89,13 @@ class Threads(_Counting):
     workers: int = 1
 
     def _outcomes(
-        self,
-        function: Callable[[Item], Outcome],
-        items: Sequence[Item],
-        hear: Callable[[int, Outcome], None],
+        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
     ) -> list[Outcome]:
         return _compute(ThreadPoolExecutor(self.workers), function, items, hear)
 
 
 @dataclass(frozen=True)
-class Processes(_Counting):
+class Processes(Pool):
     """Work in processes of this machine, for what shares no process well.
 
     Parameters
@@ -124,10 +107,7 @@ class Processes(_Counting):
     workers: int = 1
 
     def _outcomes(
-        self,
-        function: Callable[[Item], Outcome],
-        items: Sequence[Item],
-        hear: Callable[[int, Outcome], None],
+        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
     ) -> list[Outcome]:
         # Forking a process that has threads (numba's, zarr's) can hang: start afresh.
         context = get_context("spawn")
@@ -136,7 +116,7 @@ class Processes(_Counting):
 
 
 @dataclass(frozen=True)
-class Cluster(_Counting):
+class Cluster(Pool):
     """Work on a `dask.distributed` cluster whose workers have dfdbench installed.
 
     Parameters
@@ -153,10 +133,7 @@ class Cluster(_Counting):
     address: str
 
     def _outcomes(
-        self,
-        function: Callable[[Item], Outcome],
-        items: Sequence[Item],
-        hear: Callable[[int, Outcome], None],
+        self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
     ) -> list[Outcome]:
         with _client(self.address) as (client, as_completed):
             futures = client.map(function, items, pure=False, batch_size=1)
@@ -196,10 +173,7 @@ def _end_with_parent() -> None:
 
 
 def _compute(
-    pool: Executor,
-    function: Callable[[Item], Outcome],
-    items: Sequence[Item],
-    hear: Callable[[int, Outcome], None],
+    pool: Executor, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
 ) -> list[Outcome]:
     # Here: it takes a third of a second, and one worker does without.
     from dask.base import compute

@@ -57,8 +57,7 @@ class DemoScenes(Made):
     captures_defocus = False
 
     def __init__(self, manifest: Manifest) -> None:
-        problems = tuple(_problems_of(manifest))
-        SourceError.raise_if(problems)
+        SourceError.raise_if(_problems_of(manifest))
         super().__init__(manifest)
 
     def signature(self, scene: str) -> str:

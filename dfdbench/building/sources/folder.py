@@ -59,8 +59,7 @@ class FolderScenes:
         self._checksums = checksums or {}
         self._endings: dict[str, dict[str, list[str]]] = {}
         self._names = {scene.name: scene.names for scene in manifest.scenes}
-        problems = tuple(self._patterns_that_match_nothing())
-        SourceError.raise_if(problems)
+        SourceError.raise_if(self._patterns_that_match_nothing())
 
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return every pair: scenes whose files are missing are reported when they are read."""
