@@ -244,17 +244,11 @@ def experiment_table(
                 for metric in METRICS
                 if all(metric in scores for scores in of_each)
             }
-            rows.append(
-                (
-                    value or "all seeds",
-                    str(len(group)),
-                    "score" if len(group) == 1 else statistic,
-                    *(score_text(scores.get(metric)) for metric in METRICS),
-                )
-            )
-            record: dict[str, object] = {"value": value, "trainings": len(group)}
-            record["statistic"] = rows[-1][2]
-            records.append({**record, **scores, "protocol": protocol})
+            named = "score" if len(group) == 1 else statistic
+            cells = (score_text(scores.get(metric)) for metric in METRICS)
+            rows.append((value or "all seeds", str(len(group)), named, *cells))
+            facts = {"value": value, "trainings": len(group), "statistic": named}
+            records.append({**facts, **scores, "protocol": protocol})
     some = cards[0][1] if cards else None
     notes = [f"{some.method} on {some.dataset}, protocol {protocol}"] if some else []
     notes += sorted({f"steps {card.steps:,}, ended by {card.ended_by}" for _, card in cards})
