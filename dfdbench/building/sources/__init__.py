@@ -88,7 +88,9 @@ def open_source(
     if folder is None:
         layout = manifest.files.patterns.values() if manifest.files else [_LAYOUTS[manifest.reader]]
         what = f"{manifest.short} is read from a folder, and none is named"
-        raise SourceError(what, expected=listed(layout), fix="name the folder: --source DIR")
+        command = "" if manifest.files else f"dfdbench build {manifest.short} "
+        fix = f"name the folder: {command}--source DIR"
+        raise SourceError(what, expected=listed(layout), fix=fix)
     if manifest.reader == "realworld":
         return RealworldFolder(manifest, folder, pair)
     kind = FolderScenes if manifest.reader == FOLDER else MiddleburyScenes
