@@ -36,6 +36,7 @@ from dfdbench.methods.registry import find_entry, method_words, registered_metho
 from dfdbench.methods.registry import load_method as _load_method
 from dfdbench.metrics.protocol import Unit, find_protocol
 from dfdbench.report.objects import Comparison, Run
+from dfdbench.report.transfer import Transfer
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import Result, protocol_on
 from dfdbench.results.record_file import RESULT
@@ -361,6 +362,79 @@ def run_tracks(
                 )
             on_result(label, runs[label].result)
         return _run_of(runs, stores, protocol, out)
+
+
+def run_transfer(
+    method: str | Callable[..., Any],
+    datasets: Sequence[str | Dataset],
+    split: str = "test",
+    *,
+    parameters: Mapping[str, Any] = MappingProxyType({}),
+    protocol: str = "valid",
+    seed: int = 0,
+    out: Path | str | None = None,
+    cache: Path | None = None,
+    on_result: Callable[[str, Result], None] = lambda label, result: None,
+    shown: Shown = lambda what: nullcontext(),
+) -> Transfer:
+    """Fit a method on each data set and test every fit on all of them.
+
+    Rendered sets of several seeds have a camera each, so that this asks what a fit is worth
+    behind another camera. What a stopped call has done is taken over.
+
+    Parameters
+    ----------
+    method, split, parameters, seed, cache
+        As for `run`. The method has a fit that returns what it learned.
+    datasets : sequence of str or Dataset
+        Two or more, built.
+    protocol : str
+        The protocol of the table.
+    out : Path or str, optional
+        A folder that keeps the runs, ``FITTED/TESTED``; by default a temporary one.
+    on_result : callable
+        Called with ``FITTED -> TESTED`` and the result.
+    shown : callable
+        As for `run_tracks`.
+
+    Raises
+    ------
+    InputError
+        If there are not two data sets, or one is named twice.
+    DfdbenchError
+        As of `run`.
+
+    Examples
+    --------
+    >>> found = run_transfer("sgm", ["unseen-1", "unseen-2"])  # doctest: +SKIP
+    >>> found.worst()  # doctest: +SKIP
+    """
+    stores = {store.manifest.short: store for store in (_opened(each, cache) for each in datasets)}
+    if not 2 <= len(stores) == len(datasets):
+        what = f"a transfer is between two or more data sets, each named once; got {len(datasets)}"
+        raise InputError(what, where="datasets")
+    results = {}
+    with _folder(out, *(str(store.path) for store in stores.values()), replaces=False) as folder:
+        for own in stores:
+            for other in (own, *(name for name in stores if name != own)):
+                fitted = None if other == own else folder / own / own
+                options = RunOptions(keep_predictions=False, seed=seed, fitted=fitted)
+                with shown(f"fitted on {own}, on {other}") as step:
+                    done, _ = evaluate(
+                        method,
+                        stores[other],
+                        split,
+                        folder / own / other,
+                        parameters,
+                        options,
+                        on_pair=step,
+                    )
+                results[own, other] = done.result
+                on_result(f"{own} -> {other}", done.result)
+    made = Transfer(results, protocol, folder)
+    if out is None:
+        weakref.finalize(made, shutil.rmtree, folder, ignore_errors=True)
+    return made
 
 
 def score(

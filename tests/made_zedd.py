@@ -36,18 +36,19 @@ def taken(seed: int, aperture: float, focus: float) -> NDArray[np.uint8]:
     return np.stack([image[row] for row, image in enumerate(rows)])
 
 
-def make_zedd(folder: Path, scenes: int = 2) -> Path:
-    """Write the first scenes of the split ``val`` below a folder, and return it."""
+def make_zedd(folder: Path, scenes: int = 2, split: str = "val") -> Path:
+    """Write the first scenes of a split below a folder, and return it; depth of ``val`` alone."""
     lines = [
         f"run_{run}\t{motor}\t{metres}" for run, (motor, metres) in enumerate(MOTORS.items(), 1)
     ]
     folder.mkdir(parents=True)
     (folder / "metadata.txt").write_text("\n".join(["# run, motor, focus (m)", *lines]) + "\n")
     for number in range(1, scenes + 1):
-        scene = folder / f"val/val_{number:04}"
+        scene = folder / f"{split}/{split}_{number:04}"
         (scene / "focus_stack").mkdir(parents=True)
         (scene / "gt").mkdir()
-        np.save(scene / "gt/depth.npy", floor())
+        if split == "val":
+            np.save(scene / "gt/depth.npy", floor())
         np.savetxt(scene / "gt/K.txt", np.diag([60.0, 60.0, 1.0]))
         _write(scene / "focus_stack" / _IN_FOCUS, taken(number, 1e3, 2))
         for run, (motor, metres) in enumerate(MOTORS.items(), 1):

@@ -129,7 +129,7 @@ def build_store(
         tuple(outcome.scene for outcome in whole if outcome.kept),
         sum(pair.scene in there for pair in available),
         missing,
-        tuple(problem for outcome in outcomes for problem in outcome.problems),
+        _told_once(outcomes),
         tuple(text for outcome in whole for text in outcome.warnings),
     )
 
@@ -252,9 +252,21 @@ def _attributes(manifest: Manifest, source: Source, made_by: str | None) -> dict
     }
 
 
+def _told_once(outcomes: Sequence[_Outcome]) -> tuple[Problem, ...]:
+    """Return the scenes' problems; what is wrong with a file that many of them share, once."""
+    alike: dict[tuple[str, str], dict[Problem, None]] = {}
+    for outcome in outcomes:
+        for problem in outcome.problems:
+            alike.setdefault((problem.what, problem.where), {})[problem] = None
+    return tuple(
+        replace(first, got=f"{first.got} and {len(others)} more") if others else first
+        for first, *others in alike.values()
+    )
+
+
 def _refuse_damage(outcomes: Sequence[_Outcome], source: Source, missing: tuple[Pair, ...]) -> None:
     if all(outcome.left_out for outcome in outcomes):
-        raise SourceError.of(problem for outcome in outcomes for problem in outcome.problems)
+        raise SourceError.of(_told_once(outcomes))
     problems = [
         problem for outcome in outcomes for problem in outcome.problems if not outcome.left_out
     ]

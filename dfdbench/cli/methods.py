@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,6 +16,9 @@ from dfdbench.results.output_place import output_place
 from dfdbench.tables.table import Table, counted
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from dfdbench.evaluation.predict import DepthPredictor
 
 
@@ -31,7 +34,7 @@ def predict(
         Path,
         typer.Option(
             help="The depth map: .npy, or .png of 16 bit, level times 256 or mm. Of a folder: "
-            "a folder."
+            "a folder, or a .zip as ZEDD's test server takes it."
         ),
     ],
     method: Annotated[
@@ -121,17 +124,27 @@ def _predict_pair(
 def _predict_folder(
     predictor: DepthPredictor, captures: Mapping[str, tuple[Path, ...]], out: Path
 ) -> None:
-    from dfdbench.evaluation.predict import read_image, read_stack, write_depth
+    from dfdbench.evaluation.predict import read_image, read_stack, write_depth, write_submission
 
-    with progress("estimating depth", "the same command begins anew") as step:
+    zipped = out.suffix == ".zip"
+
+    def estimates() -> Iterator[tuple[str, NDArray[np.float32]]]:
         for number, (name, paths) in enumerate(captures.items(), 1):
             if len(paths) == 1:
                 estimate = predictor.of_stack(read_stack(*paths))
             else:
                 estimate = predictor(*map(read_image, paths))
-            write_depth(out / f"{name}.npy", estimate.depth)
+            yield name, predictor.metres(estimate.depth) if zipped else estimate.depth
             step(number, len(captures))
-    print(f"depth        {out}: {counted(len(captures), 'map')} of {predictor.meaning}")
+
+    with progress("estimating depth", "the same command begins anew") as step:
+        if zipped:
+            write_submission(out, estimates())
+        else:
+            for name, depth in estimates():
+                write_depth(out / f"{name}.npy", depth)
+    meaning = "distances in metres" if zipped else predictor.meaning
+    print(f"depth        {out}: {counted(len(captures), 'map')} of {meaning}")
 
 
 def check_method_command(

@@ -159,6 +159,44 @@ def tracks(
     _show(done, format, figure_format or (), submit)
 
 
+def transfer(
+    method: Method,
+    dataset: Annotated[
+        list[str], typer.Option(help="A data set that is built; name two or more, each by its own.")
+    ],
+    param: Params = None,
+    split: Split = "test",
+    protocol: Annotated[str, typer.Option(help="Scoring protocol of the table.")] = "valid",
+    out: Out = None,
+    format: Printed = Format.table,
+    seed: Seed = 0,
+    cache: Cache = None,
+    figure_format: FigureFormats = None,
+) -> None:
+    """Fit a method on each of several data sets and test every fit on all of them."""
+    from dfdbench import api
+    from dfdbench.tables.render import render
+
+    done = api.run_transfer(
+        method,
+        dataset,
+        split,
+        parameters=values_of(param, "--param"),
+        protocol=protocol,
+        seed=seed,
+        out=out or Path("results", f"transfer-{split}", folder_name(method, param)),
+        cache=cache,
+        on_result=lambda label, result: _say_score(label, result, protocol),
+        shown=progress,
+    )
+    done.draw(("png", *(figure_format or ())))
+    if format is Format.table:
+        print_table(done.as_table())
+    else:
+        print(render([done.as_table()], format), end="")
+    say(f"results      {done.folder}")
+
+
 def score(
     predictions: Annotated[
         Path,

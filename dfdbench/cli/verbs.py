@@ -130,6 +130,12 @@ VERBS = {
         "Run a method over all tracks and severities; a stopped call is resumed.",
         goes_on=True,
     ),
+    "transfer": Verb(
+        "runs",
+        "transfer",
+        "Fit a method on each of several data sets and test every fit on all of them.",
+        goes_on=True,
+    ),
     "predict": Verb(
         "methods",
         "predict",

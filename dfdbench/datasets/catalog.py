@@ -22,7 +22,7 @@ def released_manifests() -> tuple[Manifest, ...]:
     >>> [manifest.stem for manifest in released_manifests()]
     ['demo-1', 'dfd-indoor-1', 'dfd-outdoor-1', 'middlebury-default-1', 'middlebury-third-1', \
 'realworld-1', 'realworld-sim-1', 'realworld-synthetic-1', 'unseen-0-1', 'unseen-stack-0-1', \
-'zedd-1']
+'zedd-1', 'zedd-test-1']
     """
     folder = resources.files("dfdbench.manifests")
     files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]

@@ -173,7 +173,7 @@ def require_truth(store: Dataset) -> None:
         raise StoreError(
             f"{store.manifest.short} has no depth to score against",
             where=str(store.path),
-            fix=f"dfdbench export {store.manifest.short} --images-only --out IMAGES, then dfdbench "
+            fix=f"dfdbench export {store.manifest.short} --png IMAGES --images-only, then dfdbench "
             "predict IMAGES --out MAPS",
         )
 

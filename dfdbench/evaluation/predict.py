@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Mapping, Sequence
+import re
+import zipfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -152,6 +154,25 @@ class DepthPredictor:
             f"level {scale.near_level} is {scale.near:g} m"
         )
 
+    def metres(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return a depth map of its own in metres.
+
+        Raises
+        ------
+        MethodError
+            If it holds levels, and nothing says how far they are.
+        """
+        if self.unit == "metres":
+            return depth
+        if self._scale is None:
+            raise MethodError(
+                "the method answers in levels, and how far those are is not known",
+                where=self.method.name,
+                fix="take a method that answers in metres, or a run on a set with a scale "
+                "(--fitted RUN)",
+            )
+        return self._scale.to_metres(depth).astype(np.float32)
+
     def of_stack(self, stack: xarray.DataArray) -> Estimate:
         """Estimate depth from a focal stack, as `dfdbench.Capture.stack` has it, in register.
 
@@ -288,13 +309,51 @@ def write_depth(path: Path, depth: NDArray[np.float32], unit: Unit = "levels") -
         ).save(file, "png")
     else:
         raise InputError("a depth map is written as .npy or .png", where=str(path))
+    _write_content(path, file.getvalue(), "depth map")
+
+
+def write_submission(path: Path, depths: Iterable[tuple[str, NDArray[np.float32]]]) -> None:
+    """Write depth maps as ZEDD's test server takes them: a zip of ``zedd_output_0001.npy`` ...
+
+    Parameters
+    ----------
+    path : Path
+        The zip.
+    depths : iterable of (str, ndarray)
+        Each capture's name, which begins with its scene's, as ``test_0001``; its depth in metres,
+        float32, shape (y, x).
+
+    Raises
+    ------
+    InputError
+        If a scene has no number, or two captures have the same, or the file cannot be written.
+    """
+    content, written = io.BytesIO(), dict[str, str]()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, depth in depths:
+            number = re.search(r"\d+$", name.split("/")[0])
+            if number is None:
+                what = "a scene without a number, such as test_0001, has no place in the zip"
+                raise InputError(what, where=name)
+            file = f"zedd_output_{number[0]}.npy"
+            if file in written:
+                raise InputError(
+                    f"{written[file]} would be {file}, too",
+                    where=name,
+                    fix="leave one capture a scene in the folder",
+                )
+            written[file] = name
+            with archive.open(file, "w") as entry:
+                np.save(entry, depth)
+    _write_content(path, content.getvalue(), "depth maps")
+
+
+def _write_content(path: Path, content: bytes, what: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, file.getvalue())
+        write_whole(path, content)
     except OSError as error:
-        raise InputError(
-            f"cannot write the depth map: {reason_of(error)}", where=str(path)
-        ) from error
+        raise InputError(f"cannot write the {what}: {reason_of(error)}", where=str(path)) from error
 
 
 def read_stack(place: Path) -> xarray.DataArray:

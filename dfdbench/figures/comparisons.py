@@ -250,3 +250,34 @@ def tracks_figure(scores: Mapping[str, pd.DataFrame], metric: str, title: str) -
         handles, labels = axes.flat[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
     return figure
+
+
+def transfer_figure(means: pd.DataFrame, title: str) -> Figure:
+    """Draw the scores of foreign fits beside a set's own, as a matrix.
+
+    A column is coloured by its score over that of its own fit, on the diagonal.
+
+    Parameters
+    ----------
+    means : DataFrame
+        See `dfdbench.report.transfer.Transfer.table`.
+    title : str
+        Above the matrix.
+    """
+    side = 1.6 + 0.8 * len(means)
+    figure = Figure((side + 1.2, side), layout="constrained")
+    axis = figure.subplots()
+    shares = means.to_numpy() / np.diag(means)
+    image = axis.imshow(shares, vmin=1, cmap="cividis_r")
+    middle = (1 + np.nanmax(shares)) / 2
+    for (row, column), score in np.ndenumerate(means.to_numpy()):
+        colour = "white" if shares[row, column] > middle else "black"
+        axis.text(column, row, f"{score:.3f}", ha="center", va="center", color=colour, fontsize=9)
+    names = [wrapped(str(name), 12) for name in means.columns]
+    axis.set_xticks(range(len(names)), names, rotation=45, ha="right")
+    axis.set_yticks(range(len(names)), names)
+    axis.set_xlabel("tested on")
+    axis.set_ylabel("fitted on")
+    figure.colorbar(image, label="times the score of the set's own fit", shrink=0.8)
+    figure.suptitle(wrapped(title, 60), fontsize=10)
+    return figure

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import io
 import os
+import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import cv2
@@ -17,7 +20,7 @@ from tests.cli.conftest import BELOW
 from tests.conftest import TINY_TOML
 from tests.made_folder import make_folder
 from tests.made_stack_folder import make_stacks
-from tests.made_zedd import make_zedd
+from tests.made_zedd import MOTORS, floor, make_zedd
 from tests.site import Site, served
 
 
@@ -306,6 +309,29 @@ def test_zedd_is_built_and_run_as_its_page_says(dfdbench: Command, tmp_path: Pat
         assert "protocol valid" in ran.out
 
 
+def test_zedd_submission_holds_metres_of_each_test_scene(dfdbench: Command, tmp_path: Path) -> None:
+    folder = make_zedd(tmp_path / "ZEDD", split="test")
+    dfdbench("build", "zedd-test", "--source", str(folder), "--allow-missing")
+    assert "2 pairs" in dfdbench("export", "zedd-test", "--png", "stacks", "--images-only").out
+    Path("stacks.py").write_text(PEAK)
+    made = dfdbench("predict", "stacks", "--method", "stacks:predict", "--out", "zedd.zip")
+    assert "2 maps of distances in metres" in made.out
+    with zipfile.ZipFile("zedd.zip") as archive:
+        assert archive.namelist() == ["zedd_output_0001.npy", "zedd_output_0002.npy"]
+        depth = np.load(io.BytesIO(archive.read("zedd_output_0002.npy")))
+    assert depth.dtype == np.float32
+    assert depth.shape == floor().shape
+    assert set(np.unique(depth)) <= {np.float32(metres) for metres in MOTORS.values()}
+    Path("levels.py").write_text("def predict(stack): return stack.values[0, ..., 0]")
+    refused = dfdbench("predict", "stacks", "--method", "levels:predict", "--out", "levels.zip")
+    assert refused.status == 2
+    assert "answers in levels" in refused.err
+    shutil.copytree("stacks/test_0001/aperture28", "stacks/test_0001/aperture14")
+    refused = dfdbench("predict", "stacks", "--method", "stacks:predict", "--out", "twice.zip")
+    assert "would be zedd_output_0001.npy, too" in refused.err
+    assert [path.name for path in Path().glob("*.zip")] == ["zedd.zip"]
+
+
 PEAK = """
 import cv2
 import numpy as np
@@ -327,4 +353,6 @@ def test_a_set_without_depth_cannot_be_run(dfdbench: Command, tmp_path: Path) ->
     outcome = dfdbench("run", "--method", "mymodule:predict", "--dataset", "mine")
     assert outcome.status == 2
     assert "mine has no depth to score against" in outcome.err
-    assert "predict" in outcome.err
+    told = outcome.err.split("Fix: dfdbench ")[1].split(", then dfdbench ")
+    assert dfdbench(*told[0].split()).status == 0
+    assert told[1].startswith("predict IMAGES --out MAPS")

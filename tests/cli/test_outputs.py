@@ -25,6 +25,7 @@ COMMANDS = {
     ("run", "out"): "run --method constant --dataset STORE --out HELD/x",
     ("score", "out"): "score --predictions maps --dataset STORE --out HELD/x",
     ("tracks", "out"): "tracks --method constant --dataset demo --out HELD",
+    ("transfer", "out"): "transfer --method local --dataset STORE --dataset STORE --out HELD",
     ("predict", "out"): "predict a.png b.png --method local --out HELD/x.npy",
     ("predict", "figure"): "predict a.png b.png --method local --out x.npy --figure HELD/x.png",
     ("train", "out"): "train dfd-net --dataset STORE --config quick --out HELD/x",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from functools import cache
 from typing import Any
 
@@ -51,6 +52,22 @@ def test_solves_a_stack_after_a_fit(name: str, with_infocus: bool) -> None:
     method.warm_up(texture(0), texture(0))
     capture = made_capture(7, FOCUS, with_infocus=with_infocus)
     assert error_of(method.from_stack(capture.stack), capture) < (3 if with_infocus else 6)
+
+
+@pytest.mark.slow
+def test_local_does_not_hold_all_of_a_stack_blurred() -> None:
+    many = {name: np.repeat(value, 6, axis=0) for name, value in learned(True).items()}
+    method: Any = load("local", recipe=None)
+    method.restore(many)
+    image = texture(0)
+    stack = stack_of([image] * 24, np.repeat(FOCUS, 6).tolist(), infocus=image)
+    method.warm_up(image, image)
+    tracemalloc.start()
+    method.from_stack(stack)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # The costs of all levels, of 16 bits, are half of it.
+    assert peak < 2 * 2 * 256 * image.shape[0] * image.shape[1]
 
 
 @pytest.mark.slow

@@ -86,7 +86,7 @@ def read_table(content: bytes, where: str, columns: Sequence[str]) -> list[dict[
             "no table of the images",
             where=where,
             got=str(error),
-            fix="a text without a heading needs `columns` under [files]",
+            fix="" if columns else "a text without a heading needs `columns` under [files]",
         ) from error
     if not rows:
         raise SourceError("the table of the images is empty", where=where)
@@ -158,7 +158,7 @@ def taken_images(
         try:
             taken.append(_taken(manifest, path, {**values, **row}))
         except ValueError as error:
-            problems.append(Problem(str(error), where=f"{where}, {path}"))
+            problems.append(Problem(str(error), where=where, got=path))
     problems += _odd_ones(taken, where, manifest.pair_images or ())
     if problems:
         raise SourceError.of(problems)

@@ -197,3 +197,13 @@ def _read(path: Path) -> NDArray[Any]:
     image = cv2.imread(str(path))
     assert image is not None
     return image
+
+
+def test_a_mistake_in_a_table_of_all_scenes_is_told_once(folder: Path, tmp_path: Path) -> None:
+    (folder / "focus.csv").write_text("image,focus_distance\n1,1\n2,far\n3,4\n")
+    text = STACK_TOML.replace('"{scene}/focus.csv"', '"focus.csv"')
+    manifest = parse_manifest(text.encode(), "mine-1.toml")
+    with pytest.raises(SourceError) as caught:
+        build_store(manifest, open_source(manifest, folder), tmp_path / "mine.zarr")
+    assert len(caught.value.problems) == 1
+    assert str(caught.value).endswith("focus.csv): got desk/f_002.png and 3 more")
