@@ -16,7 +16,7 @@ import pandas as pd
 from scipy import stats
 
 import dfdbench
-from dfdbench.datasets.unseen import seeded
+from dfdbench.datasets.rendered import seeded
 
 ROOT = Path(__file__).parents[1]
 PHOTOGRAPHS = "dfd-indoor-1"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
 
 from dfdbench.blur.formation import blur, encode
-from dfdbench.blur.layers import GAP
+from dfdbench.blur.occlusion import GAP
 from dfdbench.blur.point_spread import DISK
 from dfdbench.blur.recipe import LAST_LEVEL, RECIPES
 from dfdbench.blur.tracks import Formation, find_degradation

@@ -15,7 +15,7 @@ from dfdbench.blur.recipe import LEVELS
 from dfdbench.datasets.damage import scene_record
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.fingerprint import array_digest
-from dfdbench.datasets.folds import require_fold, training_of
+from dfdbench.datasets.manifest import require_fold, training_of
 from dfdbench.errors import InputError, StoreError
 
 #: Side in pixels of the crops that the thesis's networks train on (5.2.1) ...

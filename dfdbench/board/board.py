@@ -23,7 +23,7 @@ from dfdbench.board.ranking import TRACKS_PROTOCOL, Entry, ScoreBoard, boards
 from dfdbench.board.row_file import CLEAN_SUITE, RESULTS, Row, read_row, row_problems
 from dfdbench.board.seeds import Draw, read_draws
 from dfdbench.board.tables import board_tables, records_of
-from dfdbench.datasets.unseen import FAMILIES, seeded
+from dfdbench.datasets.rendered import FAMILIES, seeded
 from dfdbench.errors import Problem, ResultError, reason_of, unknown_name
 from dfdbench.results.frame import scores_of
 from dfdbench.results.wording import method_label

@@ -16,8 +16,8 @@ from dfdbench.blur.tracks import CLEAN, STACKS, SUITES, TRACKS
 from dfdbench.board.cards import Card
 from dfdbench.datasets.catalog import find_manifest, released_manifests
 from dfdbench.datasets.manifest import Manifest, Name, Pair
+from dfdbench.datasets.rendered import seeded, unseen_manifest
 from dfdbench.datasets.tracked import AT
-from dfdbench.datasets.unseen import seeded, unseen_manifest
 from dfdbench.errors import DfdbenchError, Problem, ResultError, reason_of, unknown_name
 from dfdbench.evaluation.run import without_folder
 from dfdbench.methods.registry import registered_methods

@@ -10,8 +10,8 @@ import typer
 from dfdbench.cli.screen import end_unread, say, spell_out_what_cannot_be_shown
 from dfdbench.cli.verbs import LazyGroup
 from dfdbench.errors import DfdbenchError, Problem, reason_of
-from dfdbench.system.abandoned import keep_quiet_of_abandoned_tasks
 from dfdbench.system.packages import PACKAGE_VERSION
+from dfdbench.system.parallel import keep_quiet_of_abandoned_tasks
 from dfdbench.system.variables import require_sound_start
 
 __all__ = ["app", "main"]

@@ -58,8 +58,8 @@ def build(
 ) -> None:
     """Build a data set; what is fetched or finished already is kept."""
     from dfdbench.building.build import build_store
+    from dfdbench.building.build_plan import plan_build
     from dfdbench.building.obtaining import obtain
-    from dfdbench.building.plan import plan_build
     from dfdbench.system.location import is_local
 
     plan = plan_build(find_manifest(of_seed(name, seed)), store, recipe, _steps(pair), cache)

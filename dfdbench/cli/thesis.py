@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from dfdbench.building.build import build_store
-from dfdbench.building.voltage_pairs import voltage_pair_sets
+from dfdbench.building.obtaining import voltage_pair_sets
 from dfdbench.cli import options, training
 from dfdbench.cli.screen import print_tables, progress, save_figure, say, writing
 from dfdbench.datasets.catalog import find_manifest
@@ -26,8 +26,8 @@ from dfdbench.tables.table import Format, Table, counted
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
     from dfdbench.training.experiments import Experiment, Trial
-    from dfdbench.training.search.plan import SearchPlan
-    from dfdbench.training.search.run import SearchOutcome
+    from dfdbench.training.search.search_plan import SearchPlan
+    from dfdbench.training.search.swarm_search import SearchOutcome
 
 
 _REDUCTION = "reduction"
@@ -173,15 +173,13 @@ def _data_of(
 def _built_pairs(
     manifest: Manifest, pairs: Sequence[Any], source: Path | None, cache: Path | None
 ) -> dict[str, Dataset]:
-    sets = voltage_pair_sets(manifest, pairs, source, cache)
-    for pair, files in sets.to_build.items():
+    places, to_build = voltage_pair_sets(manifest, pairs, source, cache)
+    for pair, files in to_build.items():
         with progress(f"building {manifest.stem}, steps {pair}") as step:
-            report = build_store(
-                manifest, files, sets.places[pair], None, options.pool_of(None), step
-            )
+            report = build_store(manifest, files, places[pair], None, options.pool_of(None), step)
         pairs_built = counted(report.pairs, "pair")
         say(f"built        {report.path}: {pairs_built}, {len(report.missing)} missing")
-    return {pair: Dataset(place) for pair, place in sets.places.items()}
+    return {pair: Dataset(place) for pair, place in places.items()}
 
 
 def keep_tables(folder: Path, tables: Sequence[Table]) -> None:
@@ -315,8 +313,8 @@ def architecture(
     with needed():
         from dfdbench.training.configuration import read_configuration
         from dfdbench.training.search.particle import bounds_of
-        from dfdbench.training.search.plan import Choices, plan_search
-        from dfdbench.training.search.run import run_search
+        from dfdbench.training.search.search_plan import Choices, plan_search
+        from dfdbench.training.search.swarm_search import run_search
     changed = options.values_of(changes, "--set") | ({"steps": steps} if steps else {})
     base = read_configuration(config, changed)
     # As text: JSON has no 8:512.
@@ -343,7 +341,7 @@ def architecture(
 def _tell(plan: SearchPlan, folder: Path, outcome: SearchOutcome, dataset: str) -> None:
     from dfdbench.figures.trainings import convergence_figure, objective_figure, widths_figure
     from dfdbench.training.search.particle import particle_at
-    from dfdbench.training.search.run import best_as_toml, course_table, network_table
+    from dfdbench.training.search.swarm_search import best_as_toml, course_table, network_table
 
     if not outcome.finished:
         say(f"time was up after {outcome.trainings} trainings; the same command goes on")

@@ -10,8 +10,8 @@ from pydantic import ValidationError
 
 from dfdbench.blur.tracks import CLEAN, TRACKS
 from dfdbench.building.build import build_store
+from dfdbench.building.build_plan import plan_build
 from dfdbench.building.obtaining import obtain
-from dfdbench.building.plan import plan_build
 from dfdbench.building.sources import is_made
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset

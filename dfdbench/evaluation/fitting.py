@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.datasets.dataset import Captures, Dataset
-from dfdbench.datasets.folds import training_of
-from dfdbench.datasets.manifest import ALL_PAIRS, Manifest
+from dfdbench.datasets.manifest import ALL_PAIRS, Manifest, training_of
 from dfdbench.errors import MethodError, ResultError, StoreError
 from dfdbench.methods.method import Learned, Method, check_learned, restore, teach
 from dfdbench.system.array_files import UNREADABLE

@@ -43,7 +43,7 @@ def load_for(
     lens becomes the blur law that follows: see `dfdbench.evaluation.lens`.
 
     With `given_blur`, a method on a track gets the law of its formation as ``recipe``, see
-    `dfdbench.blur.formation.told_law`: what is that knowledge worth? The result then has
+    `dfdbench.blur.formation.given_law`: what is that knowledge worth? The result then has
     ``recipe`` among the method's uses, by which it has no rank.
 
     Raises
@@ -158,13 +158,13 @@ def _formation_of(store: Dataset) -> BlurRecipe | BlurLaw | None:
     if not manifest.on_track or manifest.recipe is None:
         return store.recipe
     # Here: it needs scipy, which no other method's loading does.
-    from dfdbench.blur.formation import told_law
+    from dfdbench.blur.formation import given_law
 
     formation = find_degradation(manifest.degradation).formation
     if formation.planes:
         what, fix = "nobody is given the blur of a focal stack", "leave out --given-blur"
         raise MethodError(what, where=manifest.stem, fix=fix)
-    return told_law(find_recipe(manifest.recipe), formation)
+    return given_law(find_recipe(manifest.recipe), formation)
 
 
 def _recipe_of(store: Dataset) -> BlurRecipe:

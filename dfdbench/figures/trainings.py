@@ -20,7 +20,7 @@ from dfdbench.metrics.metric import METRICS
 if TYPE_CHECKING:
     from dfdbench.methods.networks.weights import Card
     from dfdbench.training.crops import Selections
-    from dfdbench.training.search.run import Iteration
+    from dfdbench.training.search.swarm_search import Iteration
     from dfdbench.training.trainer import Log, Row
 
 _POINTS = 400
@@ -207,7 +207,7 @@ def objective_figure(course: Sequence[Iteration], title: str) -> Figure:
 
 def convergence_figure(course: Sequence[Iteration], title: str) -> Figure:
     """Draw the share of all components that are equal to the best position's, and its marks."""
-    from dfdbench.training.search.run import MARKS
+    from dfdbench.training.search.swarm_search import MARKS
 
     figure, axis = style.single_axes(9, 5)
     shares = [100 * item.alike for item in course]

@@ -134,7 +134,7 @@ def test_what_the_site_does_not_have_is_told(dfdbench: Command, site: Site) -> N
     (place / "One/Illum1/Exp0/view1.png").unlink()
     (place / "Two/Illum1/Exp0/view1.png").write_bytes(b"<html>")
     both = dfdbench.refused("not a PNG file", "build tiny-1.toml")
-    assert "1 files are missing" in both.err
+    assert "no address has these 1 files" in both.err
     assert "set aside in" in both.err
     right = (place / "Two/Illum1/Exp0/view5.png").read_bytes()
     (place / "Two/Illum1/Exp0/view1.png").write_bytes(right)
@@ -146,7 +146,7 @@ def test_what_the_site_does_not_have_is_told(dfdbench: Command, site: Site) -> N
 def test_a_mirror_that_has_nothing_is_named(dfdbench: Command, site: Site) -> None:
     wrong = f"{site.address}/nothing"
     built = dfdbench.fine("build tiny-1.toml --mirror", wrong)
-    assert f"warning: the mirror lacks 17 files ({wrong})" in built.err
+    assert f"warning: the mirror lacks 17 files, such as 404 {wrong}" in built.err
     (site.folder / BELOW).rename(site.folder / "gone")
     nowhere = dfdbench.refused(
         "no file of tiny is there", "build tiny-1.toml --mirror", wrong, "--cache", "empty"
@@ -243,7 +243,7 @@ def test_broken_scenes_are_named_and_the_rest_is_built(dfdbench: Command, tmp_pa
     assert built.status == 2
     assert "built mine-1: 2 pairs of 2 scenes" in built.out
     assert "1. a file is missing" in built.err
-    assert "2. depth in another unit" in built.err
+    assert "another unit, or other bounds" in built.err
     assert "depth_unit = 1 (metres)" in built.err
     assert "lamp/sharp.png: the defocus image is the sharper one" in built.err
     assert "missing: 2 of 4 pairs" in built.err

@@ -9,7 +9,7 @@ pytest.importorskip("torch", reason="needs the extra nets")
 from dfdbench.figures import trainings
 from dfdbench.methods.networks.choices import FILTERS, LAYERS
 from dfdbench.training.crops import Selections
-from dfdbench.training.search.run import Iteration
+from dfdbench.training.search.swarm_search import Iteration
 from dfdbench.training.trainer import Log
 from tests.methods.made_weights import card
 

@@ -9,7 +9,7 @@ from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
 from scipy.stats import qmc
 
 from dfdbench.blur.formation import encode
-from dfdbench.blur.layers import GAP, composite_layers, without_tails
+from dfdbench.blur.occlusion import GAP, composite_layers, without_tails
 from dfdbench.blur.point_spread import DISK, point_spread_functions
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import blur_by_level, synthesize

@@ -2,16 +2,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, StoreError, UnknownNameError
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.search.log import training_seed
 from dfdbench.training.search.particle import PATCHES, Bounds, particle_at, position_of
-from dfdbench.training.search.plan import Choices, plan_search
+from dfdbench.training.search.search_plan import Choices, plan_search
 from tests.training.search.made_searches import BOUNDS, small_plan
 
 
@@ -22,14 +20,14 @@ def test_scenes_are_held_out_of_training_by_the_seed_and_told(tiny_store: Datase
     assert small_plan(tiny_store).other == plan.other
     others = {small_plan(tiny_store, seed=seed).other for seed in range(8)}
     assert others == {("Two",), ("Three",)}
-    assert plan.work("cpu", 1, 0).trained_on == f"tiny-1, split test, less {plan.other[0]}"
+    assert plan.trained_on == f"tiny-1, split test, less {plan.other[0]}"
 
 
 def test_as_the_thesis_the_test_selects_and_that_is_told(tiny_store: Dataset) -> None:
     plan = small_plan(tiny_store, split="train", as_thesis=True)
     assert (plan.train, plan.other) == (("One",), ("Two", "Three"))
     assert "the TEST scenes, as the thesis did: Two, Three" in plan.selected_on
-    assert plan.work("cpu", 1, 0).trained_on == "tiny-1, split train"
+    assert plan.trained_on == "tiny-1, split train"
     tiny_store.scenes = ("One",)
     with pytest.raises(StoreError, match="no pair that tests"):
         small_plan(tiny_store, split="train", as_thesis=True)
@@ -45,22 +43,11 @@ def test_patches_a_step_are_the_author_s_where_the_base_has_28(tiny_store: Datas
     assert few.configuration_of(particle).crops_per_step == 1
 
 
-def test_a_job_is_what_a_position_means(tiny_store: Dataset, tmp_path: Any) -> None:
-    plan = small_plan(tiny_store)
+def test_a_position_means_a_network(tiny_store: Dataset) -> None:
     position = position_of(FILTERS["pso"], first_activation="sigmoid")
-    job = plan.job(plan.work("cpu", 1, 0), 3, 1, position, tmp_path)
+    found = small_plan(tiny_store).configuration_of(particle_at(position))
     expected = TrainingConfiguration(filters="pso", first_activation="sigmoid", narrow=64)
-    assert job.configuration.architecture("dfd-net") == expected.architecture("dfd-net")
-    assert job.seed == training_seed(0, 3, 1)
-    seeds = {training_seed(s, i, p) for s in range(3) for i in range(3) for p in range(3)}
-    assert len(seeds) == 27
-
-
-def test_only_the_author_s_first_particle_is_known(tiny_store: Dataset) -> None:
-    assert small_plan(tiny_store).known is None
-    known = small_plan(tiny_store, variant="author", bounds=Bounds(crop=(12, 16))).known
-    assert known is not None
-    assert np.array_equal(known, position_of(FILTERS["original"]))
+    assert found.architecture("dfd-net") == expected.architecture("dfd-net")
 
 
 def test_every_choice_makes_another_search(tiny_store: Dataset) -> None:
@@ -87,20 +74,20 @@ def test_every_choice_makes_another_search(tiny_store: Dataset) -> None:
 
 
 @pytest.mark.parametrize(
-    ("configuration", "choices", "told"),
+    ("configuration", "choices", "said"),
     [
         ({}, {"bounds": Bounds()}, "at most 24"),
         ({}, {"split": "train"}, "too few to hold"),
         ({}, {"held_out": 2}, "too few to hold 2"),
         ({"filters": "pso"}, {}, "chooses this itself"),
-        ({"crop": 68}, {}, "how patches of 68 are counted"),
+        ({"crop": 68}, {}, "crop is 68"),
         ({"sampling_size": 3}, {}, "2 x 2"),
     ],
 )
 def test_what_cannot_be_searched_is_told(
-    tiny_store: Dataset, configuration: dict[str, Any], choices: dict[str, Any], told: str
+    tiny_store: Dataset, configuration: dict[str, Any], choices: dict[str, Any], said: str
 ) -> None:
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=said):
         small_plan(tiny_store, configuration, **choices)
 
 

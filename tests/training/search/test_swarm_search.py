@@ -1,48 +1,32 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
-import os
-import random
-import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, ResultError
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.weights import load_weights
-from dfdbench.system.files import hold
 from dfdbench.system.parallel import Cluster, Processes
 from dfdbench.training.configuration import read_configuration
-from dfdbench.training.search import run as module
-from dfdbench.training.search.log import Job, LogRow, Outcome, evaluate_job
+from dfdbench.training.search import swarm_search
+from dfdbench.training.search.log import Evaluation, LogRow, Outcome
 from dfdbench.training.search.particle import begun, judged, particle_at, position_of
-from dfdbench.training.search.run import (
-    SearchOutcome,
-    best_as_toml,
-    course_table,
-    iteration_of,
-    network_table,
-    run_search,
-)
 from tests.conftest import ON_SERVERS
 from tests.training.search.made_searches import losses, small_plan, some_rows
 
 ITERATIONS = 2
-#: `make kills` asks for more.
-MANY = int(os.environ.get("DFDBENCH_KILLS", "16"))
 
 
-def searched(store: Dataset, folder: Path, particles: int = 2) -> SearchOutcome:
+def searched(store: Dataset, folder: Path, particles: int = 2) -> swarm_search.SearchOutcome:
     plan = small_plan(store, particles=particles)
-    return run_search(plan, folder, ITERATIONS, device="cpu", threads=1)
+    return swarm_search.run_search(plan, folder, ITERATIONS, device="cpu", threads=1)
 
 
-def same(one: SearchOutcome, other: SearchOutcome) -> bool:
+def same(one: swarm_search.SearchOutcome, other: swarm_search.SearchOutcome) -> bool:
     assert one.swarm is not None
     assert other.swarm is not None
     arrays = ("positions", "velocities", "own", "own_values", "best")
@@ -53,12 +37,12 @@ def same(one: SearchOutcome, other: SearchOutcome) -> bool:
 
 @pytest.mark.slow
 def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Dataset, tmp_path: Path) -> None:
-    told: list[tuple[int, int]] = []
+    said: list[tuple[int, int]] = []
     plan = small_plan(tiny_store)
-    outcome = run_search(
-        plan, tmp_path / "s", 1, None, "cpu", 1, on_done=lambda *done: told.append(done)
+    outcome = swarm_search.run_search(
+        plan, tmp_path / "s", 1, None, "cpu", 1, on_done=lambda *done: said.append(done)
     )
-    assert told == [(done, 4) for done in range(5)]
+    assert said == [(done, 4) for done in range(5)]
     assert (outcome.finished, outcome.trainings) == (True, 4)
     assert outcome.best is not None
     assert [item.number for item in outcome.course] == [0, 1]
@@ -72,51 +56,9 @@ def test_a_search_leaves_a_log_and_its_best_training(tiny_store: Dataset, tmp_pa
     card = load_weights(kept / "weights.safetensors", "dfd-net")[1]
     assert card.parameters == outcome.best.outcome.parameters
     # Asked for more, it goes on; asked for the same again, it trains nothing.
-    more = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
+    more = swarm_search.run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
     assert same(more, searched(tiny_store, tmp_path / "at-once"))
     assert losses(tmp_path / "s") == losses(tmp_path / "at-once")
-
-
-def search_here(place: str, folder: Path) -> None:
-    """What `dfdbench thesis search architecture` does; run in a process that is killed."""
-    torch.set_num_threads(1)
-    searched(Dataset(place), folder)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kills", "hits"), [(4, 2), pytest.param(MANY, MANY // 2, marks=pytest.mark.slow)]
-)
-def test_killed_at_random_moments_it_ends_with_the_same_swarm(
-    tiny_store: Dataset, tmp_path: Path, kills: int, hits: int
-) -> None:
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
-    process = context.Process(target=time.sleep, args=(0,))
-    process.start()
-    process.join()
-    begun = time.monotonic()
-    process = context.Process(target=search_here, args=(str(tiny_store.path), tmp_path / "whole"))
-    process.start()
-    process.join()
-    takes = time.monotonic() - begun
-    expected = searched(tiny_store, tmp_path / "whole")
-    assert expected.trainings == 2 * (ITERATIONS + 1)
-    moments, killed = random.Random(7), 0
-    for number in range(kills):
-        # Two kills to each place: the second hits what is left to do.
-        folder = tmp_path / f"in{number // 2}"
-        process = context.Process(target=search_here, args=(str(tiny_store.path), folder))
-        process.start()
-        time.sleep(moments.uniform(0.2 * takes, 0.8 * takes))
-        process.kill()
-        process.join()
-        killed += process.exitcode != 0
-    assert killed >= hits
-    for number in range(kills // 2):
-        assert same(searched(tiny_store, tmp_path / f"in{number}"), expected)
-        assert losses(tmp_path / f"in{number}") == losses(tmp_path / "whole")
-        assert len(list((tmp_path / f"in{number}/particles").iterdir())) == 1
 
 
 @pytest.mark.slow
@@ -126,43 +68,32 @@ def test_elsewhere_it_ends_with_the_same_swarm(
 ) -> None:
     pool = Processes(2) if kind == "processes" else Cluster(request.getfixturevalue("cluster"))
     here = searched(tiny_store, tmp_path / "here")
-    there = run_search(small_plan(tiny_store), tmp_path / "there", ITERATIONS, pool, "cpu", 1)
+    there = swarm_search.run_search(
+        small_plan(tiny_store), tmp_path / "there", ITERATIONS, pool, "cpu", 1
+    )
     assert same(here, there)
     assert losses(tmp_path / "here") == losses(tmp_path / "there")
-
-
-@pytest.mark.slow
-def test_a_scheduler_that_goes_away_loses_nothing(tiny_store: Dataset, tmp_path: Path) -> None:
-    class Gone:
-        def map(self, function, items, on_outcome=None, on_done=None):  # type: ignore[no-untyped-def]
-            on_outcome(items[0], function(items[0]))
-            raise InputError("the scheduler went away", where="--scheduler")
-
-    plan = small_plan(tiny_store)
-    for done in (1, 2):
-        with pytest.raises(InputError, match="went away"):
-            run_search(plan, tmp_path / "s", ITERATIONS, Gone(), "cpu", 1)
-        assert len((tmp_path / "s/positions.csv").read_text().splitlines()) == done + 1
-    found = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
-    assert same(found, searched(tiny_store, tmp_path / "whole"))
 
 
 def test_a_failed_training_is_told_and_searched_past(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def sometimes(job: Job) -> Outcome | None:
-        if job.particle == 0:
-            return Outcome(failed="diverged: the loss became nan, step 2")
-        return evaluate_job(job)
+    trained = Evaluation.__call__
 
-    monkeypatch.setattr(module, "evaluate_job", sometimes)
+    def sometimes(self: Evaluation, particle: Any) -> Outcome | None:
+        if particle[0][1] == 0:
+            return Outcome(failed="diverged: the loss became nan, step 2")
+        return trained(self, particle)
+
+    monkeypatch.setattr(Evaluation, "__call__", sometimes)
     outcome = searched(tiny_store, tmp_path / "s")
     assert [row.place for row in outcome.failures] == [(0, 0), (1, 0), (2, 0)]
     assert [item.failed for item in outcome.course] == [1, 1, 1]
     assert outcome.best is not None
     assert outcome.best.place[1] == 1
     assert same(searched(tiny_store, tmp_path / "s"), outcome)
-    monkeypatch.setattr(module, "evaluate_job", lambda job: Outcome(failed="failed: no memory"))
+    failed = Outcome(failed="failed: no memory")
+    monkeypatch.setattr(Evaluation, "__call__", lambda *_: failed)
     nothing = searched(tiny_store, tmp_path / "t")
     assert (nothing.best, nothing.finished) == (None, True)
 
@@ -172,34 +103,19 @@ def test_time_is_up_and_more_time_goes_on(
     tiny_store: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = small_plan(tiny_store)
-    early = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1, max_seconds=0)
+    early = swarm_search.run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1, max_seconds=0)
     assert (early.finished, early.swarm, early.course, early.trainings) == (False, None, (), 0)
-    asked = []
+    asked, trained = [], Evaluation.__call__
 
-    def three(job: Job) -> Outcome | None:
-        asked.append(job)
-        return evaluate_job(job) if len(asked) <= 3 else None
+    def three(self: Evaluation, particle: Any) -> Outcome | None:
+        asked.append(particle)
+        return trained(self, particle) if len(asked) <= 3 else None
 
-    monkeypatch.setattr(module, "evaluate_job", three)
-    some = run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
+    monkeypatch.setattr(Evaluation, "__call__", three)
+    some = swarm_search.run_search(plan, tmp_path / "s", ITERATIONS, None, "cpu", 1)
     assert (some.finished, len(some.course), some.trainings) == (False, 1, 3)
     monkeypatch.undo()
     assert same(searched(tiny_store, tmp_path / "s"), searched(tiny_store, tmp_path / "t"))
-
-
-def test_one_search_a_folder(tiny_store: Dataset, tmp_path: Path) -> None:
-    with (
-        hold(tmp_path / ".s.lock", ResultError("taken")),
-        pytest.raises(ResultError, match="another search is writing"),
-    ):
-        searched(tiny_store, tmp_path / "s")
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
-def test_a_place_that_cannot_be_written_is_told(tiny_store: Dataset, tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    with pytest.raises(ResultError, match="cannot write the search"):
-        searched(tiny_store, tmp_path / "s")
 
 
 def test_an_iteration_in_numbers(tiny_store: Dataset) -> None:
@@ -210,10 +126,10 @@ def test_an_iteration_in_numbers(tiny_store: Dataset) -> None:
     values = np.array([3.0, 1.0, np.inf, 2.0])
     swarm = judged(swarm, values)
     object.__setattr__(swarm, "positions", same)
-    found = iteration_of(swarm, values)
+    found = swarm_search.iteration_of(swarm, values)
     assert (found.number, found.best, found.least, found.mean, found.failed) == (0, 1, 1, 2, 1)
     assert found.alike == pytest.approx(1 - 1 / 12)
-    empty = iteration_of(swarm, np.full(4, np.inf))
+    empty = swarm_search.iteration_of(swarm, np.full(4, np.inf))
     assert empty.failed == 4
     assert math.isnan(empty.mean)
 
@@ -223,7 +139,7 @@ def test_tables_say_what_selected_and_what_failed(tiny_store: Dataset) -> None:
     rows = some_rows(plan)
     values = np.array([row.outcome.value for row in rows])
     swarm = judged(begun(plan.box, 3, 0), values)
-    table = course_table(plan, [iteration_of(swarm, values)], rows[-1:])
+    table = swarm_search.course_table(plan, [swarm_search.iteration_of(swarm, values)], rows[-1:])
     assert table.rows[0][:5] == ("start", "0.5000", "0.5000", "0.5500", "1")
     assert any("selected on the TEST scenes" in note for note in table.notes)
     assert any(note.startswith("iteration 0, particle 2: diverged") for note in table.notes)
@@ -236,7 +152,7 @@ def swarm_s(value: float = 0.5) -> LogRow:
 
 
 def test_the_network_found_stands_beside_the_baseline(tiny_store: Dataset) -> None:
-    table = network_table(small_plan(tiny_store), swarm_s())
+    table = swarm_search.network_table(small_plan(tiny_store), swarm_s())
     assert table.rows[0] == ("52", "145", "128", "3 x 3", "yes", "sigmoid")
     assert table.rows[3] == ("42", "238", "256", "2 x 2", "", "")
     assert table.rows[16] == ("5", "135", "128", "3 x 3", "yes", "prelu")
@@ -248,7 +164,7 @@ def test_the_best_is_a_configuration_that_trains_the_same_network(
 ) -> None:
     plan = small_plan(tiny_store, {"noise": 2.0, "precision": "float32"}, as_thesis=True)
     path = tmp_path / "best.toml"
-    path.write_text(best_as_toml(plan, swarm_s()))
+    path.write_text(swarm_search.best_as_toml(plan, swarm_s()))
     assert path.read_text().splitlines()[1].startswith("# selected on the TEST scenes")
     read = read_configuration(str(path))
     assert read == plan.configuration_of(particle_at(swarm_s().position))

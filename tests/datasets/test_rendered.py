@@ -1,7 +1,7 @@
 import pytest
 
 from dfdbench.datasets.catalog import find_manifest, of_seed
-from dfdbench.datasets.unseen import scene_number, unseen_manifest
+from dfdbench.datasets.rendered import scene_number, unseen_manifest
 from dfdbench.errors import InputError
 
 

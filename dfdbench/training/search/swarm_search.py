@@ -16,7 +16,7 @@ from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import Pool
 from dfdbench.tables.table import Table
 from dfdbench.training.configuration import TrainingConfiguration
-from dfdbench.training.search.log import PARTS, Job, LogRow, Outcome, SearchFolder, evaluate_job
+from dfdbench.training.search.log import PARTS, Evaluation, LogRow, Outcome, Place, SearchFolder
 from dfdbench.training.search.particle import (
     Numbers,
     Particle,
@@ -25,7 +25,7 @@ from dfdbench.training.search.particle import (
     search,
     whole_numbers,
 )
-from dfdbench.training.search.plan import SearchPlan
+from dfdbench.training.search.search_plan import SearchPlan
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,8 @@ def run_search(
     with writing_folder(folder, "search"):
         log = SearchFolder(folder)
         log.open(plan.identity)
-        judge = _Judge(plan, log, iterations, pool, device, threads, until, on_done)
+        evaluation = Evaluation(plan, folder.absolute(), device, threads, until)
+        judge = _Judge(evaluation, log, iterations, pool, on_done)
         finished = True
         try:
             particles, seed = plan.choices.particles, plan.choices.seed
@@ -131,18 +132,14 @@ class _Judge:
 
     def __init__(
         self,
-        plan: SearchPlan,
+        evaluation: Evaluation,
         log: SearchFolder,
         iterations: int,
         pool: Pool | None,
-        device: str,
-        threads: int | None,
-        until: float,
         on_done: Callable[[int, int], None] | None,
     ) -> None:
-        self._plan, self._log, self._pool, self._on_done = plan, log, pool, on_done
-        self._work = plan.work(device, threads, until)
-        self._total = (iterations + 1) * plan.choices.particles
+        self._evaluate, self._log, self._pool, self._on_done = evaluation, log, pool, on_done
+        self._total = (iterations + 1) * evaluation.plan.choices.particles
         self._values: Numbers = np.empty(0)
         self.swarm: Swarm | None = None
         self.course: list[Iteration] = []
@@ -152,24 +149,24 @@ class _Judge:
     def __call__(self, swarm: Swarm) -> Numbers:
         """Return a value for each position, each noted as soon as it is known."""
         places = [(swarm.iteration, number) for number in range(len(swarm.positions))]
-        jobs = []
         for place, position in zip(places, swarm.positions, strict=True):
             self._log.require_same(place, position)
-            if self._log[place] is None:
-                folder = self._log.training(place).absolute()
-                jobs.append(self._plan.job(self._work, *place, position, folder))
+        left = [
+            (place, position)
+            for place, position in zip(places, swarm.positions, strict=True)
+            if self._log[place] is None
+        ]
 
-        def note(job: Job, outcome: Outcome | None) -> None:
+        def note(particle: tuple[Place, Numbers], outcome: Outcome | None) -> None:
             if outcome is not None:
-                place = (job.iteration, job.particle)
-                self._log.note(LogRow(place, swarm.positions[job.particle], outcome))
+                self._log.note(LogRow(*particle, outcome))
                 self._tell()
 
         if self._pool is None:
-            for job in jobs:
-                note(job, evaluate_job(job))
-        elif jobs:
-            self._pool.map(evaluate_job, jobs, on_outcome=note)
+            for particle in left:
+                note(particle, self._evaluate(particle))
+        elif left:
+            self._pool.map(self._evaluate, left, on_outcome=note)
         rows = [self._log[place] for place in places]
         known = [row for row in rows if row is not None]
         if len(known) < len(rows):

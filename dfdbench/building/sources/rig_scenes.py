@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.building.sources.image_files import Image, average_frames, image_problems, read_rgb
+from dfdbench.building.sources.interface import gathered
 from dfdbench.datasets.manifest import Recording
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import Problem
 from dfdbench.rig.geometry import CaptureRig
 from dfdbench.rig.lidar import Beams, average_scans, depth_image, read_beams, read_ranges, warp
 from dfdbench.rig.registration import NAME as REGISTRATION
 from dfdbench.rig.registration import read_registration
 
 Depth = tuple[NDArray[np.uint8], NDArray[np.bool_]]
-Read = TypeVar("Read")
 
 
 class PublishedScene:
@@ -73,10 +70,8 @@ class PublishedScene:
         """Return what is wrong with the depth map's file."""
         files = self.depth_files()
         if not files:
-            expected = "lidar/lidar_rng_left_00000_8bit_x6.png"
-            return [
-                Problem("scene has no LIDAR depth map", where=str(self.folder), expected=expected)
-            ]
+            what = "scene has no LIDAR depth map, lidar/lidar_rng_left_00000_8bit_x6.png"
+            return [Problem(what, where=str(self.folder))]
         return image_problems(files, (self._capture.crop_size,) * 2)
 
 
@@ -166,66 +161,41 @@ class RawScene:
         if len(files) != self._capture.frames:
             name = _image_name(exposure_ms, step)
             place = _exposure_folder(self.folder / "frames", exposure_ms) / f"{name}_*.png"
-            problems.append(
-                Problem(
-                    "frames are missing",
-                    where=str(place),
-                    expected=str(self._capture.frames),
-                    got=str(len(files)),
-                )
-            )
+            what = f"only {len(files)} of {self._capture.frames} frames"
+            problems.append(Problem(what, where=str(place)))
         return problems
 
     def scan_problems(self) -> list[Problem]:
         """Return what is wrong with the range files and the calibration."""
         if not self.scans():
-            return [
-                Problem(
-                    "scene has no LIDAR",
-                    where=str(self.folder),
-                    expected="lidar/lidar_rng_00000.bin",
-                )
-            ]
+            return [Problem("scene has no lidar/lidar_rng_00000.bin", where=str(self.folder))]
         problems: list[Problem] = []
-        beams = _attempt(self.beams, problems)
+        beams: int | None = None
+        with gathered(problems):
+            beams = len(self.beams().altitude)
         misfits = []
         for path in self.scans():
-            ranges = _attempt(partial(read_ranges, path), problems)
-            if ranges is not None and beams is not None and len(ranges) != len(beams.altitude):
-                misfits.append(
-                    Problem(
-                        "calibration does not fit the scan",
-                        where=str(self.beams_file() or path),
-                        expected=f"{len(ranges)} beams, as {path.name}",
-                        got=f"{len(beams.altitude)} beams",
-                    )
-                )
+            with gathered(problems):
+                rows = len(read_ranges(path))
+                if beams not in (None, rows):
+                    what = f"calibration of {beams} beams for {rows}, as {path.name}"
+                    misfits.append(Problem(what, where=str(self.beams_file() or path)))
         # The scans of a scene are of one LIDAR: one misfit says it all.
-        problems += misfits[:1]
-        return problems
+        return problems + misfits[:1]
 
     def depth_problems(self) -> list[Problem]:
         """Return what is wrong with range files, calibration and registration."""
         problems = self.scan_problems()
+        where = str(self.registration)
+        fix = f"dfdbench rig register {self.folder.name} --source {self.folder.parent}"
         if not self.registration.exists():
-            problems.append(
-                Problem(
-                    "scene is not registered",
-                    where=str(self.registration),
-                    fix=f"dfdbench rig register {self.folder.name} --source {self.folder.parent}",
-                )
-            )
+            problems.append(Problem("scene is not registered", where=where, fix=fix))
         else:
-            _attempt(lambda: read_registration(self.registration), problems)
+            with gathered(problems):
+                read_registration(self.registration)
         if not problems and not self.depth()[1].any():
-            again = (
-                f"dfdbench rig register {self.folder.name} --source {self.folder.parent} --fresh"
-            )
-            problems.append(
-                Problem(
-                    "no LIDAR return falls on the image", where=str(self.registration), fix=again
-                )
-            )
+            what = "no LIDAR return falls on the image"
+            problems.append(Problem(what, where=where, fix=f"{fix} --fresh"))
         return problems
 
 
@@ -237,14 +207,6 @@ def find_captured_scene(
     if (place / "frames").is_dir():
         return RawScene(place, capture)
     return PublishedScene(place, capture) if place.is_dir() else None
-
-
-def _attempt(read: Callable[[], Read], problems: list[Problem]) -> Read | None:
-    try:
-        return read()
-    except SourceError as error:
-        problems.extend(error.problems)
-        return None
 
 
 def _exposures(folder: Path) -> tuple[int, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,8 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import InputError, Problem, StoreError, unknown_name
 from dfdbench.methods.networks.choices import FILTERS
 from dfdbench.methods.networks.inference import find_device
-from dfdbench.system.location import is_local
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.training.configuration import TrainingConfiguration, settled
-from dfdbench.training.search.log import Job, Work, training_seed
 from dfdbench.training.search.particle import (
     PATCHES,
     VARIANTS,
@@ -27,7 +24,6 @@ from dfdbench.training.search.particle import (
     Particle,
     Variant,
     box_of,
-    particle_at,
     position_of,
 )
 from dfdbench.training.task import Task, require_trainable, task_of
@@ -38,8 +34,6 @@ VERSION = 1
 VARIED = ("filters", "first_activation", "kernels", "activations", "normalized")
 #: Of the training scenes, held out to select on.
 _HELD_OUT = 1 / 5
-#: Trainings of a search log no scores on the way: nobody looks at thousands of them.
-_NEVER = 10**9
 
 
 @dataclass(frozen=True)
@@ -127,6 +121,12 @@ class SearchPlan:
         )
 
     @property
+    def trained_on(self) -> str:
+        """The training scenes in words, for the weights' cards."""
+        left_out = "" if self.choices.as_thesis else f", less {' '.join(self.other)}"
+        return f"{self.store.manifest.stem}, split {self.choices.split}{left_out}"
+
+    @property
     def identity(self) -> dict[str, Any]:
         """What must be the same for a search to be gone on with."""
         choices = self.choices
@@ -156,38 +156,6 @@ class SearchPlan:
         patches = base.crops_per_step * PATCHES[particle.crop] / PATCHES[base.crop]
         chosen = particle.model_dump() | {"crops_per_step": max(1, math.floor(patches + 0.5))}
         return TrainingConfiguration.model_validate(base.model_dump() | chosen)
-
-    def job(
-        self, work: Work, iteration: int, particle: int, position: Numbers, folder: Path
-    ) -> Job:
-        """Return the training of one position."""
-        configuration = self.configuration_of(particle_at(position))
-        return Job(
-            work,
-            iteration,
-            particle,
-            configuration.model_copy(update={"evaluate_every": _NEVER}),
-            training_seed(self.choices.seed, iteration, particle),
-            folder,
-        )
-
-    def work(self, device: str, threads: int | None, until: float) -> Work:
-        """Return what all trainings have in common."""
-        store, choices = self.store, self.choices
-        place = store.path.absolute() if is_local(store.path) else store.path
-        left_out = "" if choices.as_thesis else f", less {' '.join(self.other)}"
-        return Work(
-            str(place),
-            self.train,
-            self.other,
-            f"{store.manifest.stem}, split {choices.split}{left_out}",
-            choices.gamma,
-            choices.pairs,
-            self.variant.scores_centre,
-            device,
-            threads,
-            until,
-        )
 
 
 def plan_search(
@@ -243,19 +211,12 @@ def _refuse_what_particles_choose(base: TrainingConfiguration, changes: Mapping[
         if name in changes or (name != "crop" and getattr(base, name) != fields[name].default)
     ]
     if base.crop not in PATCHES:
-        problems.append(
-            Problem(
-                f"the search does not know how patches of {base.crop} are counted",
-                where="crop",
-                expected=", ".join(map(str, PATCHES)),
-            )
-        )
+        known = ", ".join(map(str, PATCHES))
+        problems.append(Problem(f"crop is {base.crop}, not one of {known}", where="crop"))
     if base.sampling_size != 2:
-        problems.append(
-            Problem("particles have filters of 2 x 2 that halve and double", where="sampling_size")
-        )
-    if problems:
-        raise InputError.of(problems)
+        what = "particles have filters of 2 x 2 that halve and double"
+        problems.append(Problem(what, where="sampling_size"))
+    InputError.raise_if(problems)
 
 
 def _held_out(train: tuple[str, ...], choices: Choices) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -8,38 +8,11 @@ from pathlib import Path
 
 from upath import UPath
 
-from dfdbench.blur.recipe import BlurRecipe, find_recipe
+from dfdbench.blur.recipe import find_recipe
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.store_place import default_store
 from dfdbench.errors import InputError
 from dfdbench.system.location import Place, as_location, is_local
-
-
-@dataclass(frozen=True)
-class NamedRecipe:
-    """A blur recipe and the name that a store records of it.
-
-    Parameters
-    ----------
-    name : str
-        Of a released recipe.
-    blur : BlurRecipe
-        What it names.
-    """
-
-    name: str
-    blur: BlurRecipe
-
-    @classmethod
-    def find(cls, name: str) -> NamedRecipe:
-        """Return the released recipe of this name.
-
-        Raises
-        ------
-        UnknownNameError
-            Where there is none.
-        """
-        return cls(name, find_recipe(name))
 
 
 @dataclass(frozen=True)
@@ -52,15 +25,15 @@ class BuildPlan:
         What belongs to it.
     place : UPath
         The store to write.
-    recipe : NamedRecipe or None
-        The blur recipe that was asked for; None for the manifest's.
+    recipe : str or None
+        The name of the blur recipe that was asked for; None for the manifest's.
     steps : tuple of int, or None
         The in-focus and the defocus voltage step that were asked for; None for the manifest's.
     """
 
     manifest: Manifest
     place: UPath
-    recipe: NamedRecipe | None = None
+    recipe: str | None = None
     steps: tuple[int, int] | None = None
 
 
@@ -97,31 +70,14 @@ def plan_build(
     Examples
     --------
     >>> from dfdbench.datasets.catalog import find_manifest
-    >>> plan_build(find_manifest("demo"), "my.zarr", "text").recipe.name
+    >>> plan_build(find_manifest("demo"), "my.zarr", "text").recipe
     'text'
     """
-    named = None if recipe is None else NamedRecipe.find(recipe)
-    refuse_recipe_on_track(manifest, recipe)
+    if recipe is not None:
+        find_recipe(recipe)
     place = as_location(store or default_store(manifest, cache))
     refuse_another_set(manifest, place, recipe, steps, cache)
-    return BuildPlan(manifest, place, named, steps)
-
-
-def refuse_recipe_on_track(manifest: Manifest, recipe: str | None) -> None:
-    """Refuse a blur recipe where the data set's track has a blur of its own.
-
-    Raises
-    ------
-    InputError
-        Where both are named.
-    """
-    if recipe is not None and manifest.on_track:
-        raise InputError(
-            "a track says itself how its images come about",
-            where=f"{manifest.short}, --recipe",
-            got=recipe,
-            fix=f"leave out --recipe, or the track, @{manifest.degradation}",
-        )
+    return BuildPlan(manifest, place, recipe, steps)
 
 
 def refuse_another_set(
@@ -133,30 +89,28 @@ def refuse_another_set(
 ) -> None:
     """Keep another recipe and other steps out of the place where the data set itself belongs.
 
+    A data set on a track takes no recipe anywhere: the track has a blur of its own.
+
     The parameters are those of `plan_build`; `place` is the store to write.
 
     Raises
     ------
     InputError
-        Where `place` is the data set's own, and recipe or steps are not.
+        If `place` is the data set's own, and recipe or steps are not; if both a recipe and a track
+        are named.
     """
+    if recipe is not None and manifest.on_track:
+        what = f"a track decides how its images are made: no recipe {recipe} on {manifest.short}"
+        fix = f"leave out --recipe, or the track, @{manifest.degradation}"
+        raise InputError(what, where="--recipe", fix=fix)
     own = os.path.realpath(default_store(manifest, cache))
     if not is_local(place) or os.path.realpath(place.path) != own:
         return
     if recipe not in (None, manifest.recipe):
-        raise InputError(
-            "another blur recipe makes another data set",
-            where="--recipe",
-            expected=str(manifest.recipe),
-            got=str(recipe),
-            fix="name its place: --store PATH",
-        )
+        what = f"another blur recipe, {recipe} and not {manifest.recipe}, makes another data set"
+        raise InputError(what, where="--recipe", fix="name its place: --store PATH")
     usual = manifest.capture and (manifest.capture.infocus_step, manifest.capture.defocus_step)
     if steps is not None and usual not in (None, steps):
-        raise InputError(
-            "another pair of voltage steps makes another data set",
-            where="--pair",
-            expected=f"{usual}",
-            got=",".join(map(str, steps)),
-            fix="name its place: --store PATH",
-        )
+        named = ",".join(map(str, steps))
+        what = f"other voltage steps, {named} and not {usual}, make another data set"
+        raise InputError(what, where="--pair", fix="name its place: --store PATH")

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.blur.synthesis import gather_problems, reaches
-from dfdbench.errors import InputError
+from dfdbench.blur.synthesis import reaches, require_kernels
 from dfdbench.system.compiled import compiled
 
 #: A kernel ends where it falls below this share of its peak: of a Gaussian at 3.7 sigma, a
@@ -87,9 +86,7 @@ def composite_layers(
     >>> composite_layers(image, depth, kernels)[2].round().tolist()
     [0.0, 0.0, 0.0, 0.0, 90.0, 90.0, 90.0, 90.0, 90.0]
     """
-    problems = gather_problems(image, depth, kernels)
-    if problems:
-        raise InputError.of(problems)
+    require_kernels(image, depth, kernels)
     channels = image if image.ndim == 3 else image[:, :, np.newaxis]
     reach = reaches(kernels)
     radius, centre = int(reach[np.unique(depth)].max()), kernels.shape[1] // 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from importlib import resources
 
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -84,44 +85,19 @@ def unseen_manifest(family: str, seed: int) -> Manifest:
         for scene in part
     )
     pair_images = "pair_images = [0, 1] # f/8, and focused at 0.65 m\n" * (family != "unseen")
-    text = f"""schema_version = 1
-name = "{family}-{seed}"
-short = "{family if seed == 0 else f"{family}-{seed}"}"
-version = 1
-title = "Rendered rooms, seed {seed}: {FAMILIES[family]}"
-description = \"\"\"
-Rooms drawn from seed {seed} by generator {GENERATOR}, photographed by a thin lens, ray by ray. \\
-Depth is the distance along the axis, in metres. {PUBLIC * (not seed)}\"\"\"
-reader = "unseen"
-degradation = "clean"
-network_crop = 480
-scene_count = {train + TEST}
-pair_count = {train + TEST}
-{pair_images}
-[axes]
-capture = [1]
-
-[depth]
-axes = []
-unknown = 0
-grows_with = "nearness" # its levels, for methods that work in them
-unit = "metres"
-
-[depth.scale]
-law = "inverse"
-near = {NEAR}
-far = {FAR}
-
-[table]
-blocks = "capture"
-
-[[sources]]
-name = "dfdbench"
-url = "https://scikit-image.org/docs/stable/api/skimage.data.html"
-licence = "made by dfdbench; photographs as scikit-image's documentation of skimage.data states"
-citations = [
-    "van der Walt et al., scikit-image: image processing in Python, PeerJ 2014",
-]
-
-{splits}{scenes}"""
+    template = resources.files("dfdbench.datasets").joinpath("rendered.toml").read_text("utf-8")
+    text = template.format(
+        family=family,
+        seed=seed,
+        short=family if seed == 0 else f"{family}-{seed}",
+        what=FAMILIES[family],
+        generator=GENERATOR,
+        public=PUBLIC * (not seed),
+        count=train + TEST,
+        pair_images=pair_images,
+        near=NEAR,
+        far=FAR,
+        splits=splits,
+        scenes=scenes,
+    )
     return parse_manifest(text.encode(), f"{family}-{seed}-1.toml")

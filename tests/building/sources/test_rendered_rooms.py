@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from dfdbench.building.build import build_store
-from dfdbench.building.sources.rooms import Rooms
+from dfdbench.building.sources.rendered_rooms import Rooms
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.datasets.unseen import unseen_manifest
+from dfdbench.datasets.rendered import unseen_manifest
 from dfdbench.errors import StoreError
 from dfdbench.system.parallel import Threads
 

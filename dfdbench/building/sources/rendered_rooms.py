@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from dfdbench.building.sources.interface import SceneImages
+from dfdbench.building.sources.interface import Made, SceneImages
 from dfdbench.datasets.captures import PAIR, ImageFacts, Role
-from dfdbench.datasets.manifest import Manifest, Pair
-from dfdbench.datasets.unseen import GENERATOR, scene_number, seeded
+from dfdbench.datasets.manifest import Manifest
+from dfdbench.datasets.rendered import GENERATOR, scene_number, seeded
 
 
-class Rooms:
+class Rooms(Made):
     """The rooms of a seed, photographed by its camera.
 
     Parameters
@@ -23,28 +21,19 @@ class Rooms:
         Of a rendered set: its name says the family and the seed.
     """
 
-    options: Mapping[str, Any] = {}
     captures_defocus = True
 
     def __init__(self, manifest: Manifest) -> None:
-        self._manifest = manifest
+        super().__init__(manifest)
         found = seeded(manifest.name)
         assert found is not None  # by its reader
         self._family, self._seed = found
-
-    def available_pairs(self) -> tuple[Pair, ...]:
-        """Return every capture: nothing has to be fetched."""
-        return self._manifest.pairs()
 
     def signature(self, scene: str) -> str:
         """Return the SHA-256 of the seed, the room and the generator's version."""
         return hashlib.sha256(
             repr((self._family, self._seed, scene, GENERATOR)).encode()
         ).hexdigest()
-
-    def missing_help(self, missing: tuple[Pair, ...]) -> str:
-        """Return an empty text: nothing can be missing."""
-        return ""
 
     def read(self, scene: str) -> SceneImages:
         """Render one scene."""
