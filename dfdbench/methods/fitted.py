@@ -71,7 +71,7 @@ def read_out(costs: Array, sharpness: float) -> NDArray[np.float64]:
     --------
     >>> costs = np.array([0.0, 0.1, 0.2, 5.0]).reshape(4, 1, 1)
     >>> read_out(costs, 0).tolist(), read_out(costs, 1).round(2).tolist()
-    ([[0.0]], [[0.91]])
+    ([[0.0]], [[0.9]])
     """
     if not sharpness:
         return least_label(costs)

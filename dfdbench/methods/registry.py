@@ -223,6 +223,8 @@ def load_method(
     MethodError, UnknownNameError
         As for `load`.
     """
+    # Recipes are pydantic's, which reads lists of packages at its first: not the method's files.
+    import dfdbench.blur.recipe  # noqa: F401
     from dfdbench.methods.sources import Sources
 
     entry = find_entry(name)

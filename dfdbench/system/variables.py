@@ -40,7 +40,7 @@ def require_sound_start(environment: Mapping[str, str], assertions: bool = __deb
     >>> require_sound_start({"OMP_NUM_THREADS": "4"}, assertions=True)
     >>> require_sound_start({"OMP_NUM_THREADS": "0"}, assertions=True)
     Traceback (most recent call last):
-    dfdbench.errors.InputError: wrong environment variable (OMP_NUM_THREADS): expected ...
+    dfdbench.errors.InputError: not a number of threads, 1 or more: 0 ...
     """
     problems = [
         Problem(f"not {expected}: {environment[name][:80]}", where=name, fix=f"unset {name}")
