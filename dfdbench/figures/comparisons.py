@@ -213,8 +213,8 @@ def transfer_figure(means: pd.DataFrame, title: str) -> Figure:
     title : str
         Above the matrix.
     """
-    side = 1.6 + 0.8 * len(means)
-    figure = Figure((side + 1.2, side), layout="constrained")
+    side = 2.2 + 0.8 * len(means)
+    figure = Figure((side + 2.4, side), layout="constrained")
     axis = figure.subplots()
     shares = means.to_numpy() / np.diag(means)
     image = axis.imshow(shares, vmin=1, cmap="cividis_r")
@@ -222,11 +222,11 @@ def transfer_figure(means: pd.DataFrame, title: str) -> Figure:
     for (row, column), score in np.ndenumerate(means.to_numpy()):
         colour = "white" if shares[row, column] > middle else "black"
         axis.text(column, row, f"{score:.3f}", ha="center", va="center", color=colour, fontsize=9)
-    names = [style.wrapped(str(name), 12) for name in means.columns]
+    names = [style.plain_text(str(name)) for name in means.columns]
     axis.set_xticks(range(len(names)), names, rotation=45, ha="right")
     axis.set_yticks(range(len(names)), names)
     axis.set_xlabel("tested on")
     axis.set_ylabel("fitted on")
-    figure.colorbar(image, label="times the score of the set's own fit", shrink=0.8)
-    figure.suptitle(style.wrapped(title, 60), fontsize=10)
+    figure.colorbar(image, label="over that of its own fit", shrink=0.8)
+    figure.suptitle(style.wrapped(style.plain_text(title), 60), fontsize=10)
     return figure

@@ -32,10 +32,11 @@ class Transfer:
     ) -> None:
         self.results = dict(results)
         self.protocol, self.folder = protocol, folder
-        self._name, first, *_ = ranked_by(protocol)[0], next(iter(self.results.values()))
+        self._name = ranked_by(protocol)[0]
+        first = next(iter(self.results.values()))
         self._metric = metrics_of(protocol)[self._name]
         self.title = (
-            f"{method_label(first.method)} on {first.dataset.split} of other cameras, "
+            f"{method_label(first.method)} across data sets, split {first.dataset.split}, "
             f"protocol {title_of(protocol)}: {self._metric.heading}"
         )
 
