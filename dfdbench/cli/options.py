@@ -57,7 +57,9 @@ def methods(incomplete: str) -> list[str]:
     return sorted(name for name in registered_methods() if name.startswith(incomplete))
 
 
-DataSet = Annotated[str, typer.Option(help="A set's name or a store.", autocompletion=data_sets)]
+DataSet = Annotated[
+    str, typer.Option(help="A data set's name, or a store's path or URL.", autocompletion=data_sets)
+]
 DataSetArgument = Annotated[
     str,
     typer.Argument(help="A data set's name, or a store's path or URL.", autocompletion=data_sets),
@@ -65,7 +67,9 @@ DataSetArgument = Annotated[
 Method = Annotated[
     str, typer.Option(help="A name, file.py:function or module:function.", autocompletion=methods)
 ]
-Params = Annotated[list[str] | None, typer.Option("--param", help="NAME=VALUE; repeatable.")]
+Params = Annotated[
+    list[str] | None, typer.Option("--param", help="The method's NAME=VALUE; repeatable.")
+]
 Split = Annotated[str, typer.Option(help="Which pairs: a split, a fold, a scene, or all.")]
 
 
