@@ -72,8 +72,6 @@ def main(family: str = "unseen") -> None:
         f"\nOf {pairs} pairs of methods the seeds tell apart {', '.join(map(str, apart.values()))}."
     )
     print(f"Told apart by two seeds, but in other orders: {len(turned)}.")
-    for one, other in turned:
-        print(f"- {one} and {other}")
     for one, other in combinations(seeds, 2):
         print(
             f"Rank correlation of {one} and {other}: {rank_correlation(means[[one, other]]):.2f}."
