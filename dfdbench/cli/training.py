@@ -160,7 +160,8 @@ def _prepare(training: TrainingFolder, resume: bool, fresh: bool) -> None:
     elif resume and not training.started:
         what, fix = "no checkpoint to go on from", "leave --resume out"
     elif training.holds_files and not resume and not fresh:
-        what, fix = "there is a training already", f"--resume, --fresh starts anew, or {another}"
+        what = "there is a training already"
+        fix = f"--resume goes on, --fresh starts anew, or {another}"
     if what:
         raise InputError(what, where=str(folder), fix=fix)
 
