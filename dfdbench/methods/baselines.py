@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.errors import MethodError
-from dfdbench.methods.fitted import Solver, learned_array, read_out
+from dfdbench.methods.fitted import Solver, learned_array, nothing_to_fit, read_out
 from dfdbench.methods.law_cost import UNIT, blurred_by, level_costs
 from dfdbench.methods.method import Learned, TrainingPair
 
@@ -91,9 +91,12 @@ class PositionalPrior:
 
     def fit(self, pairs: Sequence[TrainingPair]) -> Learned:
         """Learn ``depth``, the median level of each cell."""
-        seen = np.stack([_cells(pair.levels, pair.valid) for pair in pairs])
-        depth = [np.median(cell[~np.isnan(cell)]) for cell in seen.reshape(len(pairs), -1).T]
-        return {"depth": np.nan_to_num(depth, nan=np.nanmedian(seen)).reshape(_CELLS)}
+        seen = np.reshape([_cells(pair.levels, pair.valid) for pair in pairs], (len(pairs), -1))
+        if np.isnan(seen).all():
+            raise nothing_to_fit("positional-prior", "training captures with known depth", "none")
+        # What no capture shows is as deep as all of them.
+        seen[:, np.isnan(seen).all(axis=0)] = np.nanmedian(seen)
+        return {"depth": np.nanmedian(seen, axis=0).reshape(_CELLS)}
 
     def restore(self, learned: Learned) -> None:
         """Take over what `fit` learned."""

@@ -24,6 +24,7 @@ from dfdbench.methods.fitted import (
     not_fitted,
     nothing_to_fit,
     odd_window,
+    prior_problems,
     read_out,
     require_window_fits,
     wrong,
@@ -117,6 +118,7 @@ class FavaroSoatto:
         if not isinstance(groups, int) or not 2 <= groups <= _LEVELS // 2:
             problems.append(wrong("groups", f"2 to {_LEVELS // 2}", groups))
         problems += odd_window("window", window)
+        problems += prior_problems(prior)
         if problems:
             raise MethodError.of(problems)
         self._with_prior, self._prior = prior, NO_PRIOR

@@ -152,6 +152,11 @@ class Calibrated(ABC):
         The blur; None leaves it to the fit.
     prior : bool
         Let the fit find out whether it helps to know how often training shows each depth.
+
+    Raises
+    ------
+    MethodError
+        If `prior` is true and the blur is given, so that nothing is fitted.
     """
 
     #: Whether a median can be read from its costs.
@@ -162,6 +167,11 @@ class Calibrated(ABC):
         """Return depth levels from an image in focus and the defocus images, shape (y, x)."""
 
     def __init__(self, recipe: BlurRecipe | BlurLaw | None, prior: bool = False) -> None:
+        MethodError.raise_if(prior_problems(prior))
+        if prior and recipe is not None:
+            what = "prior=true is for a fit, and the blur is given"
+            fix = "add --param recipe=null, so that the method is fitted, or leave prior out"
+            raise MethodError(what, where="prior", fix=fix)
         self._told = recipe
         self._with_prior = prior
         self.prior = NO_PRIOR
@@ -404,6 +414,11 @@ def require_window_fits(window: int, image: Image, method: str) -> None:
     if window > max(min(height, width), _SMALL_WINDOW):
         what = f"the window is larger than the image, {window} of {height} x {width} pixels"
         raise MethodError(what, where=f"{method}: window")
+
+
+def prior_problems(value: Any) -> list[Problem]:
+    """Return what is wrong with the parameter `prior`: true or false."""
+    return [] if isinstance(value, bool) else [wrong("prior", "true or false", value)]
 
 
 def number_within(name: str, value: Any, low: float, high: float) -> list[Problem]:

@@ -202,7 +202,7 @@ class GraphCuts(Solver):
                 # Before the next is made: they are large.
                 del one
             if self.prior.weight:
-                energy = np.rint(nat * self.prior.energy[self._levels]).astype(np.uint16)
+                energy = nat * self.prior.energy[self._levels]
                 offset += add_energy(unary, energy, self._limit)
         else:
             unary, offset = data_cost(

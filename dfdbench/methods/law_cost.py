@@ -278,18 +278,20 @@ def law_cost(
     return unary, int(offset)
 
 
-def add_energy(unary: NDArray[np.uint16], energy: NDArray[np.uint16], limit: int) -> int:
+def add_energy(unary: NDArray[np.uint16], energy: NDArray[np.float64], limit: int) -> int:
     """Add to each pixel's costs what a level costs everywhere; return the sum of the least.
 
     Parameters
     ----------
     unary : ndarray of uint16, shape (y, x, level)
         Written over; costs relative to a pixel's least, at most `limit` above it.
-    energy : ndarray of uint16, shape (level,)
+    energy : ndarray of float64, shape (level,)
+        In integer costs, before rounding.
     limit : int
         As for `law_cost`.
     """
-    return int(_add(unary, energy, limit))
+    most = np.iinfo(np.uint16).max
+    return int(_add(unary, np.minimum(np.rint(energy), most).astype(np.uint16), limit))
 
 
 def information(blurred: Blurred, levels: NDArray[np.intp]) -> float:

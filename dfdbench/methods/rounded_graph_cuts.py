@@ -348,8 +348,7 @@ class RoundedGraphCuts(Solver):
             channels = infocus.shape[2] * len(images)
             offset = costs_of_misfits(unary, channels, _UNIT, limit)
             if self.prior.weight:
-                shown_costs = np.rint(_UNIT * self.prior.energy).astype(np.uint16)
-                offset += add_energy(unary, shown_costs, limit)
+                offset += add_energy(unary, _UNIT * self.prior.energy, limit)
         else:
             unary, offset = rounded_cost(infocus, images[0], blur.kernels(), _UNIT, limit)
         energy = mrf.Energy(unary, self._smoothness, offset=offset)

@@ -6,6 +6,7 @@ import logging
 import os
 import re
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -30,7 +31,7 @@ _SECONDS_TO_ANSWER = 30
 _ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx|ucxx)://)?(\[[^\]]+\]|[^\s/:]+):\d+|inproc://\S+")
 
 
-class Pool:
+class Pool(ABC):
     """Where work is done."""
 
     def map(
@@ -65,10 +66,11 @@ class Pool:
 
         return self._outcomes(function, items, hear)
 
+    @abstractmethod
     def _outcomes(
         self, function: Callable[[Item], Outcome], items: Sequence[Item], hear: Hear[Outcome]
     ) -> list[Outcome]:
-        raise NotImplementedError
+        """Return what the function gives; `hear` is called as each is done."""
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,10 @@ def test_a_positional_prior_skips_what_is_unknown_and_fits_images_of_any_size() 
     found = prior(np.zeros((24, 100, 3), np.uint8), np.zeros((24, 100, 3), np.uint8))
     assert found.shape == (24, 100)
     assert found[:, [0, -1]].tolist() == [[200, 40]] * 24
+    prior.restore(prior.fit([MadePair(image, image, near, known)]))
+    assert (prior(image, image) == 200).all()
+    with pytest.raises(MethodError, match="nothing to fit"):
+        prior.fit([MadePair(image, image, near, np.zeros_like(known))])
 
 
 @pytest.mark.parametrize("window", [0, 4, -3, 2.5])

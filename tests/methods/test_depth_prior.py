@@ -7,10 +7,12 @@ from numpy.typing import NDArray
 from dfdbench.blur.law import GREYS, BlurLaw
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.blur.synthesis import blur_by_level
+from dfdbench.errors import MethodError
 from dfdbench.methods.calibration import Calibration
 from dfdbench.methods.check import MadePair
 from dfdbench.methods.depth_prior import Part, choose_prior, energy_of
 from dfdbench.methods.fitted import NO_PRIOR, DepthPrior, Solver, read_out
+from dfdbench.methods.law_cost import add_energy
 from dfdbench.methods.registry import load_method
 from tests.methods.made_planes import texture
 
@@ -71,6 +73,21 @@ def test_a_prior_is_chosen_where_it_helps_and_left_off_elsewhere() -> None:
     perfect = choose_prior(lambda part, prior: part.levels, captures, readouts=True)
     assert perfect is NO_PRIOR
     assert choose_prior(twofold, captures[:1], readouts=True) is NO_PRIOR
+
+
+@pytest.mark.parametrize("name", ["local", "guided", "sgm", "graph-cuts", "rational-filters"])
+def test_a_prior_that_nothing_would_fit_is_refused(name: str) -> None:
+    with pytest.raises(MethodError, match="the blur is given"):
+        load_method(name, {"recipe": "published", "prior": True}, {})
+    with pytest.raises(MethodError, match="true or false"):
+        load_method(name, {"recipe": None, "prior": "yes"}, {})
+
+
+def test_what_a_level_costs_is_added_up_to_the_limit() -> None:
+    costs = np.array([[[0, 5, 60, 90]]], np.uint16)
+    # More than 16 bits hold must not begin anew at 0.
+    assert add_energy(costs, np.array([40.4, 0, 0, 65537]), 90) == 5
+    assert costs.tolist() == [[[35, 0, 55, 90]]]
 
 
 @pytest.mark.parametrize("name", ["graph-cuts", "graph-cuts-rounded"])
