@@ -22,7 +22,7 @@ from dfdbench.datasets.catalog import find_manifest, of_seed, released_manifests
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.integrity import require_sound
 from dfdbench.datasets.store_place import default_store
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, MethodError
 from dfdbench.evaluation.evaluate import (
     Shown,
     built_track,
@@ -420,6 +420,14 @@ def run_transfer(
                 f"a transfer is between two or more data sets, each named once; got {len(datasets)}"
             )
             raise InputError(what, where="datasets")
+        # What cannot be run is said before anything is run for long.
+        for store in stores.values():
+            store.manifest.scenes_of(split)
+            protocol_on(store.manifest, protocol)
+            if load_for(store, method, parameters, seed).learner is None:
+                what = f"the method has no fit on {store.manifest.short} to transfer"
+                fix = "name one that is fitted there; recipe=null withholds the blur from ours"
+                raise MethodError(what, where="method", fix=fix)
         for own in stores:
             for other in (own, *(name for name in stores if name != own)):
                 fitted = None if other == own else folder / own / own

@@ -7,7 +7,7 @@ from PIL import Image
 
 import dfdbench
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, MethodError
+from dfdbench.errors import DfdbenchError, InputError
 from tests.conftest import TINY_TOML
 
 MEAN = """
@@ -53,10 +53,23 @@ def test_a_fit_costs_more_on_the_other_set(
     assert again.results == found.results
 
 
-def test_what_cannot_be_transferred_says_why(tiny_store: Dataset, dark_store: Dataset) -> None:
+def test_what_cannot_be_transferred_says_why(
+    tiny_store: Dataset, dark_store: Dataset, tmp_path: Path
+) -> None:
+    (tmp_path / "mean.py").write_text(MEAN)
     with pytest.raises(InputError, match="each named once; got 2"):
         dfdbench.run_transfer("local", [tiny_store, tiny_store])
     with pytest.raises(InputError, match="got 1"):
         dfdbench.run_transfer("local", [tiny_store])
-    with pytest.raises(MethodError, match="has no fit"):
-        dfdbench.run_transfer("constant", [tiny_store, dark_store])
+    for method, protocol, split, said in (
+        ("constant", "valid", "test", "has no fit on tiny"),
+        ("mine", "nope", "test", "unknown protocol"),
+        ("mine", "valid", "nope", "nope"),
+    ):
+        name = method if method == "constant" else str(tmp_path / "mean.py:Mean")
+        with pytest.raises(DfdbenchError, match=said):
+            dfdbench.run_transfer(
+                name, [tiny_store, dark_store], split, protocol=protocol, out=tmp_path / "runs"
+            )
+        # Nothing was run for it.
+        assert not (tmp_path / "runs").exists()
