@@ -18,10 +18,6 @@ from dfdbench.methods.law_cost import blurred_by, level_costs
 Image = NDArray[np.uint8]
 Cost = NDArray[np.float32]
 
-# Nats above a pixel's least at which a stack's costs are cut off: of 5 to 1000 the least error on
-# the demo set's training stacks.
-_STACK_NATS = 50
-
 
 class Constant:
     """The same depth everywhere, without a look at the images.
@@ -105,7 +101,7 @@ class Local(Solver):
         level = np.zeros(infocus.shape[:2], np.int64)
         if len(images) > 1:
             # A stack's costs in one volume: its images, each blurred by few kernels, take more.
-            costs = level_costs(self.blurs, infocus, images, _STACK_NATS)
+            costs = level_costs(self.blurs, infocus, images, np.inf)
             squares = (costs[..., n].astype(np.float32) for n in range(costs.shape[2]))
         elif isinstance(blur, BlurLaw):
             squares = _by_law(blur, infocus, images[0])

@@ -169,7 +169,9 @@ class SemiGlobal(Solver):
 
     def _solve(self, infocus: Image, images: Sequence[Image]) -> NDArray[np.float32]:
         costs = level_costs(self.blurs, infocus, images, self._limit)
-        sums = path_costs(costs, *self._steps)
+        # As many images as there are, as often a cost is counted.
+        small, large = (step * len(images) for step in self._steps)
+        sums = path_costs(costs, small, large)
         return np.asarray(
             self.blur.depth_of_level(least_label(np.moveaxis(sums, 2, 0))), np.float32
         )
