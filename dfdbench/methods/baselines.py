@@ -99,6 +99,7 @@ class Local(Solver):
         blur = self.blur
         best = np.full(infocus.shape[:2], np.inf, np.float32)
         level = np.zeros(infocus.shape[:2], np.int64)
+        squares: Iterator[Cost]
         if len(images) > 1:
             # A stack's costs in one volume: its images, each blurred by few kernels, take more.
             costs = level_costs(self.blurs, infocus, images, np.inf)
